@@ -10,7 +10,8 @@ import pytest
 from tests.cross_validation import Compare, Compared, version_of, write
 
 TORCH = "src/omnimirror/torch"
-collect_ignore = [] if find_spec("torch") else [f"{TORCH}/cameras.py", f"{TORCH}/differentiable_camera.py"]
+NEED_TORCH = ("cameras.py", "compiled.py", "differentiable_camera.py")
+collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
 OPTION, PROPERTY = "--cross-validation", "compared"
 
 

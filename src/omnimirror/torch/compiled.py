@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..native import backend
 from ..tracing.reflection import LONGEST_STEP, RIM_SLACK
 from .library import Tensor, torch
-from .tables import Tables
+from .tables import MirrorTables
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def serves(like: Tensor) -> bool:
     return backend.is_compiled and like.device.type == "cpu"
 
 
-class Reflections(NamedTuple):
+class SeenPoints(NamedTuple):
     """Where targets are seen."""
 
     points: tuple[Tensor, Tensor, Tensor]
@@ -57,13 +57,13 @@ class Reflections(NamedTuple):
 
 
 def reflections(
-    tables: Tables,
+    tables: MirrorTables,
     search: Search,
     pupil: tuple[Tensor, ...],
     telecentric: bool,
     target: tuple[Tensor, ...],
     distant: bool,
-) -> Reflections:
+) -> SeenPoints:
     """Where the lens sees targets, components (n,) in the mirror's frame: points, or unit vectors if distant."""
     asked = _columns(target)
     rows, states = np.empty((8, asked.shape[1])), np.empty(asked.shape[1], np.uint8)
@@ -75,7 +75,7 @@ def reflections(
     )
     x, y, z, sx, sy, a, b, c = _tensors(rows, target[0])
     state = torch.from_numpy(states)
-    return Reflections((x, y, z), (sx, sy), (a, b, c), state == SEEN, state == NOT_SETTLED)
+    return SeenPoints((x, y, z), (sx, sy), (a, b, c), state == SEEN, state == NOT_SETTLED)
 
 
 class Meetings(NamedTuple):
@@ -87,7 +87,7 @@ class Meetings(NamedTuple):
 
 
 def meetings(
-    tables: Tables, search: Search, pupil: tuple[Tensor, ...], way: tuple[Tensor, ...], close: float
+    tables: MirrorTables, search: Search, pupil: tuple[Tensor, ...], way: tuple[Tensor, ...], close: float
 ) -> Meetings:
     """Where rays from the pupil meet the mirror, components (n,) of their ways in its frame."""
     assert tables.depth is not None  # of a telecentric lens rays do not come from a pupil

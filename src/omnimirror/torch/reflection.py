@@ -17,10 +17,10 @@ import numpy as np
 
 from ..mirrors import Mirror
 from ..tracing.reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, specular_points
-from .compiled import Reflections, Search, meetings, reflections, serves
+from .compiled import Search, SeenPoints, meetings, reflections, serves
 from .library import Tensor, torch
 from .pieces import BEYOND, CELLS, Pieces
-from .tables import Tables
+from .tables import MirrorTables
 
 Components = tuple[Tensor, Tensor, Tensor]
 
@@ -57,7 +57,7 @@ class SurfaceTable:
     """A mirror's surface on a device, with where to begin to look for reflection points."""
 
     mirror: Mirror
-    tables: Tables
+    tables: MirrorTables
     """From which the others are made."""
     pieces: Pieces
     """Sag and slope by the distance from the axis."""
@@ -70,7 +70,7 @@ class SurfaceTable:
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float, dtype: object, device: object) -> SurfaceTable:
         """A mirror as a lens sees it whose entrance pupil is so far (mm) from its vertex, infinitely if telecentric."""
-        tables = Tables.of(mirror, pupil_distance)
+        tables = MirrorTables.of(mirror, pupil_distance)
         on = partial(Pieces, dtype=dtype, device=device)
         depth = None if tables.depth is None else on(tables.depth)
         return cls(mirror, tables, on(tables.meridian), depth, on(tables.by_omega))
@@ -239,7 +239,7 @@ def _newton(surface: SurfaceTable, x: Tensor, y: Tensor, ends: Two) -> tuple[Ten
 Found = tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]
 
 
-def _completed(surface: SurfaceTable, seen: Reflections, ends: Two) -> Found:
+def _completed(surface: SurfaceTable, seen: SeenPoints, ends: Two) -> Found:
     """What kernels found, and NumPy where these did not settle."""
     x, y, _ = seen.points
     if not bool(seen.is_open.any()):

@@ -19,7 +19,7 @@ TIP = 1e-3  # of the rim radius: nearer to the tip of a pointed mirror nothing i
 
 
 @dataclass(frozen=True)
-class Tables:
+class MirrorTables:
     """A mirror's tables, in cubic pieces of four coefficients for each function.
 
     Parameters
@@ -45,7 +45,7 @@ class Tables:
     least_mm: float
 
     @classmethod
-    def of(cls, mirror: Mirror, pupil_distance: float) -> Tables:
+    def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
         """A mirror as a lens sees it whose entrance pupil is so far (mm) from its vertex, infinitely if telecentric."""
         rim = mirror.rim_radius_mm
         x = np.linspace(0.0, rim, 4 * CELLS + 1)
