@@ -30,7 +30,11 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and oth
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
-programs: $(BIN)/python  ## Blender and Newton beside the package, for tests of what is handed to them (1.4 GB)
+programs: $(BIN)/python  ## Blender, Newton and GStreamer beside the package, for tests of what is handed to them (1.5 GB)
+	@command -v gst-launch-1.0 >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
+	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base >/dev/null; } || \
+	  echo "there is no GStreamer here: the tests of what is handed to it are skipped"
 	for name in blender:bpy newton:newton; do \
 	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install $${name##*:} || exit 1; \
 	done

@@ -41,7 +41,7 @@ def blender(python: Path, pixels: int = 480) -> None:
 
 
 def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), times: int = 3) -> None:
-    """A corner of a view: ours, bicubic and linear, then in C, by the shader and by ffmpeg."""
+    """A corner of a view: ours, bicubic and linear, then in C, by the shader, by GStreamer and by ffmpeg."""
     from tests.handoff.maps import consumers
 
     sensor = om.load_sensor("paper-spherical")

@@ -1,9 +1,10 @@
-"""Programs that take maps: a browser, ffmpeg and a compiled C file."""
+"""Programs that take maps: a browser, ffmpeg, GStreamer and a compiled C file."""
 
 from __future__ import annotations
 
 import base64
 import ctypes
+import os
 import shutil
 import subprocess
 import sys
@@ -22,7 +23,12 @@ async ([shader, table, pixels, size, source, tabled]) => {
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const program = gl.createProgram();
   const vertex = `#version 300 es
-void main() { gl_Position = vec4(vec2[3](vec2(-1, -1), vec2(3, -1), vec2(-1, 3))[gl_VertexID], 0, 1); }`;
+out vec2 v_texcoord; // from the upper left, as GStreamer's glshader has it
+void main() {
+  vec2 at = vec2[3](vec2(-1, -1), vec2(3, -1), vec2(-1, 3))[gl_VertexID];
+  v_texcoord = vec2(1.0 + at.x, 1.0 - at.y) / 2.0;
+  gl_Position = vec4(at, 0, 1);
+}`;
   for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, shader]]) {
     const part = gl.createShader(kind);
     gl.shaderSource(part, text);
@@ -59,10 +65,10 @@ void main() { gl_Position = vec4(vec2[3](vec2(-1, -1), vec2(3, -1), vec2(-1, 3))
 """
 
 
-def drawn(page, paths, picture, size, table_size):
+def drawn(page, shader, picture, size, table=None, table_size=(0, 0)):
     """What WebGL 2 draws in a page, its top row first."""
-    table, pixels = (base64.b64encode(b).decode() for b in (paths[1].read_bytes(), picture.tobytes()))
-    words = [paths[0].read_text(), table, pixels, list(size), list(picture.shape[1::-1]), list(table_size)]
+    tabled, pixels = (base64.b64encode(b).decode() for b in (table.read_bytes() if table else b"", picture.tobytes()))
+    words = [shader.read_text(), tabled, pixels, list(size), list(picture.shape[1::-1]), list(table_size)]
     read = np.frombuffer(base64.b64decode(page.evaluate(DRAW, words)), np.uint8)
     return read.reshape(size[1], size[0], 4)[::-1, :, :3]
 
@@ -87,6 +93,30 @@ def remapped(paths, picture):
         end.push(frame)
         end.push(None)
     return sink.pull().to_ndarray(format="rgb24")
+
+
+def piped(script, picture, folder):
+    """What GStreamer makes of a picture by a script, drawn without a screen; None where it is not here."""
+    source, view = folder / "source.png", folder / "view.png"
+    om.write_image(source, picture)
+    words = ["sh", script, f"filesrc location={source} ! pngdec", f"pngenc ! filesink location={view}"]
+    run = subprocess.run(words, capture_output=True, text=True, env=os.environ | SCREENLESS)
+    if run.returncode and not drawable():
+        return None
+    assert run.returncode == 0, run.stdout + run.stderr
+    return om.read_image(view)[..., :3]
+
+
+SCREENLESS = {"GST_GL_PLATFORM": "egl", "GST_GL_WINDOW": "egl-device"}
+
+
+def drawable():
+    """Whether GStreamer is here, with OpenGL."""
+    try:
+        words = ["gst-launch-1.0", "videotestsrc", "num-buffers=1", "!", "glupload", "!", "gldownload", "!", "fakesink"]
+        return subprocess.run(words, capture_output=True, env=os.environ | SCREENLESS).returncode == 0
+    except FileNotFoundError:
+        return False
 
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror", "-O2"]
@@ -131,7 +161,7 @@ def in_browser(sensor, view, picture, folder):
     (done,) = om.write_maps(sensor, view, folder / "view.frag", formats="glsl")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=FLAGS)
-        return drawn(browser.new_page(), done.paths, picture, view.size, view.size)
+        return drawn(browser.new_page(), done.paths[0], picture, view.size, done.paths[1], view.size)
 
 
 def in_ffmpeg(sensor, view, picture, folder):
@@ -139,4 +169,9 @@ def in_ffmpeg(sensor, view, picture, folder):
     return remapped(done.paths, picture)
 
 
-PROGRAMS = (in_c, in_browser, in_ffmpeg)
+def in_gstreamer(sensor, view, picture, folder):
+    (done,) = om.write_maps(sensor, view, folder / "view.sh", formats="gstreamer")
+    return piped(done.paths[0], picture, folder)
+
+
+PROGRAMS = (in_c, in_browser, in_gstreamer, in_ffmpeg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import runpy
 import shutil
 import subprocess
@@ -16,7 +17,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.handoff.maps import MAP_FORMATS
 from omnimirror.mirrors.pose import MirrorPose
-from tests.handoff.maps.consumers import compiled, compilers, drawn, remapped, straightened
+from tests.handoff.maps.consumers import compiled, compilers, drawn, piped, remapped, straightened
 from tests.studio.browser import FLAGS
 
 SENSOR = om.load_sensor("paper-spherical")
@@ -158,10 +159,10 @@ def page(launched):
 @pytest.mark.long
 def test_the_glsl_shader_draws_the_view(page, picture, straight, seen, tmp_path):
     paths = written("glsl", tmp_path).paths
-    theirs = drawn(page, paths, picture, (320, 240), (320, 240))
+    theirs = drawn(page, paths[0], picture, (320, 240), paths[1], (320, 240))
     assert off_by(straight, theirs, seen) <= 1
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
-    larger = drawn(page, paths, picture, (640, 480), (320, 240))  # between the pixels of the table
+    larger = drawn(page, paths[0], picture, (640, 480), paths[1], (320, 240))  # between the pixels of the table
     ours = om.Dewarper(SENSOR, replace(AHEAD, size=(640, 480)), "linear")(picture)
     inside = cv2.resize(seen.astype(np.uint8), (640, 480), interpolation=cv2.INTER_NEAREST) > 0
     assert np.mean(np.abs(ours.astype(float) - larger)[inside]) < 0.5
@@ -171,6 +172,56 @@ def test_the_hlsl_shader_has_the_same_table(tmp_path):
     glsl, hlsl = (written(kind, tmp_path).paths for kind in ("glsl", "hlsl"))
     assert glsl[1].read_bytes() == hlsl[1].read_bytes()
     assert "float2(512.0, 500.0)" in hlsl[0].read_text()
+
+
+@pytest.mark.long
+def test_glshaders_shader_holds_the_map_itself(page, picture, straight, seen, tmp_path):
+    done = written("gstreamer", tmp_path)
+    assert done.deviation.size < 0.03
+    theirs = drawn(page, done.paths[1], picture, (320, 240))
+    assert off_by(straight, theirs, seen) <= 1
+    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
+
+
+def test_gstreamer_straightens(picture, straight, seen, tmp_path, beside):
+    theirs = piped(written("gstreamer", tmp_path).paths[0], picture, tmp_path)
+    if theirs is None:
+        pytest.skip("there is no GStreamer with OpenGL here: make programs")
+    off = off_by(straight, theirs, seen)
+    version = subprocess.run(["gst-launch-1.0", "--version"], capture_output=True, text=True).stdout.split("\n")[1]
+    beside(
+        "GStreamer",
+        "a view by its glshader with our shader, largest difference in grey levels",
+        off,
+        1,
+        "",
+        version.removeprefix("GStreamer "),
+    )
+    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
+
+
+def test_depthais_mesh_is_the_map_between_straight_lines(tmp_path):
+    """Its points are asked for by another interpolation than the one that tells their deviation."""
+    view, sensor = replace(AHEAD, tilt_deg=-25.0), replace(SENSOR, imager=replace(SENSOR.imager, width_px=528))
+    (done,) = om.write_maps(sensor, view, tmp_path / "ahead.json")
+    mesh = json.loads(done.paths[0].read_text())
+    points = np.float32(mesh["points"]).reshape(mesh["mesh_height"], mesh["mesh_width"], 2)
+    assert tuple(mesh["size"]) == (320, 240)
+    assert points.shape == (16, 21, 2)
+    rows, columns = np.mgrid[:240, :320].astype(np.float32) / 16
+    places = om.view_map(sensor, view).straighten
+    there = np.isfinite(places).all(-1)
+    near = np.stack([between(points[..., k : k + 1], columns, rows)[..., 0] for k in (0, 1)], axis=-1)
+    off = np.linalg.norm(near - places, axis=-1)[there].max()
+    assert abs(off - done.deviation.size) < 0.01
+    assert off < 2
+
+
+@pytest.mark.parametrize(("width", "size"), [(512, (320, 250)), (500, (320, 240))])
+def test_depthai_takes_multiples_of_sixteen(width, size, tmp_path):
+    sensor = replace(SENSOR, imager=replace(SENSOR.imager, width_px=width))
+    with pytest.raises(InvalidParameter, match="multiple"):
+        om.write_maps(sensor, replace(AHEAD, size=size), tmp_path / "ahead.json")
 
 
 # -- boards ----------------------------------------------------------------------------------------
@@ -287,7 +338,7 @@ def test_a_view_of_320_x_240_costs_few_instructions(c_file):
 # -- what cannot be ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["c99", "openmv"])
+@pytest.mark.parametrize("kind", ["c99", "openmv", "gstreamer"])
 def test_boards_take_no_mosaic(kind, tmp_path):
     with pytest.raises(InvalidParameter, match="valid are single views"):
         om.write_maps(SENSOR, om.views.cube(SENSOR, (192, 128), layout="3x2"), tmp_path, formats=kind)
@@ -295,5 +346,5 @@ def test_boards_take_no_mosaic(kind, tmp_path):
 
 
 def test_every_format_is_tried_here():
-    tried = {"stmap", "opencv", "opencv-yml", "ffmpeg", "glsl", "hlsl", "vpi", "c99", "openmv"}
+    tried = {"stmap", "opencv", "opencv-yml", "ffmpeg", "glsl", "hlsl", "vpi", "c99", "openmv", "gstreamer", "depthai"}
     assert set(MAP_FORMATS) == tried

@@ -10,11 +10,13 @@ from ...cameras import Camera
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
 from ..formats import Formats, HandedOver, hand_over, registry
-from .c99 import C99
 from .ffmpeg import FFMPEG
 from .fixed_views import ViewMap, view_map
+from .lattices.c99 import C99
+from .lattices.depthai import DEPTHAI
+from .lattices.gstreamer import GSTREAMER
+from .lattices.openmv import OPENMV
 from .opencv import OPENCV, OPENCV_YML
-from .openmv import OPENMV
 from .shaders import GLSL, HLSL
 from .stmap import STMAP
 from .vpi import VPI
@@ -32,6 +34,8 @@ MAP_FORMATS: Formats[ViewMap] = registry(
         "vpi": VPI,
         "c99": C99,
         "openmv": OPENMV,
+        "gstreamer": GSTREAMER,
+        "depthai": DEPTHAI,
     },
 )
 """Every format of maps by the word that names it."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..formats import Deviation, ProgramFormat, filled
-from ..rays.table import ray_table
-from .fixed_views import ViewMap
-from .lattice import MapLattice, Spans, check_small, finest_lattice, interpolated, lattice_of, weights
+from ...formats import Deviation, ProgramFormat, filled
+from ...rays.table import ray_table
+from ..fixed_views import ViewMap
+from .lattice import MapLattice, check_small, finest_lattice, interpolated, lattice_of, spans_of, weights
 
 PLACE_BITS = 15  # of the fraction of a pixel
 ROUNDING_PX = 0.002
@@ -88,12 +88,6 @@ def _on_floor(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(all="ignore"):
         far = (-1000.0 - rays[..., 2]) / rays[..., 5]
         return np.where((far > 0)[..., None], rays[..., :2] + far[..., None] * rays[..., 3:5], np.nan)
-
-
-def spans_of(spans: Spans) -> tuple[list[int], list[int]]:
-    """Where the runs of each row start in the list of all, with one more for the end; and all, two numbers each."""
-    starts = np.concatenate([[0], np.cumsum([len(row) for row in spans])])
-    return starts.tolist(), [number for row in spans for run in row for number in run] or [0, 0]
 
 
 def listed(values: NDArray[np.float64] | Iterable[int]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import factorized
 
-from ...errors import InvalidParameter
+from ....errors import InvalidParameter
 
 Array = NDArray[np.float64]
 Spans = list[list[tuple[int, int]]]
@@ -60,25 +61,31 @@ def lattice_of(values: Array, step: int, there: NDArray[np.bool_] | None = None)
     return MapLattice(nodes, step, [_runs(row) for row in there], off.max(axis=0))
 
 
-def finest_lattice(values: Array) -> MapLattice:
-    """The lattice with the fewest nodes that keeps places (h, w, 2) within :data:`CLOSE_PX`, or the finest.
+def finest_lattice(values: Array, steps: Sequence[int] = STEPS) -> MapLattice:
+    """The lattice with the fewest nodes that keeps places (h, w, 2) within :data:`CLOSE_PX`, or the last of ``steps``.
 
     Raises
     ------
     InvalidParameter
         The view shrinks the picture, or joins parts of it, so that neighbouring nodes are too far from one another.
     """
-    for step in STEPS:
+    for step in steps:
         found = lattice_of(values, step)
-        if np.hypot(*found.error) < CLOSE_PX:
+        apart = max(float(np.abs(np.diff(found.nodes, axis=axis)).max()) for axis in (0, 1))
+        if np.hypot(*found.error) < CLOSE_PX and apart <= FARTHEST_PX:
             break
-    apart = max(float(np.abs(np.diff(found.nodes, axis=axis)).max()) for axis in (0, 1))
     if apart > FARTHEST_PX or np.hypot(*found.error) > 1:
         raise InvalidParameter(
             "this view has steps, or shrinks the picture too much, for a map of few nodes; valid are single views of "
             "about the picture's resolution"
         )
     return found
+
+
+def spans_of(spans: Spans) -> tuple[list[int], list[int]]:
+    """Where the runs of each row start in the list of all, with one more for the end; and all, two numbers each."""
+    starts = np.concatenate([[0], np.cumsum([len(row) for row in spans])])
+    return starts.tolist(), [number for row in spans for run in row for number in run] or [0, 0]
 
 
 def check_small(size: tuple[int, int], what: str) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats import Deviation, ProgramFormat, filled
+from ...formats import Deviation, ProgramFormat, filled
+from ..fixed_views import ViewMap
 from .c99 import c_values, deviation_of
-from .fixed_views import ViewMap
 
 
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
