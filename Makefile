@@ -31,7 +31,7 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and oth
 	native/sanitize.sh $(BIN)/python -q
 
 programs: $(BIN)/python  ## Blender, Newton and GStreamer beside the package, for tests of what is handed to them (1.5 GB)
-	@command -v gst-launch-1.0 >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	@{ command -v gst-launch-1.0 && command -v cvlc; } >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
 	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base >/dev/null; } || \
 	  echo "there is no GStreamer here: the tests of what is handed to it are skipped"

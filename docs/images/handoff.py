@@ -1,6 +1,7 @@
 """The pictures of docs/handoff.md: what programs make of the files that are handed to them, beside ours.
 
 python docs/images/handoff.py --blender .venv/blender/bin/python
+python docs/images/handoff.py --only vlc
 """
 
 from __future__ import annotations
@@ -55,8 +56,75 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
     om.write_image(HERE / "handoff-maps.jpg", np.hstack([part for crop in crops for part in (crop, gap)][:-1]))
 
 
+def mitsuba(pixels: int = 240) -> None:
+    """The same box by Mitsuba's plug-in, beside ours."""
+    import mitsuba as mi
+
+    from tests.handoff.rays.box import Box
+    from tests.handoff.rays.test_mitsuba_sensor import taken
+    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+
+    mi.set_variant("scalar_rgb")
+    sensor = small("paper-spherical", pixels, MISALIGNED)
+    with tempfile.TemporaryDirectory() as folder:
+        om.write_rays(sensor, Path(folder, "camera.py"), formats="mitsuba")
+        theirs = taken(mi, Path(folder, "camera.py"), pixels)
+    both = [srgb_bytes(light).repeat(2, 0).repeat(2, 1) for light in (expose(sensor, Box(), samples=16), theirs)]
+    gap = np.full((2 * pixels, 16, 3), 255, np.uint8)
+    om.write_image(HERE / "handoff-mitsuba.jpg", np.hstack([both[0], gap, both[1]]))
+
+
+def colmap() -> None:
+    """The room from above, as COLMAP found it: points, and the path beside the true one."""
+    import matplotlib.pyplot as plt
+    import pycolmap
+
+    from tests.full.test_colmap import in_the_room, reconstructed, walked
+
+    with tempfile.TemporaryDirectory() as folder:
+        poses, project = walked(Path(folder))
+        path, truth, points = in_the_room(reconstructed(pycolmap, project.folder), poses, project)
+    figure, axes = plt.subplots(figsize=(6.4, 5.0), layout="constrained")
+    axes.plot(points[:, 0], points[:, 1], ".", color="0.45", markersize=1.5, label=f"{len(points)} points")
+    axes.plot(truth[:, 0], truth[:, 1], "-", color="tab:orange", linewidth=3, label="where pictures were taken")
+    axes.plot(path[:, 0], path[:, 1], "k.", markersize=4, label="where COLMAP places them")
+    low, high = np.percentile(points[:, :2], [0.5, 99.5], axis=0)
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", xlim=(low[0] - 0.5, high[0] + 0.5))
+    axes.set_ylim(low[1] - 0.5, high[1] + 0.5)
+    axes.legend(loc="upper right")
+    figure.savefig(HERE / "handoff-colmap.png", dpi=110)
+
+
+def vlc(side: int = 1024) -> None:
+    """A view of a served film, ours and as VLC shows it."""
+    from omnimirror.handoff.gateway.gateway import Gateway
+    from omnimirror.handoff.gateway.routes import create_app
+    from omnimirror.media.video.frames import frame_of_image
+    from omnimirror.media.video.writer import VideoWriter
+    from tests.handoff.gateway.test_gateway import shown_by_vlc
+    from tests.serving import served
+
+    sensor = om.load_sensor("paper-spherical")
+    picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
+    view = om.NamedView("front", options={"size": (480, 272), "hfov_deg": 70.0, "pan_deg": 40.0})
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder, "room.ts")
+        with VideoWriter(film, (side, side), 25, crf=12, options={"g": "10", "tune": "zerolatency"}) as video:
+            for _ in range(50):
+                video.write(frame_of_image(picture))
+        gateway = Gateway(str(film), False, sensor, {"front": view}, workers=2)
+        with served(create_app(gateway, None)) as address:
+            shown = shown_by_vlc(f"{address}front.ts")[:272, :480]
+    ours = om.Dewarper(sensor, view(sensor))(picture)
+    om.write_image(HERE / "handoff-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), shown]))
+
+
 if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--blender", type=Path, default=Path(sys.prefix) / "blender" / "bin" / "python")
-    blender(options.parse_args().blender)
-    maps()
+    options.add_argument("--only", choices=("blender", "maps", "mitsuba", "colmap", "vlc"))
+    given = options.parse_args()
+    kept = {"maps": maps, "mitsuba": mitsuba, "colmap": colmap, "vlc": vlc}
+    drawn = {"blender": lambda: blender(given.blender), **kept}
+    for name in [given.only] if given.only else drawn:
+        drawn[name]()

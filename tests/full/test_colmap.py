@@ -18,29 +18,18 @@ STEPS = 16
 @pytest.mark.timeout(1500)
 def test_a_walk_through_the_room_is_reconstructed(tmp_path, beside):
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
-    poses = [
-        om.Pose(2600 * t - 1400, 500 * np.sin(2 * np.pi * t), 60 * np.sin(5 * t), 40 * np.sin(4 * t), 2 * np.sin(9 * t))
-        for t in np.linspace(0, 1, STEPS)
-    ]
-    (tmp_path / "walk").mkdir()
-    for k, pose in enumerate(poses):
-        om.write_image(tmp_path / "walk" / f"{k:03d}.png", om.take_picture(SENSOR, om.PosedScene(om.Room(), pose)))
-    project = write_colmap(SENSOR, tmp_path / "walk", tmp_path / "project")
+    poses, project = walked(tmp_path)
     model = reconstructed(pycolmap, project.folder)
     lost = 100 * (1 - model.num_reg_images() / (STEPS * len(project.rig)))
     beside("COLMAP", "pictures of a walk that it does not place", lost, 5.0, "%")
     stated = project.rig[0].errors_px[3000.0]  # the walls are about that far
     assert model.compute_mean_reprojection_error() < stated
 
-    places = {int(i.name[-7:-4]): i.projection_center() for i in model.images.values() if i.name.startswith("view-000")}
-    found = np.array([places[k] for k in sorted(places)])
-    truth = np.array([poses[k].to_scene(project.rig[0].position_mm) for k in sorted(places)]) / 1000
-    scale, turn, shift = aligned(found, truth)
-    missed = np.linalg.norm(scale * found @ turn.T + shift - truth, axis=1)
+    path, truth, points = in_the_room(model, poses, project)
+    missed = np.linalg.norm(path - truth, axis=1)
     length = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
     beside("COLMAP", "the path of that walk, of its length", 100 * missed.max() / length, 1.0, "%")
 
-    points = scale * np.array([p.xyz for p in model.points3D.values()]) @ turn.T + shift
     nearest = truth[np.linalg.norm(points[:, None] - truth[None], axis=2).argmin(axis=1)]
     away = np.linalg.norm(points - nearest, axis=1)
     walls = om.Room(texel_mm=40.0).distance_mm(1000 * nearest, (points - nearest) / away[:, None]) / 1000
@@ -50,6 +39,28 @@ def test_a_walk_through_the_room_is_reconstructed(tmp_path, beside):
 
 BASELINE = 0.5
 """m, from the nearest picture to others that show the same: what an error of depth is in one of those, in px."""
+
+
+def walked(folder):
+    """Where pictures were taken, and the project made of them."""
+    poses = [
+        om.Pose(2600 * t - 1400, 500 * np.sin(2 * np.pi * t), 60 * np.sin(5 * t), 40 * np.sin(4 * t), 2 * np.sin(9 * t))
+        for t in np.linspace(0, 1, STEPS)
+    ]
+    (folder / "walk").mkdir()
+    for k, pose in enumerate(poses):
+        om.write_image(folder / "walk" / f"{k:03d}.png", om.take_picture(SENSOR, om.PosedScene(om.Room(), pose)))
+    return poses, write_colmap(SENSOR, folder / "walk", folder / "project")
+
+
+def in_the_room(model, poses, project):
+    """The path as it was found and as it was, and the points (n, 3) that were found; m."""
+    places = {int(i.name[-7:-4]): i.projection_center() for i in model.images.values() if i.name.startswith("view-000")}
+    found = np.array([places[k] for k in sorted(places)])
+    truth = np.array([poses[k].to_scene(project.rig[0].position_mm) for k in sorted(places)]) / 1000
+    scale, turn, shift = aligned(found, truth)
+    points = np.array([p.xyz for p in model.points3D.values()])
+    return scale * found @ turn.T + shift, truth, scale * points @ turn.T + shift
 
 
 def reconstructed(pycolmap, folder):

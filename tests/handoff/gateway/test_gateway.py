@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import av
 import cv2
@@ -297,6 +300,41 @@ def test_who_does_not_know_the_token_is_asked_for_it(gateway):
         for url in (*(f"{inside}front.{suffix}" for suffix in PLAYERS), f"{address}front.m3u8?token=secret"):
             with av.open(url, timeout=300) as player:
                 assert next(player.decode(video=0)).width == 160
+
+
+def test_what_a_playlist_names_needs_no_password(gateway):
+    """VLC and others ask for segments without the password that the playlist was asked for with."""
+    with served(create_app(gateway, "a secret+")) as address:
+        playlist = httpx.get(f"{address}front.m3u8", auth=("anyone", "a secret+"), timeout=300).text
+        named = [line for line in playlist.splitlines() if not line.startswith("#")]
+        assert httpx.get(address + named[0]).content[:1] == b"G"
+
+
+def shown_by_vlc(url: str) -> np.ndarray:
+    """The fifth picture that VLC shows; as somebody else than root, since it refuses that."""
+    with TemporaryDirectory() as folder:
+        os.chmod(folder, 0o777)
+        scene = f"--video-filter=scene --scene-format=png --scene-path={folder} --scene-ratio=1 --scene-prefix=p"
+        words = ["cvlc", "--quiet", "--no-audio", "--vout=dummy", *scene.split(), url]
+        nobody = {"user": "nobody"} if os.getuid() == 0 else {}
+        environment = {"PATH": os.environ["PATH"], "HOME": folder}
+        vlc = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **nobody)
+        try:
+            until(lambda: len(list(Path(folder).glob("p*.png"))) > 5 or vlc.poll() is not None)
+            return om.read_image(sorted(Path(folder).glob("p*.png"))[4])[..., :3]
+        finally:
+            vlc.kill()
+            vlc.wait()
+
+
+@pytest.mark.parametrize("suffix", PLAYERS)
+def test_vlc_shows_every_address(gateway, camera, film, suffix):
+    if not shutil.which("cvlc"):
+        pytest.skip("VLC is not here: make programs")
+    straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
+    with served(create_app(gateway, "secret")) as address:
+        shown = shown_by_vlc(address.replace("http://", "http://viewer:secret@") + f"front.{suffix}")
+    assert off(shown[:96, :160], straight) < 2.5  # H.264's pictures are 98 rows here, as coded
 
 
 def test_more_than_can_be_served_are_turned_away(gateway, monkeypatch):

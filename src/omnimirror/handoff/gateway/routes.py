@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import aclosing, asynccontextmanager
 from html import escape
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
@@ -46,11 +47,11 @@ class Steering(BaseModel):
 
 def create_app(gateway: Gateway, token: str | None, publish_to: str | None = None) -> ASGIApp:
     """The server as an ASGI application, guarded; views are pushed to ``publish_to``, too."""
-    return Guard(Bounded(api(gateway, publish_to), {}), (), token, "default-src 'none'", for_programs=True)
+    return Guard(Bounded(api(gateway, token, publish_to), {}), (), token, "default-src 'none'", for_programs=True)
 
 
-def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
-    """The routes."""
+def api(gateway: Gateway, token: str | None = None, publish_to: str | None = None) -> FastAPI:
+    """The routes; what a playlist names is asked for with the token."""
     peers = Peers()
 
     @asynccontextmanager
@@ -92,12 +93,14 @@ def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
         steered.steer(**wanted(steered, steering))
         return told(steered)
 
-    _add_streams(app, gateway)
+    _add_streams(app, gateway, token)
     _add_webrtc(app, peers, gateway)
     return app
 
 
-def _add_streams(app: FastAPI, gateway: Gateway) -> None:
+def _add_streams(app: FastAPI, gateway: Gateway, token: str | None) -> None:
+    query = "" if token is None else f"?token={quote(token, safe='')}"  # VLC gives segments no password of its own
+
     @app.get("/{name}.mjpg")
     async def mjpeg(name: str) -> StreamingResponse:
         return StreamingResponse(
@@ -114,10 +117,9 @@ def _add_streams(app: FastAPI, gateway: Gateway) -> None:
             return Response(await anext(pictures), media_type="image/jpeg")
 
     @app.get("/{name}.m3u8")
-    async def playlist(name: str, request: Request) -> PlainTextResponse:
-        token = request.query_params.get("token")
+    async def playlist(name: str) -> PlainTextResponse:
         async with _patience(gateway):
-            text = await _watchable(gateway, name).transport.playlist(name, f"?token={token}" if token else "")
+            text = await _watchable(gateway, name).transport.playlist(name, query)
         return PlainTextResponse(text, media_type="application/vnd.apple.mpegurl")
 
     @app.get("/{name}/{number}.ts")
