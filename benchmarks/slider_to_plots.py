@@ -1,8 +1,9 @@
-"""How soon the studio's design bench shows what a slider does: from the change to all its plots drawn.
+"""How soon the studio's design bench shows what a slider does: plots, simulated picture, and the view in space.
 
 A headless Chromium without a graphics card drives the page; the server runs beside it on the same machine. All plots
 are shown but the simulated picture, which waits until nothing moves. ``server`` is the processor time of the answer in
 the server alone, without the connection, and ``page`` that of the page's own thread, with the painting that follows.
+``picture`` is the answer with the room's picture and panorama, by the clock: small, while a slider moves, and large.
 
     python benchmarks/slider_to_plots.py --out out/benchmarks
 """
@@ -29,12 +30,14 @@ from omnimirror.files import write_text
 from omnimirror.specs import tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer
-from omnimirror.studio.bench.messages import Ask, BenchSensor, Change
+from omnimirror.studio.bench.files import taken
+from omnimirror.studio.bench.messages import Ask, BenchSensor, Change, PictureAsk
 from omnimirror.studio.bench.sensors import changed, on_bench
 from omnimirror.studio.studio import Studio
 
 KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PICTURES = (224, 1), (640, 2)  # pixels and rays each, as the page asks for them
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
 MOVE = """async (count) => {
   const { bench } = window.omnimirror.tabs;
@@ -48,6 +51,24 @@ MOVE = """async (count) => {
   }
   return bench.latencies.slice(-count);
 }"""
+
+
+SPACE = "window.omnimirror.tabs.bench.desk.space.view"
+TURN = f"""async (count) => {{
+  const view = {SPACE}, gl = view.canvas.getContext("webgl2"), pixel = new Uint8Array(4);
+  const frame = () => new Promise((done) => requestAnimationFrame(done));
+  const found = [];
+  for (let i = 0, before = await frame(); i < count; i++) {{
+    view.orbit.around += 0.02;
+    const begun = performance.now();
+    view.draw();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    const drawn = performance.now() - begun, now = await frame();
+    found.push([now - before, drawn]);
+    before = now;
+  }}
+  return [found, view.canvas.width, view.canvas.height];
+}}"""
 
 
 @contextmanager
@@ -79,6 +100,30 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
         answer(ask)
         times.append(time.thread_time() - begin)
     return 1e3 * float(np.median(times))
+
+
+def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
+    """Median time of the answer with a picture of a room."""
+    ask = PictureAsk(tables=sensor.tables, width_px=width_px, samples=samples)
+    times = []
+    for _ in range(runs):
+        begin = time.perf_counter()
+        taken(ask)
+        times.append(time.perf_counter() - begin)
+    return 1e3 * float(np.median(times))
+
+
+def turned(page: Any, count: int) -> str:
+    """What the view in space takes for a frame while it turns."""
+    page.locator(".groups label").filter(has_text="In space").click()
+    page.wait_for_function(f"{SPACE}?.frames > 0 && {SPACE}.rays.length > 0")
+    page.evaluate(TURN, 10)
+    found, width, height = page.evaluate(TURN, count)
+    (frame, drawn), (slow, _) = np.median(found, axis=0), np.percentile(found, 95, axis=0)
+    return (
+        f"The view in space, {width} x {height} px, while it turns: a frame every {frame:.1f} ms (95 %: {slow:.1f}), "
+        f"{drawn:.1f} of them drawing, without a graphics card."
+    )
 
 
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:
@@ -122,11 +167,19 @@ def main() -> None:
         metrics.send("Performance.enable", {"timeDomain": "threadTicks"})
         for kind, sensor in sensors.items():
             drawn, busy = page_ms(page, metrics, kind, arguments.runs)
-            rows.append((kind, server_ms(sensor, arguments.runs), busy, np.median(drawn), np.percentile(drawn, 95)))
+            pictures = (picture_ms(sensor, width, samples, 9) for width, samples in PICTURES)
+            server = server_ms(sensor, arguments.runs)
+            rows.append((kind, server, busy, np.median(drawn), np.percentile(drawn, 95), *pictures))
+        space = turned(page, arguments.runs)
         browser.close()
     lines = [f"| {kind} | " + " | ".join(f"{value:.1f}" for value in values) + " |" for kind, *values in rows]
-    head = "| mirror | server, ms | page, ms | slider to plots, ms | 95th percentile, ms |\n" + "| --- " * 5 + "|"
-    text = "\n".join(["# Slider to plots", "", said, "", head, *lines, ""])
+    sizes = " | ".join(f"picture {width} px, ms" for width, _ in PICTURES)
+    head = (
+        f"| mirror | server, ms | page, ms | slider to plots, ms | 95th percentile, ms | {sizes} |\n"
+        + "| --- " * 7
+        + "|"
+    )
+    text = "\n".join(["# Slider to plots", "", said, "", head, *lines, "", space, ""])
     print(text)
     write_text(arguments.out / "slider_to_plots.md", text)
 
