@@ -85,6 +85,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/gateway_load.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/misaligned_tables.py --out out/benchmarks
 	$(BIN)/python benchmarks/whole_commands.py --out out/benchmarks
+	$(BIN)/python benchmarks/memory.py --out out/benchmarks
 	$(BIN)/python benchmarks/stream_load.py --out out/benchmarks
 	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/built_designs.py --out out/benchmarks

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections import Counter
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,17 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
         detector.read(light)
     with most_bytes(0.5 * light.nbytes):
         srgb_bytes(light)
+
+
+@pytest.mark.parametrize(
+    "world", [om.Room(texel_mm=40.0), om.Environment(np.full((16, 32, 3), 0.4, np.float32))], ids=type
+)
+def test_a_picture_never_holds_its_light_as_a_whole(world):
+    sensor = om.load_sensor("paper-spherical")
+    imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
+    om.take_picture(sensor, world, samples=1)  # what is prepared once
+    with most_bytes(2 * 3 * 2048**2):
+        om.take_picture(replace(sensor, imager=imager), world, samples=1, workers=2)
 
 
 def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):

@@ -114,6 +114,11 @@ class Detector:
         return int(2**self.bits - 1)
 
     @property
+    def dtype(self) -> type[np.uint8 | np.uint16]:
+        """Of its numbers."""
+        return np.uint8 if self.bits == 8 else np.uint16
+
+    @property
     def offset_dn(self) -> float:
         """The black level of linear values: as given, or five standard deviations of the noise of reading, rounded up.
 
@@ -125,6 +130,11 @@ class Detector:
         if self.curve != "linear":
             return 0.0
         return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn))
+
+    @property
+    def is_of_values(self) -> bool:
+        """Whether each number is that of one value of light alone: nothing is drawn, and no colour left out."""
+        return self.bayer == "none" and not np.isfinite(self.full_well_e)
 
     def read(self, light: Light, seed: int = 0) -> NDArray[Any]:
         """Numbers of linear light (h, w, 3): (h, w, 3) in RGB order, or (h, w) of a Bayer mosaic.
@@ -151,7 +161,7 @@ class Detector:
         factor = self.exposure
         if np.isfinite(self.full_well_e):
             kept, factor = noisy(kept, self.full_well_e, self.read_noise_e, seed, factor), 1.0
-        numbers: NDArray[Any] = np.empty(kept.shape, np.uint8 if self.bits == 8 else np.uint16)
+        numbers: NDArray[Any] = np.empty(kept.shape, self.dtype)
         signals, read = kept.reshape(-1), numbers.reshape(-1)
         for part in stretches(kept.size):
             signal = factor * signals[part]

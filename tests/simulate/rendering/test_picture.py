@@ -170,16 +170,23 @@ def test_errors_name_the_value():
         pinhole_picture(Even(), np.ones((4, 5, 3)), samples=2)
 
 
-def test_a_picture_takes_little_memory():
-    import tracemalloc
-
-    sensor, room = looking("up"), om.Room(texel_mm=10.0)
-    om.take_picture(small(sensor, 8), room)
-    tracemalloc.start()
-    om.take_picture(sensor, room, workers=4)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 300e6
+@pytest.mark.parametrize(
+    ("name", "scene", "options"),
+    [
+        ("paper-spherical", om.Room(texel_mm=40.0), {}),
+        ("paper-spherical", om.Room(texel_mm=40.0), {"blur": True}),
+        ("paper-spherical", om.Environment(np.random.default_rng(1).random((64, 128, 3), np.float32)), {"samples": 3}),
+        ("folded-hyperboloidal", om.Room(texel_mm=40.0), {"samples": 1}),
+        ("paper-spherical", om.Room(texel_mm=40.0), {"radiometry": om.Radiometry(reflectivity=(0.9, 0.7, 0.4))}),
+    ],
+    ids=["walls", "blurred", "environment", "two mirrors", "coloured"],
+)
+def test_a_picture_is_its_light_in_bytes(name, scene, options):
+    """It is read in parts, of which the light is never put together."""
+    sensor = small(om.load_sensor(name), 8)
+    light = expose(sensor, scene, **options)
+    assert light.max() > 0.1
+    assert (om.take_picture(sensor, scene, **options) == srgb_bytes(light)).all()
 
 
 def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():

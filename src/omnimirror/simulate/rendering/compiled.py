@@ -6,7 +6,7 @@ No ray is ever stored, but for those that see what is behind all surfaces.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..scenes.worlds.painted import Painted, Surroundings
 from .kernel_sensor import SceneFrame, native_optics
 from .samples import Samples
 from .sight import mirror_net
-from .tiles import Progress, Tile, picture_of_tiles
+from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
 
@@ -62,8 +62,9 @@ def compiled_light(
     radiometry: Radiometry,
     progress: Progress | None = None,
     workers: int | None = None,
-) -> Light | None:
-    """Light (rows, columns, 3) of a scene that the kernels know, and None of any other.
+    medium: Medium = LIGHT,
+) -> NDArray[Any] | None:
+    """The picture (rows, columns, 3) of a scene that the kernels know, and None of any other.
 
     Parameters
     ----------
@@ -74,10 +75,11 @@ def compiled_light(
     radiometry
     progress
     workers
+    medium
     """
     placed = _placed(scene)
     if isinstance(placed.scene, Environment):
-        return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress)
+        return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress, medium)
     if isinstance(placed.scene, Painted) and not radiometry.sees_past:  # rays past the mirror start who knows where
         starts = turned(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
@@ -86,7 +88,7 @@ def compiled_light(
         if surroundings is not None:
             optics = native_optics(sensor, radiometry, plan.blur, placed.frame())
             light_of = partial(_of_surfaces, optics, surroundings, plan)
-            return picture_of_tiles(light_of, sensor.image_size, len(plan.points), progress, workers)
+            return picture_of_tiles(light_of, sensor.image_size, len(plan.points), progress, workers, medium)
     return None
 
 
@@ -97,17 +99,19 @@ def _of_environment(
     plan: Samples,
     radiometry: Radiometry,
     progress: Progress | None,
-) -> Light:
+    medium: Medium,
+) -> NDArray[Any]:
     frame = placed._replace(turn=world.heading() @ placed.turn).frame()
     optics = native_optics(sensor, radiometry, plan.blur, frame)
     width, height = sensor.image_size
-    light = np.empty((height, width, 3), np.float32)
+    picture = medium.empty((width, height))
     for top in range(0, height, ROWS_AT_ONCE):
-        rows = light[top : top + ROWS_AT_ONCE]
-        backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, rows)
+        light = np.empty((min(ROWS_AT_ONCE, height - top), width, 3), np.float32)
+        backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light)
+        picture[top : top + len(light)] = medium.read(light)
         if progress is not None:
-            progress(top + len(rows), height)
-    return light
+            progress(top + len(light), height)
+    return picture
 
 
 def _of_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile: Tile) -> Light:

@@ -24,7 +24,7 @@ from .compiled import compiled_light
 from .kernel_sensor import is_for_kernels, native_optics
 from .samples import Samples, places, spread
 from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_is_shown, follow, front_shade
-from .tiles import Progress, Tile, picture_of_tiles
+from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
 MOST_ACROSS = 1 << 15  # pixels of a side of the largest square picture, whose light takes 12 GB
@@ -109,6 +109,27 @@ def expose(
     >>> light.shape, light.dtype
     ((64, 64, 3), dtype('float32'))
     """
+    return exposed(
+        camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed,
+        progress=progress, workers=workers, wavelengths_nm=wavelengths_nm,
+    )  # fmt: skip
+
+
+def exposed(
+    camera: Camera,
+    scene: Scene,
+    medium: Medium,
+    *,
+    samples: int,
+    blur: bool = False,
+    distant: bool = False,
+    radiometry: Radiometry | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    workers: int | None = None,
+    wavelengths_nm: tuple[float, float, float] | None = None,
+) -> NDArray[Any]:
+    """What a medium reads of the light that falls on it, (rows, columns, 3); parameters as of :func:`expose`."""
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")
     _check_size(camera)
@@ -132,25 +153,19 @@ def expose(
     cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
     if cameras is not None or coloured is not None:
         plain = partial(
-            expose,
-            scene=scene,
-            samples=samples,
-            blur=blur,
-            distant=distant,
-            seed=seed,
-            progress=progress,
-            workers=workers,
-        )
+            exposed, scene=scene, medium=medium, samples=samples, blur=blur, distant=distant, seed=seed,
+            progress=progress, workers=workers,
+        )  # fmt: skip
         seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
         each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
         shares = [plain(seen, radiometry=light) for seen, light in each]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = seen_through(camera, _distant(scene) if distant else scene)
     if _has_one_mirror(camera) and is_for_kernels(camera):
-        light = compiled_light(camera, seen, plan, radiometry, progress, workers)
-        if light is not None:
-            return light
-    return _of_scene(camera, seen, plan, radiometry, progress, workers)
+        picture = compiled_light(camera, seen, plan, radiometry, progress, workers, medium)
+        if picture is not None:
+            return picture
+    return _of_scene(camera, seen, plan, radiometry, progress, workers, medium)
 
 
 def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
@@ -182,13 +197,19 @@ def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
 
 
 def _of_scene(
-    camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None, workers: int | None
-) -> Light:
+    camera: Camera,
+    scene: Scene,
+    plan: Samples,
+    radiometry: Radiometry,
+    progress: Progress | None,
+    workers: int | None,
+    medium: Medium,
+) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
         light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
         return light
 
-    return picture_of_tiles(light_of, camera.image_size, len(plan.points), progress, workers)
+    return picture_of_tiles(light_of, camera.image_size, len(plan.points), progress, workers, medium)
 
 
 def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:

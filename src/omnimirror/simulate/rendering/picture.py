@@ -19,8 +19,8 @@ from ...sensor import Sensor
 from ..colour import Light, Picture, srgb_bytes
 from ..radiometry import Radiometry
 from ..scenes.contract import Scene
-from .exposure import expose
-from .tiles import Progress
+from .exposure import expose, exposed
+from .tiles import BYTES, Progress
 
 Array = NDArray[np.float64]
 
@@ -107,19 +107,10 @@ def take_picture(
             workers=workers,
         )
         return srgb_bytes(_low_passed(light))
-    return srgb_bytes(
-        expose(
-            camera,
-            scene,
-            samples=samples,
-            blur=blur,
-            distant=distant,
-            radiometry=radiometry,
-            seed=seed,
-            progress=progress,
-            workers=workers,
-        )
-    )
+    return exposed(
+        camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed,
+        progress=progress, workers=workers,
+    )  # fmt: skip
 
 
 TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8

@@ -5,15 +5,42 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from ..colour import Light
+from ..colour import Light, srgb_bytes
 
 Progress = Callable[[int, int], None]
 """Called with the number of rows done and of all rows."""
 Tile = tuple[slice, slice]
 """Rows and columns."""
+
+
+@dataclass(frozen=True)
+class Medium:
+    """What light falls on: numbers take a quarter of the room of their light, which is never there as a whole.
+
+    Attributes
+    ----------
+    dtype
+        Of the picture.
+    read
+        Its part (rows, columns, 3) for the light of a part; of each value by itself.
+    """
+
+    dtype: DTypeLike
+    read: Callable[[Light], NDArray[Any]]
+
+    def empty(self, size: tuple[int, int]) -> NDArray[Any]:
+        """A picture (rows, columns, 3) of so many columns and rows."""
+        return np.empty((size[1], size[0], 3), self.dtype)
+
+
+LIGHT = Medium(np.float32, lambda light: light)
+BYTES = Medium(np.uint8, srgb_bytes)
 
 RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
 
@@ -24,7 +51,8 @@ def picture_of_tiles(
     samples: int,
     progress: Progress | None = None,
     workers: int | None = None,
-) -> Light:
+    medium: Medium = LIGHT,
+) -> NDArray[Any]:
     """The picture (rows, columns, 3) whose parts a function gives, on threads: kernels let go of the interpreter.
 
     Parameters
@@ -39,12 +67,14 @@ def picture_of_tiles(
         Called in this thread.
     workers
         Number of threads; as many as there are processors by default.
+    medium
+        What the light falls on.
     """
     width, height = size
-    light = np.empty((height, width, 3), np.float32)
+    picture = medium.empty(size)
 
     def fill(tile: Tile) -> int:
-        light[tile] = light_of(tile)
+        picture[tile] = medium.read(light_of(tile))
         return int(tile[0].stop)
 
     fill((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
@@ -52,7 +82,7 @@ def picture_of_tiles(
         for done in pool.map(fill, _tiles(width, height, samples)):
             if progress is not None:
                 progress(done, height)
-    return light
+    return picture
 
 
 def _tiles(width: int, height: int, samples: int) -> Iterator[Tile]:

@@ -17,7 +17,9 @@ from ....media import write_image
 from ....media.pictures.images import format_of
 from ....simulate.colour import Light
 from ....simulate.detector import Detector
-from ....simulate.rendering.exposure import expose
+from ....simulate.radiometry import Radiometry
+from ....simulate.rendering.exposure import exposed
+from ....simulate.rendering.tiles import LIGHT, Medium
 from ....simulate.scenes.contract import Distant, Scene
 from ....simulate.scenes.posed import Pose, PosedScene
 from ....specs import AnyCamera, bundled_sensors, load_camera, load_sensor
@@ -114,13 +116,13 @@ def picture(
     if output.suffix.lower() in VIDEOS:
         raise click.UsageError(f"{output} is a video, which needs a --path of poses")
     posed = PosedScene(seen, stands or Pose())
-    light = _photograph(camera, Distant(posed) if distant else posed, output, taking)
-    if panorama is not None:
-        _write_panorama(camera, Detector().read(light), panorama)
+    _photograph(camera, Distant(posed) if distant else posed, output, taking, panorama)
 
 
-def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions) -> Light:
-    """Take the picture, write it as its file's kind holds it, and give its light, exposed in place."""
+def _photograph(
+    camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions, panorama: Path | None = None
+) -> None:
+    """Take the picture and write it as its file's kind holds it, and the panorama of its light."""
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
     if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
@@ -134,25 +136,34 @@ def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOpt
         from ....media.pictures.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
+    needs_light = is_light or panorama is not None or not detector.is_of_values
     with rows_bar("Exposing") as progress:
-        light = expose(
-            camera, scene, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=radiometry,
-            seed=taking.seed, progress=progress, wavelengths_nm=taking.wavelengths_nm,
+        taken = exposed(
+            camera, scene, LIGHT if needs_light else Medium(detector.dtype, detector.read), samples=taking.samples,
+            blur=taking.is_blurred(camera), radiometry=radiometry, seed=taking.seed, progress=progress,
+            wavelengths_nm=taking.wavelengths_nm,
         )  # fmt: skip
+    if not needs_light:
+        write_image(output, taken)
+    elif not is_light:
+        write_image(output, detector.read(taken, taking.seed))
+        taken *= detector.exposure
+    else:
+        taken *= detector.exposure
+        _write_light(output, camera, scene, taken, radiometry)
+    width, height = camera.image_size
+    say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
+    if panorama is not None:
+        _write_panorama(camera, Detector().read(taken), panorama)
+
+
+def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
     if output.suffix.lower() == ".exr":
         from ....simulate.datasets.calibration_set import write_truth
 
-        light *= detector.exposure
         write_truth(output, camera, scene, light, radiometry)
-    elif is_light:
-        light *= detector.exposure
-        write_image(output, light)
     else:
-        write_image(output, detector.read(light, taking.seed))
-        light *= detector.exposure
-    width, height = camera.image_size
-    say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
-    return light
+        write_image(output, light)
 
 
 def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:

@@ -1,0 +1,75 @@
+"""How much memory commands hold at most, on pictures of 20,000 x 20,000 px.
+
+Beside it, how much their pictures take, those they read and those they write, in memory: three bytes a pixel, or what a
+table has. The sensor is the paper's, with smaller pixels; its picture is what the first command takes. This program
+stays small itself: what is started counts as much as who starts it held then.
+
+    python benchmarks/memory.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import omnimirror as om
+from omnimirror.files import write_text
+
+PROGRAM = str(Path(sys.executable).with_name("omnimirror"))
+
+
+def held_mb(words: list[str], folder: Path) -> float:
+    """Most megabytes at once of one command."""
+    process = subprocess.Popen([PROGRAM, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    said = process.stderr.read() if process.stderr else b""
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        sys.exit(f"omnimirror {' '.join(words)} failed: {said.decode()}")
+    return usage.ru_maxrss / 1024
+
+
+def commands(side: int) -> dict[str, float]:
+    """Commands, and the megabytes of their pictures or tables."""
+    picture, panorama = 3 * side * side / 2**20, 3 * side * (3 * side // 8) / 2**20
+    return {
+        "simulate big.toml --spp 1 --no-blur -o big.jpg": picture,
+        f"dewarp big.jpg --sensor big.toml --size {side}x -o panorama.jpg": picture + panorama,
+        f"dewarp big.jpg --sensor big.toml --view sphere --size {side}x -o sphere.jpg": 1.5 * picture,
+        "dewarp big.jpg --sensor big.toml --view perspective --size 4000x3000 -o view.jpg": picture + 36e6 / 2**20,
+        f"dewarp big.jpg --auto --size {side}x -o auto.jpg": picture + panorama,
+        "rim big.jpg --figure rim.svg": picture,
+        "simulate big.toml --spp 1 --no-blur --full-well-e 10000 -o noisy.jpg": picture,
+        f"maps big.toml --view panorama --size {side}x --format opencv -o map.npz": panorama / 3 * (8 + 6),
+        "rays big.toml --step 4 -o rays.npz": side * side / 16 * 7 * 8 / 2**20,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--side", type=int, default=20_000, help="of the pictures, px")
+    arguments = parser.parse_args()
+    sensor = om.load_sensor("paper-spherical")
+    pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / arguments.side
+    fine = replace(sensor.imager, width_px=arguments.side, height_px=arguments.side, pixel_pitch_um=pitch)
+    lines = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        om.save_sensor(replace(sensor, imager=fine), folder / "big.toml")
+        for words, needed in commands(arguments.side).items():
+            most = held_mb(words.split(), folder)
+            lines.append(f"| `{words}` | {needed:,.0f} | {most:,.0f} | {most / needed:.1f} |")
+            print(lines[-1], flush=True)
+    head = f"Pictures of {arguments.side} x {arguments.side} px; megabytes are 2^20 bytes."
+    columns = "| omnimirror .. | its pictures, MB | at most, MB | times |\n|---|---:|---:|---:|"
+    write_text(arguments.out / "memory.md", "\n".join(["# Memory", "", head, "", columns, *lines, ""]))
+
+
+if __name__ == "__main__":
+    main()
