@@ -136,7 +136,7 @@ class Detector:
         """Whether each number is that of one value of light alone: nothing is drawn, and no colour left out."""
         return self.bayer == "none" and not np.isfinite(self.full_well_e)
 
-    def read(self, light: Light, seed: int = 0) -> NDArray[Any]:
+    def read(self, light: Light, seed: int = 0, *, in_place: bool = False) -> NDArray[Any]:
         """Numbers of linear light (h, w, 3): (h, w, 3) in RGB order, or (h, w) of a Bayer mosaic.
 
         Parameters
@@ -145,6 +145,8 @@ class Detector:
             Linear RGB, 1 at saturation of an exposure of 1.
         seed
             Of the noise.
+        in_place
+            Whether the light may be lost, in float32: noise then needs no memory of its own.
 
         Returns
         -------
@@ -160,7 +162,8 @@ class Detector:
         kept = light if self.bayer == "none" else mosaic(light, self.bayer)
         factor = self.exposure
         if np.isfinite(self.full_well_e):
-            kept, factor = noisy(kept, self.full_well_e, self.read_noise_e, seed, factor), 1.0
+            is_spare = kept.dtype == np.float32 and (in_place or kept is not light)
+            kept, factor = noisy(kept, self.full_well_e, self.read_noise_e, seed, factor, in_place=is_spare), 1.0
         numbers: NDArray[Any] = np.empty(kept.shape, self.dtype)
         signals, read = kept.reshape(-1), numbers.reshape(-1)
         for part in stretches(kept.size):
@@ -180,16 +183,19 @@ def _checked(light: Light) -> Light:
     return light
 
 
-def noisy(light: Light, full_well_e: float, read_noise_e: float, seed: int, exposure: float) -> Light:
+def noisy(
+    light: Light, full_well_e: float, read_noise_e: float, seed: int, exposure: float, in_place: bool = False
+) -> Light:
     """Exposed light as electrons count it, white at 1: their number is Poisson's, and reading adds Gauss's noise.
 
-    What is far beyond white is counted as if it were less far, which no value shows.
+    It takes the place of light in float32, or as many bytes of its own. What is far beyond white is counted as if it
+    were less far, which no value shows.
     """
     if not (seed >= 0 and int(seed) == seed):
         raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
     chance = np.random.default_rng(int(seed))
     most = full_well_e + BEYOND * (np.sqrt(full_well_e) + read_noise_e + 1)
-    electrons = np.empty(light.shape, np.uint32)  # as many bytes as light has: it takes their place
+    electrons = light.view(np.uint32) if in_place else np.empty(light.shape, np.uint32)
     counted: Light = electrons.view(np.float32)
     values, numbers, shares = light.reshape(-1), electrons.reshape(-1), counted.reshape(-1)
     for part in stretches(light.size):

@@ -146,15 +146,14 @@ def _photograph(
     if not needs_light:
         write_image(output, taken)
     elif not is_light:
-        write_image(output, detector.read(taken, taking.seed))
-        taken *= detector.exposure
+        write_image(output, detector.read(taken, taking.seed, in_place=panorama is None))
     else:
         taken *= detector.exposure
         _write_light(output, camera, scene, taken, radiometry)
     width, height = camera.image_size
     say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
     if panorama is not None:
-        _write_panorama(camera, Detector().read(taken), panorama)
+        _write_panorama(camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama)
 
 
 def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
