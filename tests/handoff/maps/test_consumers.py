@@ -338,8 +338,8 @@ def test_a_view_of_320_x_240_costs_few_instructions(c_file):
 # -- what cannot be ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["c99", "openmv", "gstreamer"])
-def test_boards_take_no_mosaic(kind, tmp_path):
+@pytest.mark.parametrize("kind", ["c99", "openmv", "gstreamer", "depthai"])
+def test_few_nodes_hold_no_mosaic(kind, tmp_path):
     with pytest.raises(InvalidParameter, match="valid are single views"):
         om.write_maps(SENSOR, om.views.cube(SENSOR, (192, 128), layout="3x2"), tmp_path, formats=kind)
     assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ from ..fixed_views import ViewMap
 from .lattice import lattice_of
 
 CELL = 16  # px; and what the widths must be multiples of
+FARTHEST_PX = 8  # that a mesh may be off: more is a step
 
 
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
@@ -25,18 +26,20 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
         )
     if source_width % CELL:
         raise InvalidParameter(f"DepthAI warps pictures whose width is a multiple of {CELL} px; {source_width} is none")
-    there = np.isfinite(view.straighten).all(axis=-1)
     mesh = lattice_of(view.straighten, CELL).nodes[1:-1, 1:-1]
+    off = float(np.nanmax(np.linalg.norm(between(mesh) - view.straighten, axis=-1)))
+    if off > FARTHEST_PX:
+        raise InvalidParameter(
+            f"straight lines between points every {CELL} px miss this view by {off:.0f} px; valid are single views of "
+            "about the picture's resolution"
+        )
     rows, columns = mesh.shape[:2]
     content = {
         "size": view.size, "source_size": view.source_size, "mesh_width": columns, "mesh_height": rows,
         "points": mesh.reshape(-1, 2).round(3).tolist(),
     }  # fmt: skip
     paths[0].write_text(json.dumps(content), encoding="utf-8")
-    off = np.hypot(*np.moveaxis(between(mesh)[: there.shape[0], : there.shape[1]] - view.straighten, -1, 0))[
-        there
-    ].max()
-    return f"{columns} x {rows} points", Deviation(float(off), "px", f"straight lines between points every {CELL} px")
+    return f"{columns} x {rows} points", Deviation(off, "px", f"straight lines between points every {CELL} px")
 
 
 def between(mesh: NDArray[np.float64]) -> NDArray[np.float64]:
