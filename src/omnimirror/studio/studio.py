@@ -37,4 +37,4 @@ class Studio:
         self.streams = Streams()
         self.lookers = Lookers()
         self.simulated, self.unpacked, self.reported = Turns(), Turns(), Turns()
-        self.built, self.toleranced = Turns(), Turns()
+        self.built, self.toleranced, self.slid = Turns(), Turns(), Turns()

@@ -35,6 +35,11 @@ export class Answers {
     this.next();
   }
 
+  /** Whether something that was asked of a slot has not been answered yet. */
+  isAsked(slot: number): boolean {
+    return this.waiting.has(slot) || this.onItsWay?.slot === slot;
+  }
+
   private connect(): void {
     const socket = new WebSocket(socketAddress("api/bench/ask"));
     socket.binaryType = "arraybuffer";
@@ -88,7 +93,7 @@ export class Answers {
 }
 
 /** The answer where there is none. */
-const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], block: () => null };
+const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], bent: null, block: () => null };
 
 function read(data: ArrayBuffer, asked: number): Found {
   const { header, start } = unpack<Answer>(data);

@@ -3,10 +3,13 @@ import { h, hideComputed } from "../shared/dom";
 import type { BenchSensor, BenchStart } from "../shared/messages";
 import { AWAY } from "../shared/texts";
 import { fromAddress, inAddress } from "./designs/address";
-import { type Design, History, nameOf, type Pin, placed } from "./designs/design";
+import { type Design, History, nameOf, type Pin, placed, type Tables } from "./designs/design";
 import { keep } from "./designs/kept";
-import { type Found, wishOf } from "./found";
+import { limitsOf, withLimits } from "./designs/requirements";
+import { type Found, type Wish, wishOf } from "./found";
+import { Bending } from "./hands/bending";
 import type { Host } from "./host";
+import { bindKeys } from "./keys";
 import { Form } from "./panels/form";
 import { RequirementsPanel } from "./panels/requirements";
 import { WorkPanel } from "./panels/work";
@@ -17,6 +20,10 @@ import { Toolbar } from "./toolbar";
 
 const OWN = "design";
 const MOST_PINS = 4;
+const MARKED_MS = 500; // after which sliders of a design that rests show where requirements are met
+
+/** What of requirements decides which values of a design are plotted. */
+const limitedBy = (requirements: Tables | null): string => JSON.stringify([requirements?.field, limitsOf(requirements).map((l) => [l.quantity, l.cycles_per_px])]);
 
 /** The design bench: a design, what was found of it, and what asks, shows and changes it. */
 export class Bench {
@@ -27,7 +34,11 @@ export class Bench {
   /** How long after its change each of the last designs was drawn, ms: for whoever measures. */
   latencies: number[] = [];
   private found: (Found | null)[] = [];
+  private marking = 0;
+  /** Of what the requirements were for which pins were asked. */
+  private limited = "";
   private readonly answers: ReturnType<typeof supply.answers>;
+  private readonly bending: Bending;
   private readonly form: Form;
   private readonly requirements: RequirementsPanel;
   private readonly work: WorkPanel;
@@ -57,7 +68,19 @@ export class Bench {
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
     const trying = { now: hands.now, show: (design: Design) => this.desk.showPicture(design), keep: (text: string) => host.setErrors(text), say: host.say };
     this.tolerances = new TolerancesPanel(panel("Tolerances"), trying);
-    this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
+    this.bending = new Bending({
+      now: () => this.unbundled(this.history.now),
+      ask: (from, bend) => this.answers.ask(0, { ...this.wish(from), bend }),
+      isAsked: () => this.answers.isAsked(0),
+      settle: () => this.settleBent(),
+    });
+    this.desk = new Desk(host.place, parts.columns, parts.quantities, {
+      take: (i) => this.takePin(i),
+      drop: (i) => this.dropPin(i),
+      chosen: () => this.plotsChosen(),
+      bending: this.bending,
+      limits: { set: (limit, side, value) => this.setLimit(limit, { [side]: value }), settle: () => this.settle() },
+    });
     this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
     if (supply.alone) [host.place, host.header].forEach(hideComputed);
@@ -67,13 +90,14 @@ export class Bench {
     });
     this.answers = supply.answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
     host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
-    this.bindKeys();
+    bindKeys({ isShown: host.isShown, undo: () => this.undo(), redo: () => this.redo(), save: () => void this.toolbar.download("sensor") });
   }
 
   // -- the design ---------------------------------------------------------------------------------
 
   /** Try a design, as while a slider is held. */
   edit(design: Design): void {
+    this.form.forgetMet(design.requirements !== this.history.now.requirements);
     this.history.now = design;
     this.form.show(design);
     this.requirements.show(design);
@@ -104,8 +128,13 @@ export class Bench {
   private own(design: Design): Design {
     const { tables } = design;
     const now = this.history.now.tables;
-    if (tables === now || tables.name !== now.name || !this.sensors.includes(tables.name as string)) return design;
-    return { ...design, tables: { ...tables, name: OWN, notes: "" } };
+    return tables === now || tables.name !== now.name ? design : this.unbundled(design);
+  }
+
+  /** A design that may be changed: one of a bundled sensor under a name of its own. */
+  private unbundled(design: Design): Design {
+    const { tables } = design;
+    return this.sensors.includes(tables.name as string) ? { ...design, tables: { ...tables, name: OWN, notes: "" } } : design;
   }
 
   /** Settle on the design as it is. */
@@ -164,6 +193,26 @@ export class Bench {
     this.host.say(e.message);
   }
 
+  // -- by hand, on the plots --------------------------------------------------------------------------
+
+  private takeBent(sensor: BenchSensor): void {
+    this.history.now = { ...this.history.now, tables: sensor.tables, follows: sensor.follows };
+    this.form.forgetMet(true);
+    this.form.show(this.history.now);
+  }
+
+  private settleBent(): void {
+    this.form.begin(this.history.now);
+    this.settle();
+    this.ask(); // what is shown may be said not to be, of a point that no mirror goes through
+  }
+
+  private setLimit(index: number, change: { at_least?: number; at_most?: number }): void {
+    const { requirements } = this.history.now;
+    const limits = limitsOf(requirements).map((l, i) => (i === index ? { ...l, ...change } : l));
+    this.edit({ ...this.history.now, requirements: withLimits(requirements!, limits) });
+  }
+
   // -- pins ---------------------------------------------------------------------------------------
 
   pin(): void {
@@ -185,17 +234,29 @@ export class Bench {
   }
 
   private pinsChanged(): void {
-    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements: null }, { section: true, squares: false, space: false })));
+    this.askPins();
     this.kept();
     this.draw();
     this.toolbar.show();
   }
 
+  /** Pins are judged by what is asked of the design in hand, so that their values stand in the same plots. */
+  private askPins(): void {
+    const { requirements } = this.history.now;
+    this.limited = limitedBy(requirements);
+    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements }, { section: true, squares: false, space: false })));
+  }
+
   // -- questions and answers ------------------------------------------------------------------------
 
   ask(): void {
+    this.answers.ask(0, this.wish(this.history.now));
+    if (limitedBy(this.history.now.requirements) !== this.limited) this.askPins();
+  }
+
+  private wish(design: Design): Wish {
     const { desk } = this;
-    this.answers.ask(0, wishOf(this.history.now, { section: desk.shows("Section"), squares: desk.shows("Squares"), space: desk.shows("In space") }));
+    return wishOf(design, { section: desk.shows("Section"), squares: desk.shows("Squares"), space: desk.shows("In space") });
   }
 
   /** Begin, or begin anew with what the address holds. */
@@ -214,8 +275,10 @@ export class Bench {
       return;
     }
     this.found[found.slot] = found;
+    if (found.bent) this.takeBent(found.bent);
     if (found.slot === 0) this.settleFound(found);
     this.draw();
+    this.bending.answered();
     // charts draw in microtasks of their own, which were queued before this one
     if (found.slot === 0) queueMicrotask(() => (this.latencies = [...this.latencies.slice(-199), performance.now() - found.asked]));
   }
@@ -223,6 +286,7 @@ export class Bench {
   private troubled(found: Found): void {
     this.form.complain(found.trouble);
     this.desk.troubled(found.trouble!.sentence);
+    this.bending.answered();
   }
 
   private settleFound(found: Found): void {
@@ -234,8 +298,20 @@ export class Bench {
       this.form.show(complete);
     }
     this.requirements.judge(found.rows, found.requirements_trouble);
+    clearTimeout(this.marking);
+    if (found.rows.length) this.marking = window.setTimeout(() => void this.markMet(), MARKED_MS);
     this.desk.showPicture(this.tolerances.pictured(this.history.now));
     this.tolerances.follow();
+  }
+
+  /** Have sliders show where all requirements are met, once the design rests. */
+  private async markMet(): Promise<void> {
+    const { now, isHeld } = this.history;
+    if (isHeld || !now.requirements) return;
+    const slides = this.form.slides();
+    const asked = { tables: now.tables, follows: now.follows, requirements: now.requirements, slides };
+    const found = await supply.slides(asked).catch(() => null); // marks are a help, and no more
+    if (found && now === this.history.now) this.form.showMet(slides, found.missed);
   }
 
   private draw(): void {
@@ -256,20 +332,5 @@ export class Bench {
   kept(): void {
     keep(this.history, this.pins, this.desk.switched);
     this.host.setAddress(inAddress(this.history.now));
-  }
-
-  private bindKeys(): void {
-    document.addEventListener("keydown", (e) => {
-      if (!this.host.isShown() || !(e.ctrlKey || e.metaKey)) return;
-      const key = e.key.toLowerCase();
-      if (key === "z" || key === "y") {
-        e.preventDefault();
-        if (key === "y" || e.shiftKey) this.redo();
-        else this.undo();
-      } else if (key === "s") {
-        e.preventDefault();
-        void this.toolbar.download("sensor");
-      }
-    });
   }
 }

@@ -24,6 +24,7 @@ export const wishOf = (design: Design, plots: Pick<Ask, "section" | "squares" | 
   object_distance_mm: design.distance,
   ...plots,
   requirements: design.requirements,
+  bend: null,
 });
 
 /** Blocks whose names begin so. */

@@ -12,6 +12,9 @@ const TERMS: [term: string, meaning: string][] = [
   ["Depth of field", "between these distances of virtual images the blur stays below a pixel"],
   ["Free form", "family of curves in which the mirror is sought; terms are how many numbers shape it"],
   ["Starts", "from how many first guesses the search is begun: more take longer, and miss the best less often"],
+  ["Rings on curves", "drag one, or move it by the arrow keys: the mirror bends so that its profile, or its mapping, goes through it"],
+  ["Dashed line in a plot", "a limit of the requirements, on the side that is hatched; drag it to change the limit"],
+  ["Bar under a slider", "where on the slider all requirements are met, everything else as it is"],
   ["Pin", "keeps the design as it is, drawn in another colour and kind of line, while you change the one in hand"],
 ];
 

@@ -1,11 +1,11 @@
 /** What the bench asks: of the server, or of the page itself where it does without. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
-import type { BenchAlone, BenchSensor, BenchStart, Change, Download, Opened } from "../shared/messages";
+import type { BenchAlone, BenchSensor, BenchStart, Change, Download, Opened, SlidesAsk, SlidesOf } from "../shared/messages";
 import { Answerer } from "./alone/answer";
 import { AnswersAlone } from "./alone/answers";
 import { Answers } from "./answers";
-import type { Found, Wish } from "./found";
+import type { Found } from "./found";
 
 /** What the page holds of all that a server would be asked for; null where there is one. */
 export const alone = heldBy<BenchAlone>("bench-alone");
@@ -29,6 +29,9 @@ export async function change(asked: Change): Promise<BenchSensor> {
   return { tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } }, follows: false };
 }
 
+/** By how much requirements are missed, wherever sliders stand; a page that does without a server knows of none. */
+export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> => (alone ? null : api.slides(asked));
+
 export async function openFile(file: Blob, name: string): Promise<Opened> {
   if (alone) throw new api.Refused(`Opening ${name} ${WITH_THE_PROGRAM}`);
   return api.openFile(file, name);
@@ -40,5 +43,5 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
 }
 
 /** Who answers about designs. */
-export const answers = (answered: (found: Found) => void, away: (isAway: boolean) => void): { ask: (slot: number, wish: Wish) => void } =>
+export const answers = (answered: (found: Found) => void, away: (isAway: boolean) => void): Answers | AnswersAlone =>
   answerer ? new AnswersAlone(answerer, answered) : new Answers(answered, away);

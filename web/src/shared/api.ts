@@ -1,5 +1,5 @@
 import { pack, unpack } from "./framing";
-import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, FileUnderWay, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
+import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, FileUnderWay, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, SlidesAsk, SlidesOf, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -46,6 +46,7 @@ export const sensorFile = async (asked: SensorFile): Promise<string> => (await p
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
 export const change = async (asked: Change): Promise<BenchSensor> => (await posted("api/bench/change", asked)).json();
+export const slides = async (asked: SlidesAsk): Promise<SlidesOf> => (await posted("api/bench/slides", asked)).json();
 export const openFile = async (file: Blob, name: string): Promise<Opened> => (await handedUp("api/bench/open", file, { name })).json();
 export const requirements = async (file: RequirementFile): Promise<Blob> => (await posted("api/bench/requirements", file)).blob();
 

@@ -17,6 +17,8 @@ export interface Answer {
   rows: JudgementOf[];
   requirements_trouble: string | null;
   blocks: Block[];
+  /** the design as it was bent */
+  bent: BenchSensor | null;
 }
 
 /** What a page wants to know of a design. */
@@ -33,6 +35,8 @@ export interface Ask {
   /** its parts and rays in three dimensions */
   space: boolean;
   requirements: Record<string, any> | null;
+  /** of which it is answered as it is bent by hand */
+  bend: Bend | null;
 }
 
 /** What a page holds of the bench that no server helps. */
@@ -71,10 +75,21 @@ export interface BenchStart {
   columns: QuantityOf[];
   /** what a requirement can limit */
   quantities: QuantityOf[];
+  /** those of which a limit says at which spatial frequency */
+  of_frequency: string[];
   merits: QuantityOf[];
   /** free forms in which a mirror can be sought */
   shapes: string[];
   sensors: string[];
+}
+
+/** A curve of the design that is pulled through a point by hand. */
+export interface Bend {
+  of: "profile" | "mapping";
+  /** where it is held: distance from the axis, mm, or field angle, deg */
+  at: number;
+  /** where it is pulled: height of the profile, mm, or image height, px */
+  to: number;
 }
 
 /** Part of the float32 values: so many rows of named columns, column by column. */
@@ -566,6 +581,27 @@ export interface SensorFile {
   rim_radius_px: number;
 }
 
+/** A number of the design, and values that it could have. */
+export interface Slide {
+  /** table, entry, and which of a list */
+  path: string[];
+  values: number[];
+}
+
+/** Where the numbers of a design could stand, for its requirements to be met. */
+export interface SlidesAsk {
+  tables: Record<string, any>;
+  follows: boolean;
+  requirements: Record<string, any>;
+  slides: Slide[];
+}
+
+/** By what share of what is asked each requirement is missed, below 0 kept; null where the design cannot be. */
+export interface SlidesOf {
+  /** of each slide at each value */
+  missed: ((number[] | null)[])[];
+}
+
 /** A picture, video, camera or stream at the server's side. */
 export interface Source {
   id: string;
@@ -635,6 +671,8 @@ export interface Task {
   merit: string;
   /** the free form in which the mirror is sought */
   shape: string;
+  /** whether an optimised mirror keeps the limits of the requirements */
+  keeps_limits: boolean;
   terms: number;
   starts: number;
 }

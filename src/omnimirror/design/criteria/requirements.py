@@ -15,11 +15,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
 from ...arguments import finite, instance
+from ...errors import InvalidParameter
 from ...frames import Mount
 from ...housing import Housing
 from ...imagers import Imager
 from ...lenses import FieldLens
-from ...specs import EntryError, NoFile, Places, Table, housing_tables, lens_table, validated
+from ...specs import EntryError, NoFile, Places, Table, did_you_mean, housing_tables, lens_table, validated
 from ...thermal import Thermal
 from .consistency import check_consistency
 from .limits import Limit
@@ -431,6 +432,8 @@ class Requirements:
         ------
         SpecError
             An entry is wrong, or does not fit the others.
+        InvalidParameter
+            None of the three tables has an entry of this name.
 
         Examples
         --------
@@ -442,6 +445,10 @@ class Requirements:
         >>> requirements.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
         (30.0, 40.0)
         """
+        if unknown := entries.keys() - ENTRIES:
+            raise InvalidParameter(
+                f"{min(unknown)} is no entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}"
+            )
         changed = {
             table: dataclasses.replace(getattr(self, table), **{name: entries[name] for name in names & entries.keys()})
             for table, names in NAMES.items()
@@ -487,6 +494,7 @@ NAMES = {
     for cls in (FieldRequirements, MirrorRequirements, LensRequirements)
 }
 """The entries of each table; no name is of two tables."""
+ENTRIES = frozenset[str]().union(*NAMES.values())
 
 KINDS: dict[str, type[Any]] = {
     "field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager,

@@ -24,9 +24,10 @@ from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from ..framing import framed
-from .judging import verdict_rows
+from .judging import Judged, judged_by
 from .messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
-from .sensors import in_place, remark_on, sensor_on_bench, trouble_of, why_not_optimised
+from .sensors import in_place, on_bench, remark_on, sensor_on_bench, trouble_of, why_not_optimised
+from .shaping import bent
 from .space import space_blocks
 
 Array = NDArray[np.float64]
@@ -60,6 +61,8 @@ def answer(ask: Ask) -> bytes:
     """The answer to what a page asks; what cannot be is a sentence in it."""
     try:
         stands = sensor_on_bench(ask.tables, ask.follows)
+        if ask.bend is not None:
+            stands = bent(stands, ask.bend)
         sensor = in_place(stands)
         design = _evaluated(sensor, distance_of(ask.object_distance_mm))
         facts = _facts(design, why_not_optimised(stands))
@@ -69,20 +72,22 @@ def answer(ask: Ask) -> bytes:
         blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
     except OmnimirrorError as e:
         return framed(_answer(ask, trouble=trouble_of(e)))
-    rows, requirements_trouble = verdict_rows(ask.requirements, sensor) if ask.requirements is not None else ((), None)
+    judged = judged_by(ask.requirements, design.curve) if ask.requirements is not None else Judged()
+    blocks += judged.curves
     told = _answer(
         ask,
         remark=remark_on(stands),
         facts=facts,
-        rows=rows,
-        requirements_trouble=requirements_trouble,
+        rows=judged.rows,
+        requirements_trouble=judged.trouble,
         blocks=tuple(values.block for values in blocks),
+        bent=on_bench(stands) if ask.bend is not None else None,
     )
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
 def _answer(ask: Ask, **told: object) -> Answer:
-    empty = {"trouble": None, "remark": None, "facts": None, "rows": (), "requirements_trouble": None, "blocks": ()}
+    empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {"rows": (), "blocks": ()}
     return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 

@@ -48,6 +48,7 @@ def bench_start() -> BenchStart:
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.PER_ANGLE)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
+        of_frequency=tuple(name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
         shapes=tuple(FREE_FORMS),
         sensors=tuple(bundled_sensors()),

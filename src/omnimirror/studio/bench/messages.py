@@ -66,6 +66,7 @@ class BenchStart(Message):
     pose: PartOf = Field(description="how far the mirror is out of its place")
     columns: tuple[QuantityOf, ...] = Field(description="what plots can show against the field angle")
     quantities: tuple[QuantityOf, ...] = Field(description="what a requirement can limit")
+    of_frequency: tuple[str, ...] = Field(description="those of which a limit says at which spatial frequency")
     merits: tuple[QuantityOf, ...]
     shapes: tuple[str, ...] = Field(description="free forms in which a mirror can be sought")
     sensors: tuple[str, ...]
@@ -111,6 +112,14 @@ class Change(Message):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
 
 
+class Bend(Message):
+    """A curve of the design that is pulled through a point by hand."""
+
+    of: Literal["profile", "mapping"]
+    at: float = Field(description="where it is held: distance from the axis, mm, or field angle, deg")
+    to: float = Field(description="where it is pulled: height of the profile, mm, or image height, px")
+
+
 class Ask(Message):
     """What a page wants to know of a design."""
 
@@ -123,6 +132,7 @@ class Ask(Message):
     squares: bool
     space: bool = Field(default=False, description="its parts and rays in three dimensions")
     requirements: Tables | None
+    bend: Bend | None = Field(default=None, description="of which it is answered as it is bent by hand")
 
 
 class Facts(Message):
@@ -191,6 +201,29 @@ class Answer(Message):
     rows: tuple[JudgementOf, ...]
     requirements_trouble: str | None
     blocks: tuple[Block, ...]
+    bent: BenchSensor | None = Field(description="the design as it was bent")
+
+
+class Slide(Message):
+    """A number of the design, and values that it could have."""
+
+    path: tuple[str, ...] = Field(min_length=2, max_length=3, description="table, entry, and which of a list")
+    values: tuple[float, ...] = Field(min_length=1, max_length=33)
+
+
+class SlidesAsk(Message):
+    """Where the numbers of a design could stand, for its requirements to be met."""
+
+    tables: Tables
+    follows: bool
+    requirements: Tables
+    slides: tuple[Slide, ...] = Field(max_length=60)
+
+
+class SlidesOf(Message):
+    """By what share of what is asked each requirement is missed, below 0 kept; null where the design cannot be."""
+
+    missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(description="of each slide at each value")
 
 
 class PictureAsk(Message):
@@ -239,6 +272,9 @@ class Task(Message):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     merit: str = Field(max_length=40)
     shape: str = Field(max_length=40, description="the free form in which the mirror is sought")
+    keeps_limits: bool = Field(
+        default=False, description="whether an optimised mirror keeps the limits of the requirements"
+    )
     terms: int = Field(ge=1, le=32)
     starts: int = Field(ge=1, le=8)
 

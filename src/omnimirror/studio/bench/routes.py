@@ -27,9 +27,12 @@ from .messages import (
     Opened,
     PictureAsk,
     RequirementFile,
+    SlidesAsk,
+    SlidesOf,
     Task,
 )
 from .sensors import changed, on_bench, sensor_on_bench
+from .sliding import slid
 from .tolerance_messages import BuiltAsk, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
 
 if TYPE_CHECKING:
@@ -41,13 +44,13 @@ MOST_SEARCHES = 2
 
 def add_bench(app: FastAPI, studio: Studio) -> None:
     """Put the bench's routes into a server."""
-    _add_questions(app)
+    _add_questions(app, studio)
     _add_files(app, studio)
     _add_tolerances(app, studio)
     _add_sockets(app, Workers("omnimirror.studio.bench.work", MOST_SEARCHES, "searches"))
 
 
-def _add_questions(app: FastAPI) -> None:
+def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/bench")
     def start() -> BenchStart:
         """What the bench is made from: every part with its parameters."""
@@ -59,6 +62,11 @@ def _add_questions(app: FastAPI) -> None:
         if name not in bench_start().sensors:
             raise OmnimirrorError(f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}")
         return on_bench(load_sensor(name))
+
+    @app.post("/api/bench/slides")
+    async def slides(asked: SlidesAsk) -> SlidesOf:
+        """By how much requirements are missed or kept, wherever sliders stand."""
+        return await studio.slid.do(asked.model_dump_json(), lambda: slid(asked))
 
     @app.post("/api/bench/change")
     def change(asked: Change) -> BenchSensor:

@@ -186,12 +186,21 @@ def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
     return SampledProfile(tuple(x), tuple(sensor.mirror.sag(x)), apex=apex)
 
 
-def _spline(sensor: Sensor, rim: RimRay) -> Mirror:
-    return SlopeSpline(tuple(sensor.mirror.slope(np.linspace(0.0, rim.rim_radius_mm, SLOPES))), rim.rim_radius_mm)
+def spline_like(sensor: Sensor) -> SlopeSpline:
+    """The mirror as a spline of slopes; one that is a spline stays as it is."""
+    mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
+    return (
+        mirror
+        if isinstance(mirror, SlopeSpline)
+        else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
+    )
 
 
-def _tabulated(sensor: Sensor, rim: RimRay) -> Mirror:
-    """The mapping at even heights, so that the table is the mapping of the mirror before."""
+def mapping_like(sensor: Sensor) -> TabulatedMapping:
+    """The mapping as a table at even heights; one that is a table stays as it is."""
+    if isinstance(sensor.mirror, TabulatedMapping):
+        return sensor.mirror
+    rim = rim_of(sensor)
     top = sensor.rim_radius_px
     low = float(sensor.image_height_px(sensor.meridian.trace([sensor.meridian.x_min]))[0])
     rays = sensor.meridian.trace(sensor.x_from_height_px(np.linspace(low, top, NODES)))
@@ -201,8 +210,8 @@ def _tabulated(sensor: Sensor, rim: RimRay) -> Mirror:
 
 AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
     SampledProfile: _sampled,
-    SlopeSpline: _spline,
-    TabulatedMapping: _tabulated,
+    SlopeSpline: lambda sensor, rim: spline_like(sensor),
+    TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
 }
 """Kinds that can take any shape, and how they take that of the mirror before."""
 

@@ -51,7 +51,9 @@ def optimisable(sensor: Sensor, task: Task) -> Requirements:
     like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
     distance = distance_of(task.object_distance_mm)
     asked = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
-    return replace(asked, imager=_filled(sensor), name=f"optimised-{task.merit.replace('_', '-')}")
+    limits = requirements_for(task.requirements, sensor).limits if task.requirements and task.keeps_limits else ()
+    name = f"optimised-{task.merit.replace('_', '-')}"
+    return replace(asked, imager=_filled(sensor), limits=limits, name=name)
 
 
 def _filled(sensor: Sensor) -> Imager:
@@ -72,7 +74,8 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
 
     made = design_sensor(optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said))
     if made.optimum is None:
-        raise InvalidParameter(made.notes[0])
+        missed = ", ".join(made.verdict.missed)
+        raise InvalidParameter(f"{made.notes[0]}; missed: {missed}" if missed else made.notes[0])
     found = replace(made.sensor, imager=sensor.imager, housing=sensor.housing)
     tell(_news("done", found.notes, 1.0, made.optimum.value, found))
 

@@ -184,5 +184,5 @@ function tableOf(name: string, columns: Record<string, ArrayLike<number>>): Colu
 function found(ask: Ask, asked: number, tables: Columned[], facts: Facts | null, trouble: Trouble | null = null): Found {
   const { slot, number } = ask;
   const blocks = tables.map(({ name, rows, columns }) => ({ name, rows, columns }));
-  return { slot, number, asked, facts, rows: [], remark: null, requirements_trouble: null, blocks, trouble: trouble && { path: trouble.path, sentence: trouble.message }, block: (name) => tables.find((t) => t.name === name) ?? null };
+  return { slot, number, asked, facts, rows: [], remark: null, requirements_trouble: null, blocks, bent: null, trouble: trouble && { path: trouble.path, sentence: trouble.message }, block: (name) => tables.find((t) => t.name === name) ?? null };
 }

@@ -14,6 +14,10 @@ export class AnswersAlone {
     this.waiting.set(slot, { wish, asked: performance.now() });
   }
 
+  isAsked(slot: number): boolean {
+    return this.waiting.has(slot);
+  }
+
   private answer(): void {
     const questions = [...this.waiting].sort(([a], [b]) => a - b);
     this.waiting.clear();

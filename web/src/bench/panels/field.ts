@@ -2,6 +2,7 @@ import { h, unique } from "../../shared/dom";
 import type { ParameterOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
+import { metSpans, type Missed, placesWith, type Span } from "./met";
 import { type Scale, scaleOf } from "./scale";
 
 /** A slider and a number field for one number. */
@@ -13,6 +14,8 @@ export class Field {
   private readonly ends = [h("span", {}), h("span", {})];
   private readonly back = h("button", { type: "button", className: "back", hidden: true }, "↺");
   private readonly marks = h("span", { className: "marks", "aria-hidden": "true" });
+  private readonly meets = h("span", { className: "hidden" });
+  private met: { scale: Scale; spans: readonly Span[] } | null = null;
   /** The value with which the design came to the bench. */
   private first: number;
   private scale: Scale;
@@ -23,9 +26,10 @@ export class Field {
     const unit = unitWords(p.unit);
     const limits = `${words(p.low)} to ${words(p.high)}${unit ? ` ${unit}` : ""}`;
     this.scale = scaleOf(p, value);
-    this.number = h("input", { type: "number", id, step: p.is_whole ? "1" : "any", min: String(p.low), max: String(p.high), "aria-describedby": `${id}h ${id}p` });
+    this.number = h("input", { type: "number", id, step: p.is_whole ? "1" : "any", min: String(p.low), max: String(p.high), "aria-describedby": `${id}h ${id}m ${id}p` });
     this.slider = h("input", { type: "range", min: "0", max: "1", step: "0.001", "aria-label": `${title}, slider` });
     this.first = value;
+    this.meets.id = `${id}m`;
     this.back.addEventListener("click", () => this.goBack());
     this.problem = h("p", { id: `${id}p`, className: "problem", hidden: true });
     this.element = h(
@@ -36,6 +40,7 @@ export class Field {
       h("span", { className: "slide" }, this.marks, this.slider),
       h("span", { className: "ends", "aria-hidden": "true" }, ...this.ends),
       h("span", { id: `${id}h`, className: "hidden" }, `${p.description}; ${limits}`),
+      this.meets,
       this.problem,
     );
     this.slider.addEventListener("input", () => this.take(this.scale.to(Number(this.slider.value)), this.slider));
@@ -57,6 +62,27 @@ export class Field {
   begin(value: number): void {
     this.first = value;
     this.show(this.value);
+  }
+
+  /** Values along the slider, and where it stands. */
+  get along(): number[] {
+    return this.places.map((place) => this.scale.to(place));
+  }
+
+  private get places(): number[] {
+    return placesWith(this.scale.from(this.value));
+  }
+
+  /** Mark where on the slider all requirements are met, by how much they are missed along it; null where that is not known. */
+  showMet(missed: readonly Missed[] | null): void {
+    if (!missed && !this.met) return;
+    const spans = missed && metSpans(this.places, missed);
+    this.met = spans && { scale: this.scale, spans };
+    const unit = unitWords(this.p.unit);
+    const parts = spans?.map((span) => span.map((place) => words(this.scale.to(place))).join(" to "));
+    this.meets.textContent = parts ? (parts.length ? `All requirements are met at ${parts.join(" and ")}${unit && ` ${unit}`}.` : "At no place of the slider that was looked at are all requirements met.") : "";
+    this.slider.title = this.meets.textContent;
+    this.mark();
   }
 
   private goBack(): void {
@@ -114,7 +140,9 @@ export class Field {
     if (this.p.default !== null) all.push(["usual", this.p.default]);
     const shown = all.filter(([, v]) => v >= low - 1e-9 * Math.abs(low) && v <= high + 1e-9 * Math.abs(high));
     const spans = shown.map(([kind, v]) => h("span", { className: kind, style: `left: ${(100 * this.scale.from(v)).toFixed(2)}%` }));
-    this.marks.replaceChildren(...spans);
+    const met = (this.met?.spans ?? []).map((span) => span.map((place) => 100 * this.scale.from(this.met!.scale.to(place))));
+    const bars = met.map(([from, to]) => h("span", { className: "met", style: `left: ${from.toFixed(2)}%; width: ${(to - from).toFixed(2)}%` }));
+    this.marks.replaceChildren(...bars, ...spans);
     const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
     this.back.hidden = !isMoved;
     this.back.title = `Back to ${words(this.first)}, as it came`;

@@ -1,9 +1,10 @@
 import { h, unique } from "../../shared/dom";
-import type { BenchStart, ParameterOf, PartOf, Trouble } from "../../shared/messages";
+import type { BenchStart, ParameterOf, PartOf, Slide, Trouble } from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
 import { label } from "../labels";
 import { alone } from "../supply";
 import { Field } from "./field";
+import type { Missed } from "./met";
 
 /** What the form needs of the bench. */
 interface Hands {
@@ -14,7 +15,8 @@ interface Hands {
 }
 
 const MOST_FIELDS = 16; // of a list; longer ones are a text
-const FAR: ParameterOf = { name: "distance", unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false, default: null };
+const DISTANCE = "distance"; // of the objects: no number of the sensor
+const FAR: ParameterOf = { name: DISTANCE, unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false, default: null };
 
 /** Sliders and number fields, made from what the parts say of themselves. */
 export class Form {
@@ -75,6 +77,22 @@ export class Form {
     for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
     this.problem.hidden = !trouble || this.fields.has(key ?? "");
     this.problem.textContent = this.problem.hidden ? "" : trouble!.sentence;
+  }
+
+  /** The numbers that sliders which are seen stand for, and values along each. */
+  slides(): Slide[] {
+    const seen = [...this.fields].filter(([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"));
+    return seen.map(([key, field]) => ({ path: key.split("."), values: field.along }));
+  }
+
+  /** Mark where on each of those sliders the requirements are met, by how much they are missed along it. */
+  showMet(slides: readonly Slide[], missed: readonly (readonly Missed[])[]): void {
+    slides.forEach(({ path }, i) => this.fields.get(path.join("."))?.showMet(missed[i]));
+  }
+
+  /** Forget where requirements are met; but the slider that is moved keeps its own, as long as they are the same. */
+  forgetMet(isAsked: boolean): void {
+    for (const [key, field] of this.fields) if (isAsked || key !== this.last) field.showMet(null);
   }
 
   private build(design: Design): void {
@@ -200,7 +218,7 @@ export class Form {
 
   private objects(design: Design): HTMLElement[] {
     const far = check(this.infinite, "Infinitely far away");
-    return design.distance === null ? [far] : [this.number("distance", FAR, "Object distance", design.distance), far];
+    return design.distance === null ? [far] : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
   }
 
   /** What decides which fields there are. */
@@ -225,14 +243,14 @@ export class Form {
 const kindOf = (all: PartOf[], table: Tables): PartOf => all.find((p) => p.kind === table.kind)!;
 
 function valueAt(design: Design, key: string): number | undefined {
-  if (key === "distance") return design.distance ?? undefined;
+  if (key === DISTANCE) return design.distance ?? undefined;
   const [section, name, index] = key.split(".");
   const value = (design.tables[section] as Tables | undefined)?.[name] as unknown;
   return (index === undefined ? value : (value as number[] | undefined)?.[Number(index)]) as number | undefined;
 }
 
 function changedAt(design: Design, key: string, value: number): Design {
-  if (key === "distance") return { ...design, distance: value };
+  if (key === DISTANCE) return { ...design, distance: value };
   const [section, name, index] = key.split(".");
   const changed = withEntry(design, section, name, value, index === undefined ? undefined : Number(index));
   return key === "mount.mirror_distance_mm" ? { ...changed, follows: false } : changed;

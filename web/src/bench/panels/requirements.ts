@@ -2,14 +2,8 @@ import { h, unique } from "../../shared/dom";
 import type { BenchStart, Facts, JudgementOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
+import { type Limit, limitsOf, withLimits } from "../designs/requirements";
 import { label, quantityWords, unitWords } from "../labels";
-
-interface Limit {
-  quantity: string;
-  at_least?: number | null;
-  at_most?: number | null;
-  omega_deg?: [number, number] | null;
-}
 
 interface Hands {
   now: () => Design;
@@ -19,6 +13,7 @@ interface Hands {
 }
 
 const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
+const CYCLES = 0.25; // per pixel, where a limit of the MTF begins
 const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
 
 /** What the design must do, and whether it does. */
@@ -103,11 +98,12 @@ export class RequirementsPanel {
 
   private limit(limit: Limit, index: number): HTMLElement {
     const now = (): Limit => limitsOf(this.hands.now().requirements)[index];
-    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().requirements).map((l, i) => (i === index ? clean({ ...l, ...change }) : l)));
+    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().requirements).map((l, i) => (i === index ? { ...l, ...change } : l)));
     const quantity = this.parts.quantities.find((q) => q.name === limit.quantity)!;
     const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q))));
     select.value = limit.quantity;
-    select.addEventListener("change", () => set({ quantity: select.value }));
+    const isOfFrequency = (name: string): boolean => this.parts.of_frequency.includes(name);
+    select.addEventListener("change", () => set({ quantity: select.value, cycles_per_px: isOfFrequency(select.value) ? (now().cycles_per_px ?? CYCLES) : null }));
     const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().requirements).filter((_, i) => i !== index)) }, "×");
     const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().requirements!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
     return h(
@@ -123,6 +119,9 @@ export class RequirementsPanel {
         this.number(`${quantity.name} at most`, () => now()?.at_most, (v) => set({ at_most: v })),
         h("span", { className: "unit" }, unitWords(quantity.unit)),
       ),
+      isOfFrequency(limit.quantity)
+        ? h("div", { className: "line" }, h("span", { className: "unit" }, "at"), this.number("Spatial frequency, cycles per pixel", () => now()?.cycles_per_px, (v) => set({ cycles_per_px: v ?? CYCLES })), h("span", { className: "unit" }, "cycles/px"))
+        : null,
       limit.omega_deg
         ? h(
             "div",
@@ -158,8 +157,8 @@ export class RequirementsPanel {
     this.set({ field: { omega_max_deg: Math.floor(field), object_distance_mm: [1e12, 1e12] }, limit: [{ ...USUAL }] });
   }
 
-  private setLimits(limit: Limit[]): void {
-    this.set({ ...this.hands.now().requirements!, limit });
+  private setLimits(limits: Limit[]): void {
+    this.set(withLimits(this.hands.now().requirements!, limits));
   }
 
   private set(requirements: Tables): void {
@@ -168,11 +167,7 @@ export class RequirementsPanel {
   }
 }
 
-const limitsOf = (requirements: Tables | null): Limit[] => (requirements?.limit as Limit[] | undefined) ?? [];
-
 const spanOf = (value: unknown): [number, number] => (Array.isArray(value) ? (value as [number, number]) : typeof value === "number" ? [value, value] : [1e12, 1e12]);
-
-const clean = (limit: Limit): Limit => Object.fromEntries(Object.entries(limit).filter(([, v]) => v !== null && v !== undefined)) as unknown as Limit;
 
 /** Met or not, by a sign and in words. */
 function verdictOf(row: JudgementOf): HTMLElement[] {

@@ -3,6 +3,7 @@ import { h, unique } from "../../shared/dom";
 import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design } from "../designs/design";
+import { limitsOf } from "../designs/requirements";
 import { quantityWords, unitWords } from "../labels";
 
 interface Hands {
@@ -17,6 +18,8 @@ export class WorkPanel {
   private readonly shape: HTMLSelectElement;
   private readonly terms = h("input", { type: "number", min: "3", max: "32", step: "1", value: "8" });
   private readonly starts = h("input", { type: "number", min: "1", max: "8", step: "1", value: "2" });
+  private readonly keeps = h("input", { type: "checkbox", checked: true });
+  private readonly keepsLabel = h("label", { className: "check", title: "Among mirrors that keep them the best is sought; where none does, it is said", hidden: true }, this.keeps, "Keep the limits of the requirements");
   private readonly begin = h("button", { type: "button", onclick: () => this.start("optimise") }, "Optimise");
   private readonly design = h("button", { type: "button", onclick: () => this.start("design") }, "Design from requirements");
   private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.stop("Cancelled; the design is as it was.") }, "Cancel");
@@ -32,6 +35,7 @@ export class WorkPanel {
       labelled("Make least", this.merit),
       labelled("Free form", this.shape),
       h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
+      this.keepsLabel,
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
       this.bar,
@@ -42,6 +46,7 @@ export class WorkPanel {
   /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
   show(design: Design, reason: string | null): void {
     this.design.hidden = !design.requirements?.mirror;
+    this.keepsLabel.hidden = !limitsOf(design.requirements).length;
     this.reason.hidden = reason === null;
     this.reason.textContent = reason ?? "";
     this.begin.disabled = this.task.isUnderWay || reason !== null;
@@ -49,7 +54,7 @@ export class WorkPanel {
 
   private start(what: Task["what"]): void {
     const { tables, requirements, distance } = this.hands.now();
-    const task: Task = { what, tables, requirements, object_distance_mm: distance, merit: this.merit.value, shape: this.shape.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
+    const task: Task = { what, tables, requirements, object_distance_mm: distance, merit: this.merit.value, shape: this.shape.value, terms: Number(this.terms.value), starts: Number(this.starts.value), keeps_limits: this.keeps.checked };
     const cutOff = () => this.stop("The search was cut off; the design is as it was.");
     this.task.begin("api/bench/work", [task], (news) => this.told(news), cutOff);
     this.running(true);

@@ -28,9 +28,11 @@ export const PLOTS: Plot[] = [
 ];
 
 /** A plot with the words of the vocabulary. */
-interface Chart {
+export interface Chart {
   title: string;
   group: string;
+  /** Which block of numbers holds its columns. */
+  block: "curves" | "limits";
   unit: string;
   columns: { name: string; symbol: string; dashed: boolean }[];
   places: number;
@@ -42,8 +44,29 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
     const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
-    return { title: title ?? quantities[0].title, group, unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
+    return { title: title ?? quantities[0].title, group, block: "curves", unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
   });
+
+/** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */
+export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
+  title: column.replace(quantity.name, quantity.title),
+  group: "Limits",
+  block: "limits",
+  unit: unitWords(quantity.unit),
+  columns: [{ name: column, symbol: symbolOf(quantity), dashed: false }],
+  places: 3,
+  hint: explained(quantity),
+});
+
+/** Something that lies over a chart and is moved by hand. */
+export interface Over {
+  /** Whether it is moved now: what is under it then keeps its scale. */
+  readonly isHeld: boolean;
+  /** Values that the chart shows too, where they are not far from its curves. */
+  reach: () => number[];
+  /** Lie where the curve of the design in hand is now; null where the chart shows differences. */
+  lay: (plot: uPlot, first: Curves | null) => void;
+}
 
 /** A design that is drawn: its colour, its name, what was found. */
 export interface Drawn {
@@ -55,7 +78,7 @@ export interface Drawn {
 }
 
 /** The curves of a design, one for each column; of a difference, by how much the design in hand exceeds it. */
-interface Curves {
+export interface Curves {
   of: Drawn;
   omega: Float32Array;
   values: Float32Array[];
@@ -70,6 +93,7 @@ const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
 const POINT = 0.1; // of the image radius: about the point of a mirror, where a degree of azimuth shrinks to nothing
 const STEEP = 4; // values there that are so many times as spread do not set the scale
+const REACH = 1; // of the spread of the curves, to which a limit beyond them is shown
 
 /** One chart with all designs in it. */
 export class ChartView {
@@ -84,7 +108,7 @@ export class ChartView {
   private range: [number, number] = [0, 1];
   private resting: string | null = null;
 
-  constructor(readonly chart: Chart, private readonly cursor: Cursor) {
+  constructor(readonly chart: Chart, private readonly cursor: Cursor, private readonly overs: readonly Over[] = []) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
     this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), files(chart.title, (kind) => this.save(kind))), this.readout, this.place);
     this.place.setAttribute("role", "img");
@@ -96,12 +120,13 @@ export class ChartView {
 
   /** Draw designs, or by how much the first differs from the others. */
   show(drawn: Drawn[], isDifference: boolean): void {
-    this.drawn = drawn;
-    this.isDifference = isDifference && drawn.length > 1;
-    this.curves = this.isDifference ? this.differences() : drawn.map((d) => this.curvesOf(d));
-    const shape = `${drawn.map((d) => d.ink).join()} ${this.isDifference}`;
+    this.drawn = drawn.filter((d) => this.table(d));
+    if (!this.drawn.length) return;
+    this.isDifference = isDifference && this.drawn.length > 1;
+    this.curves = this.isDifference ? this.differences() : this.drawn.map((d) => this.curvesOf(d));
+    const shape = `${this.drawn.map((d) => d.ink).join()} ${this.isDifference}`;
     const data = this.data();
-    this.range = this.spread();
+    if (!this.overs.some((over) => over.isHeld)) this.range = this.reaching(this.spread());
     if (this.plot && shape === this.shape) this.plot.setData(data);
     else {
       this.plot?.destroy();
@@ -138,6 +163,14 @@ export class ChartView {
     return isSteep ? outside : all;
   }
 
+  /** The range with what lies over the chart, as far as it is near. */
+  private reaching([low, high]: [number, number]): [number, number] {
+    if (this.isDifference) return [low, high];
+    const room = REACH * (high - low || Math.abs(high));
+    const near = this.overs.flatMap((over) => over.reach()).filter((v) => v >= low - room && v <= high + room);
+    return [Math.min(low, ...near), Math.max(high, ...near)];
+  }
+
   private options(): uPlot.Options {
     const series = this.bottomUp().flatMap(({ of: d }) =>
       this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashes(d.dots, dashed), spanGaps: true, points: { show: false } })),
@@ -156,7 +189,7 @@ export class ChartView {
       ],
       series: [{}, ...series],
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
-      hooks: { setCursor: [(u) => this.moved(u)], draw: [(u) => this.label(u)] },
+      hooks: { setCursor: [(u) => this.moved(u)], draw: [(u) => this.label(u), (u) => this.lay(u)] },
     };
   }
 
@@ -166,8 +199,8 @@ export class ChartView {
   }
 
   private curvesOf(d: Drawn): Curves {
-    const table = curves(d)!;
-    return { of: d, omega: table.column("omega_deg"), values: this.chart.columns.map(({ name }) => table.column(name)), heights: table.column("h_px"), rim: d.found.facts!.rim_radius_px };
+    const table = this.table(d)!;
+    return { of: d, omega: table.column("omega_deg"), values: this.chart.columns.map(({ name }) => table.column(name)), heights: d.found.block("curves")!.column("h_px"), rim: d.found.facts!.rim_radius_px };
   }
 
   private differences(): Curves[] {
@@ -208,6 +241,17 @@ export class ChartView {
       ctx.fillText(String(d.dots), x, y - 4 * dots);
     }
     ctx.restore();
+  }
+
+  private lay(u: uPlot): void {
+    for (const over of this.overs) over.lay(u, this.isDifference ? null : (this.curves[0] ?? null));
+  }
+
+  /** The numbers of a design that the chart draws; null where it has none of them. */
+  private table({ found }: Drawn): Table | null {
+    const { block, columns } = this.chart;
+    const names = found.blocks.find((b) => b.name === block)?.columns ?? [];
+    return columns.every((c) => names.includes(c.name)) ? found.block(block) : null;
   }
 
   private save(kind: "svg" | "csv"): void {
@@ -288,8 +332,6 @@ export function dashes(dots: number, isDashed = false): number[] | undefined {
   if (!dots) return isDashed ? [6, 4] : undefined;
   return [DASH, gap, ...Array.from({ length: dots }, () => [DOT, gap]).flat()];
 }
-
-const curves = (d: Drawn): Table | null => d.found.block("curves");
 
 /** Buttons that save a plot. */
 export function files(title: string, saved: (kind: "svg" | "csv") => void, kinds: readonly ("svg" | "csv")[] = ["svg", "csv"]): HTMLElement {

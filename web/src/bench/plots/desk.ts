@@ -2,9 +2,13 @@ import { colour, h } from "../../shared/dom";
 import type { QuantityOf } from "../../shared/messages";
 import type { Found } from "../found";
 import { type Design, nameOf, type Pin } from "../designs/design";
+import { limitsOf } from "../designs/requirements";
 import { glossary } from "../glossary";
+import type { BendHands } from "../hands/handle";
+import { type LimitHands, LimitLines, linesOf } from "../hands/limits";
+import { MappingHandles } from "../hands/mapping";
 import { alone } from "../supply";
-import { chartsOf, ChartView, type Drawn, PLOTS } from "./charts";
+import { type Chart, chartOf, chartsOf, ChartView, type Drawn, PLOTS } from "./charts";
 import { CompareTable, type PinHands } from "./compare";
 import { Cursor } from "./cursor";
 import { PictureView } from "./picture";
@@ -17,8 +21,17 @@ const DESCRIBED_MS = 400; // after which charts that rest are put into words
 
 /** Kinds of plots, each shown or not. */
 const COMPUTED = ["In space", "Picture"]; // by the server alone
-const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"].filter((group) => !(alone && COMPUTED.includes(group)));
+const LIMITS = "Limits"; // quantities that requirements limit, and no other plot shows
+const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), LIMITS, "Squares", "Picture"].filter((group) => !(alone && COMPUTED.includes(group)));
 const CLOSED = ["In space"]; // until they are opened
+
+/** What changes the design by hand, on its plots; a page without a server bends nothing. */
+interface DeskHands extends PinHands {
+  bending: BendHands;
+  limits: LimitHands;
+  /** Other plots are wanted. */
+  chosen: () => void;
+}
 
 /** What lies on the bench's desk: the table of designs, and the plots of what they do. */
 export class Desk {
@@ -31,20 +44,23 @@ export class Desk {
   private readonly cursor = new Cursor();
   private readonly compare: CompareTable;
   private readonly space = new SpacePlot(this.cursor);
-  private readonly section = new SectionView(this.cursor);
+  private readonly section: SectionView;
   private readonly squares = new SquaresView();
   private readonly picture = new PictureView();
-  private readonly charts: ChartView[];
+  private charts: ChartView[];
+  private readonly lines = new Map<ChartView, LimitLines>();
+  private readonly limited = new Map<string, ChartView>();
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
   private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
   private inks = INKS.map(colour);
   private drawn: Drawn[] = [];
   private describing = 0;
 
-  /** The vocabulary says what columns are called; `chosen` is told when other plots are wanted. */
-  constructor(private readonly place: HTMLElement, vocabulary: QuantityOf[], pins: PinHands, private readonly chosen: () => void) {
-    this.charts = chartsOf(vocabulary).map((chart) => new ChartView(chart, this.cursor));
-    this.compare = new CompareTable(pins);
+  /** The vocabularies say what columns are called, and what requirements limit. */
+  constructor(private readonly place: HTMLElement, vocabulary: QuantityOf[], private readonly limitable: QuantityOf[], private readonly hands: DeskHands) {
+    this.section = new SectionView(this.cursor, alone ? null : hands.bending);
+    this.charts = chartsOf(vocabulary).map((chart) => this.charted(chart));
+    this.compare = new CompareTable(hands);
     const plots = h("div", { className: "plots" }, ...this.grouped().map(([, element]) => element));
     const all = [this.trouble, this.remark, this.compare.element, this.choice(), plots, glossary(vocabulary, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)])];
     this.element = h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, ...all);
@@ -63,6 +79,7 @@ export class Desk {
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
     this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
+    this.showLimits(design, found[0]);
     for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
     this.difference.closest("label")!.hidden = this.drawn.length < 2;
     if (this.shows("In space")) this.space.show(this.drawn);
@@ -106,7 +123,43 @@ export class Desk {
   /** Show the plots that are wanted, and no others. */
   showGroups(): void {
     for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
-    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups label:not(.difference) input")) box.checked = this.shows(box.name);
+    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups label:not(.difference) input")) {
+      box.checked = this.shows(box.name);
+      if (box.name === LIMITS) box.closest("label")!.hidden = !this.charts.some((c) => c.chart.group === LIMITS);
+    }
+  }
+
+  /** A chart, with what lies over it. */
+  private charted(chart: Chart): ChartView {
+    const lines = new LimitLines(this.hands.limits);
+    const isMapping = chart.columns[0].name === "h_px" && !alone;
+    const view = new ChartView(chart, this.cursor, isMapping ? [lines, new MappingHandles(this.hands.bending)] : [lines]);
+    this.lines.set(view, lines);
+    return view;
+  }
+
+  private limitChart(column: string, quantity: string): ChartView {
+    const found = this.limited.get(column) ?? this.charted(chartOf(this.limitable.find((q) => q.name === quantity)!, column));
+    this.limited.set(column, found);
+    return found;
+  }
+
+  /** Draw limits where their quantity is plotted, and plot those that are not. */
+  private showLimits({ requirements }: Design, found: Found | null | undefined): void {
+    const rows = found?.rows ?? [];
+    const limits = limitsOf(requirements);
+    const columns = found?.blocks.find((b) => b.name === "limits")?.columns ?? [];
+    const plotted = new Set(PLOTS.flatMap((p) => p.columns));
+    const wanted = [...new Set(rows.filter((r) => r.limit !== null && columns.includes(r.name) && !plotted.has(r.name)).map((r) => r.name))];
+    const own = this.charts.filter((c) => c.chart.block === "limits");
+    if (wanted.join() !== own.map((c) => c.chart.columns[0].name).join()) {
+      for (const chart of own) chart.element.remove();
+      const made = wanted.map((name) => this.limitChart(name, limits[rows.find((r) => r.name === name)!.limit!].quantity));
+      this.charts = [...this.charts.filter((c) => !own.includes(c)), ...made];
+      this.squares.element.before(...made.map((c) => c.element));
+      this.showGroups();
+    }
+    for (const [chart, lines] of this.lines) lines.take(linesOf(requirements, rows, chart.chart.columns[0].name, this.limitable));
   }
 
   private grouped(): [string, HTMLElement][] {
@@ -121,7 +174,7 @@ export class Desk {
         const others = this.switched.filter((g) => g !== group);
         this.switched = box.checked === CLOSED.includes(group) ? [...others, group] : others;
         this.showGroups();
-        this.chosen();
+        this.hands.chosen();
       });
       return h("label", {}, box, h("span", {}, group));
     });

@@ -1,5 +1,7 @@
 import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
+import type { BendHands } from "../hands/handle";
+import { ProfileHandles } from "../hands/profile";
 import { blocksLike, type Table } from "../found";
 import { dashes, type Drawn, files } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
@@ -28,11 +30,16 @@ export class SectionView {
   private readonly close = svg("svg", { class: "section", role: "img", "aria-label": "Virtual images" });
   private readonly readout = h("output", { className: "readout" });
   private readonly note = h("span", { className: "quiet" });
-  private readonly pair = h("div", { className: "pair" }, this.whole, this.close);
+  private readonly overWhole = h("div", { className: "over" }, this.whole);
+  private readonly pair = h("div", { className: "pair" }, this.overWhole, this.close);
   private readonly sizes: Sizes;
+  private readonly handles: ProfileHandles | null;
   private drawn: Drawn[] = [];
+  private window: Window | null = null;
 
-  constructor(private readonly cursor: Cursor) {
+  /** `bending` is what bends the mirror by hand; null where nothing does. */
+  constructor(private readonly cursor: Cursor, bending: BendHands | null) {
+    this.handles = bending && new ProfileHandles(this.overWhole, bending);
     this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note, files("the cross-section", () => this.save(), ["svg"])), this.readout, this.pair);
     cursor.listen(() => this.drawCursor());
     for (const place of [this.whole, this.close]) place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
@@ -84,7 +91,9 @@ export class SectionView {
     const widest = Math.max(...this.drawn.map((d) => d.found.facts!.rim_radius_mm));
     const band = first.found.block("focus")?.column("z_mm");
     const top = Math.max(high, Math.min(band ? band[0] : high, FAR_AWAY * M));
-    const frame = new Frame(this.whole, this.sizes.of(this.whole), { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] });
+    const isHeld = this.window !== null && this.handles?.isHeld; // what is dragged keeps its scale
+    this.window = isHeld ? this.window! : { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] };
+    const frame = new Frame(this.whole, this.sizes.of(this.whole), this.window);
     frame.axis();
     if (band) frame.band(band);
     for (const d of [...this.drawn].reverse()) {
@@ -93,6 +102,7 @@ export class SectionView {
       frame.curve(d.found.block("lens"), d.ink, "lens");
     }
     frame.labels();
+    this.handles?.lay(frame, first.found);
   }
 
   private drawClose(first: Drawn): void {
@@ -137,7 +147,8 @@ const framed = new WeakMap<SVGElement, Frame>();
 
 /** A drawing to scale in an SVG, in its own pixels. */
 class Frame {
-  private readonly scale: number;
+  /** Pixels per mm. */
+  readonly scale: number;
   private readonly origin: Point;
   private readonly width: number;
   private readonly height: number;

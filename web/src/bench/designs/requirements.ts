@@ -1,0 +1,18 @@
+import type { Tables } from "./design";
+
+/** A limit as a requirement file states it. */
+export interface Limit {
+  quantity: string;
+  at_least?: number | null;
+  at_most?: number | null;
+  omega_deg?: [number, number] | null;
+  /** Spatial frequency, of limits of the MTF. */
+  cycles_per_px?: number | null;
+}
+
+export const limitsOf = (requirements: Tables | null): Limit[] => (requirements?.limit as Limit[] | undefined) ?? [];
+
+/** The requirements with another list of limits, without entries that say nothing. */
+export const withLimits = (requirements: Tables, limits: readonly Limit[]): Tables => ({ ...requirements, limit: limits.map(clean) });
+
+const clean = (limit: Limit): Limit => Object.fromEntries(Object.entries(limit).filter(([, v]) => v !== null && v !== undefined)) as unknown as Limit;

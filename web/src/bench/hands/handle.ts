@@ -1,0 +1,64 @@
+import { h } from "../../shared/dom";
+import type { Bend } from "../../shared/messages";
+
+/** Bends the mirror on the bench by hand, until it is let go. */
+export interface BendHands {
+  bend: (bend: Bend) => void;
+  letGo: () => void;
+}
+
+/** What is done with a handle. */
+interface Drag {
+  /** It is held, or an arrow key is about to move it. */
+  begin: () => void;
+  /** It is moved by so much since it was taken, px to the right and down. */
+  move: (right: number, down: number) => void;
+  /** It was let go. */
+  end: () => void;
+}
+
+const [STEP_PX, LARGE_STEP_PX] = [1, 10];
+const ARROWS: Record<string, readonly [number, number]> = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
+
+/** Something on a plot that is dragged: by pointer, or by arrow keys, with Shift ten times as far. */
+export function handle(className: string, title: string, drag: Drag): HTMLElement {
+  const element = h("div", { className: `handle ${className}`, tabIndex: 0, role: "slider", title, "aria-label": title });
+  let from: readonly [number, number] | null = null;
+  element.addEventListener("pointerdown", (e) => {
+    if (e.button !== 0) return;
+    e.preventDefault();
+    element.setPointerCapture(e.pointerId);
+    element.focus();
+    from = [e.clientX, e.clientY];
+    element.classList.add("held");
+    drag.begin();
+  });
+  element.addEventListener("pointermove", (e) => from && drag.move(e.clientX - from[0], e.clientY - from[1]));
+  const letGo = (): void => {
+    if (!from) return;
+    from = null;
+    element.classList.remove("held");
+    drag.end();
+  };
+  element.addEventListener("pointerup", letGo);
+  element.addEventListener("pointercancel", letGo);
+  element.addEventListener("keydown", (e) => {
+    const way = ARROWS[e.key];
+    if (!way || e.ctrlKey || e.metaKey || e.altKey) return;
+    e.preventDefault();
+    e.stopPropagation();
+    const step = e.shiftKey ? LARGE_STEP_PX : STEP_PX;
+    drag.begin();
+    drag.move(step * way[0], step * way[1]);
+    drag.end();
+  });
+  return element;
+}
+
+/** Put a handle where it is on its plot, px, and say what it stands at. */
+export function place(element: HTMLElement, left: number, top: number, value: number, words: string): void {
+  element.style.left = `${left}px`;
+  element.style.top = `${top}px`;
+  element.setAttribute("aria-valuenow", String(value));
+  element.setAttribute("aria-valuetext", words);
+}

@@ -1,0 +1,116 @@
+import type uPlot from "uplot";
+import { h } from "../../shared/dom";
+import type { JudgementOf, QuantityOf } from "../../shared/messages";
+import { clamp, words } from "../../shared/numbers";
+import type { Tables } from "../designs/design";
+import { unitWords } from "../labels";
+import { type Limit, limitsOf } from "../designs/requirements";
+import type { Over } from "../plots/charts";
+import { handle, place } from "./handle";
+
+type Side = "at_least" | "at_most";
+
+/** A limit of one side, as it is drawn: which of the requirements it is, and of what. */
+interface Line {
+  limit: number;
+  side: Side;
+  value: number;
+  title: string;
+  part: [number, number] | null;
+  isMet: boolean;
+}
+
+/** Sets a side of a limit, and settles on it. */
+export interface LimitHands {
+  set: (limit: number, side: Side, value: number) => void;
+  settle: () => void;
+}
+
+const SIGNS: Record<Side, string> = { at_least: "≥", at_most: "≤" };
+const FINE_PX = 0.2; // to which a value is rounded that was dragged
+
+/** The limits of one quantity as lines over its plot, dragged up and down. */
+export class LimitLines implements Over {
+  isHeld = false;
+  private lines: Line[] = [];
+  private elements: HTMLElement[] = [];
+  private plot: uPlot | null = null;
+  private held = { top: 0 };
+
+  constructor(private readonly hands: LimitHands) {}
+
+  /** Take the limits of the requirements whose values stand in a column of the plot. */
+  take(lines: Line[]): void {
+    this.lines = lines;
+    if (lines.length === this.elements.length) return;
+    for (const element of this.elements) element.remove();
+    this.elements = lines.map((_, i) => this.made(i));
+  }
+
+  reach(): number[] {
+    return this.lines.map((l) => l.value);
+  }
+
+  lay(plot: uPlot, first: unknown = true): void {
+    this.plot = plot;
+    for (const element of this.elements) element.hidden = !first;
+    const { clientWidth: width, clientHeight: height } = plot.over;
+    this.lines.forEach((line, i) => {
+      const element = this.elements[i];
+      if (element.parentElement !== plot.over) plot.over.append(element);
+      const at = plot.valToPos(line.value, "y");
+      const top = clamp(at, 0, height);
+      const [from, to] = (line.part ?? [-Infinity, Infinity]).map((omega) => (Number.isFinite(omega) ? clamp(plot.valToPos(omega, "x"), 0, width) : omega < 0 ? 0 : width));
+      const said = `${line.title} ${SIGNS[line.side]} ${words(line.value)}`;
+      place(element, from, top, line.value, said);
+      element.style.width = `${Math.max(24, to - from)}px`;
+      element.title = `${said}: drag it up or down`;
+      element.setAttribute("aria-label", `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`);
+      for (const [name, is] of [["at_least", line.side === "at_least"], ["at_most", line.side === "at_most"], ["missed", !line.isMet]] as const) element.classList.toggle(name, is);
+      const beyond = at < -1 ? "↑ " : at > height + 1 ? "↓ " : "";
+      element.firstElementChild!.textContent = `${beyond}${SIGNS[line.side]} ${words(line.value)} ${line.isMet ? "✓" : "✗"}`;
+    });
+  }
+
+  private made(i: number): HTMLElement {
+    const element = handle("limit-line", "", {
+      begin: () => {
+        this.held.top = parseFloat(element.style.top);
+        this.isHeld = true;
+      },
+      move: (_, down) => this.move(i, down),
+      end: () => {
+        this.isHeld = false;
+        this.hands.settle();
+      },
+    });
+    element.append(h("span", {}));
+    return element;
+  }
+
+  private move(i: number, down: number): void {
+    const { plot, lines } = this;
+    const at = clamp(this.held.top + down, 0, plot!.over.clientHeight);
+    const perPx = Math.abs(plot!.posToVal(1, "y") - plot!.posToVal(0, "y"));
+    const places = clamp(Math.ceil(-Math.log10(FINE_PX * perPx)), 0, 12);
+    const value = Number(plot!.posToVal(at, "y").toFixed(places));
+    lines[i] = { ...lines[i], value };
+    this.lay(plot!);
+    this.hands.set(lines[i].limit, lines[i].side, value);
+  }
+}
+
+/** The lines of the limits whose judgement has a name, which is the column of their values too. */
+export function linesOf(requirements: Tables | null, rows: readonly JudgementOf[], name: string, vocabulary: readonly QuantityOf[]): Line[] {
+  return limitsOf(requirements).flatMap((limit, i) => {
+    const row = rows.find((r) => r.limit === i);
+    if (row?.name !== name) return [];
+    const sides = (["at_least", "at_most"] as const).filter((side) => typeof limit[side] === "number");
+    return sides.map((side): Line => ({ limit: i, side, value: limit[side]!, title: titleOf(limit, vocabulary), part: limit.omega_deg ?? null, isMet: row.is_met }));
+  });
+}
+
+function titleOf({ quantity, cycles_per_px: cycles }: Limit, vocabulary: readonly QuantityOf[]): string {
+  const { title, unit } = vocabulary.find((q) => q.name === quantity)!;
+  return `${title}${cycles ? ` at ${words(cycles)} cycles/px` : ""}${unit ? `, ${unitWords(unit)},` : ""}`;
+}

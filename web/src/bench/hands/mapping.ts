@@ -1,0 +1,61 @@
+import type uPlot from "uplot";
+import { words } from "../../shared/numbers";
+import type { Curves, Over } from "../plots/charts";
+import { interpolated } from "../plots/cursor";
+import { type BendHands, handle, place } from "./handle";
+
+const AT = [0.25, 0.5, 0.75]; // of the field
+
+/** Handles on the curve of image height: pulled up or down, the mapping goes through where they are. */
+export class MappingHandles implements Over {
+  isHeld = false;
+  private readonly elements: HTMLElement[];
+  private plot: uPlot | null = null;
+  private curve: Curves | null = null;
+  private held: { omega: number; top: number } = { omega: 0, top: 0 };
+
+  constructor(private readonly hands: BendHands) {
+    this.elements = AT.map((share) =>
+      handle("point", "Image height: drag up or down to bend the mapping", {
+        begin: () => this.begin(share),
+        move: (_, down) => hands.bend({ of: "mapping", at: this.held.omega, to: this.plot!.posToVal(this.held.top + down, "y") }),
+        end: () => this.end(),
+      }),
+    );
+  }
+
+  reach(): number[] {
+    return [];
+  }
+
+  lay(plot: uPlot, first: Curves | null): void {
+    this.plot = plot;
+    this.curve = first?.of.found.facts?.not_optimised === null ? first : null;
+    AT.forEach((share, i) => {
+      const element = this.elements[i];
+      element.hidden = !this.curve;
+      if (!this.curve) return;
+      if (element.parentElement !== plot.over) plot.over.append(element);
+      const [omega, height] = this.at(share);
+      place(element, plot.valToPos(omega, "x"), plot.valToPos(height, "y"), height, `${words(height)} px at ${words(omega, 3)}°`);
+    });
+  }
+
+  private at(share: number): [omega: number, height: number] {
+    const { omega, values } = this.curve!;
+    const [low, high] = [omega[0], omega[omega.length - 1]];
+    const at = low + share * (high - low);
+    return [at, interpolated(omega, values[0], at)];
+  }
+
+  private begin(share: number): void {
+    const [omega, height] = this.at(share);
+    this.held = { omega, top: this.plot!.valToPos(height, "y") };
+    this.isHeld = true;
+  }
+
+  private end(): void {
+    this.isHeld = false;
+    this.hands.letGo();
+  }
+}
