@@ -30,11 +30,16 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and oth
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
-programs: $(BIN)/python  ## Blender, Newton and GStreamer beside the package, for tests of what is handed to them (1.5 GB)
-	@{ command -v gst-launch-1.0 && command -v cvlc; } >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the package, for tests of what is handed to them (2 GB)
+	@{ command -v gst-launch-1.0 && command -v cvlc && command -v qemu-system-arm; } >/dev/null || { \
+	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
-	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base >/dev/null; } || \
-	  echo "there is no GStreamer here: the tests of what is handed to it are skipped"
+	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base \
+	  libobs0 libegl1 libgl1-mesa-dri xvfb xauth glslang-tools spirv-cross qemu-system-arm >/dev/null; } || \
+	  echo "there are not all programs here: the tests of what is handed to those that are not are skipped"
+	@if command -v npm >/dev/null; then \
+	  npm install --silent --no-audit --no-fund --prefix $(VENV)/node @micropython/micropython-webassembly-pyscript; fi
+	$(PIP) ziglang
 	for name in blender:bpy newton:newton; do \
 	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install $${name##*:} || exit 1; \
 	done

@@ -12,12 +12,13 @@ from typing import NamedTuple
 PROGRAMS = {
     "Optiland": "optiland", "Mitsuba 3": "mitsuba", "OpenCV": "opencv-contrib-python-headless", "FFmpeg": "av",
     "COLMAP": "pycolmap", "Blender": "bpy", "GStreamer": "gstreamer",
+    "OBS Studio": "libobs",
 }  # fmt: skip
 """In the order of the page, and what each is installed as."""
 HEAD = """# Cross-validation
 
 What omnimirror computes beside what other programs compute of the same, each with code of its own. The full tests
-write this page (`make test-full`, with `make programs` before it for Blender and GStreamer): no number in it was
+write this page (`make test-full`, with `make programs` before it for Blender, GStreamer and OBS): no number in it was
 entered by hand. *Off by* is the most of all cases; the tests fail where it is over *within*.
 
 """

@@ -1,20 +1,24 @@
-"""Programs that take maps: a browser, ffmpeg, GStreamer and a compiled C file."""
+"""Programs that take maps: a browser, ffmpeg, GStreamer, OBS, compiled C files and MicroPython."""
 
 from __future__ import annotations
 
+import ast
 import base64
 import ctypes
 import os
 import shutil
 import subprocess
 import sys
+from ctypes.util import find_library
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 
 import omnimirror as om
 from tests.studio.browser import FLAGS, chromium
 
+HERE = Path(__file__).parent
 DRAW = """
 async ([shader, table, pixels, size, source, tabled]) => {
   const canvas = document.createElement("canvas");
@@ -68,9 +72,45 @@ void main() {
 def drawn(page, shader, picture, size, table=None, table_size=(0, 0)):
     """What WebGL 2 draws in a page, its top row first."""
     tabled, pixels = (base64.b64encode(b).decode() for b in (table.read_bytes() if table else b"", picture.tobytes()))
-    words = [shader.read_text(), tabled, pixels, list(size), list(picture.shape[1::-1]), list(table_size)]
+    text = shader if isinstance(shader, str) else shader.read_text()
+    words = [text, tabled, pixels, list(size), list(picture.shape[1::-1]), list(table_size)]
     read = np.frombuffer(base64.b64decode(page.evaluate(DRAW, words)), np.uint8)
     return read.reshape(size[1], size[0], 4)[::-1, :, :3]
+
+
+def glsl_of(hlsl):
+    """A shader of Direct3D as one of WebGL 2, by glslang and SPIRV-Cross; None where they are not here."""
+    if not (shutil.which("glslangValidator") and shutil.which("spirv-cross")):
+        return None
+    compiled, translated = hlsl.with_suffix(".spv"), hlsl.with_suffix(".spv.frag")
+    words = ["glslangValidator", "-D", "-V", "-S", "frag", "-e", "main", hlsl, "-o", compiled]
+    run = subprocess.run(words, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    words = ["spirv-cross", compiled, "--version", "300", "--es", "--flatten-ubo", "--output", translated]
+    subprocess.run(words, check=True)
+    text = translated.read_text().replace(
+        "uniform highp vec4 Drawing[2];", "uniform vec2 resolution; uniform vec4 border;"
+    )
+    for theirs, ours in {
+        "Drawing[0].xy": "resolution",
+        "Drawing[1]": "border",
+        "SPIRV_Cross_CombinedtableSPIRV_Cross_DummySampler": "table",
+        "SPIRV_Cross_Combinedpicturesmooth": "picture",
+    }.items():
+        text = text.replace(theirs, ours)
+    return text
+
+
+def drawn_by_obs(effect, table, picture, size, folder):
+    """What OBS's own library draws by an effect, on a screen of Xvfb, (h, w, 3); None where they are not here."""
+    if not (shutil.which("xvfb-run") and find_library("obs") and find_library("obs-opengl")):
+        return None
+    source, view = folder / "source.npy", folder / "view.npy"
+    np.save(source, picture)
+    words = ["xvfb-run", "-a", sys.executable, HERE / "in_obs.py", effect, table, source, *map(str, size), view]
+    run = subprocess.run(words, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return np.load(view)[..., :3]
 
 
 def remapped(paths, picture):
@@ -146,6 +186,38 @@ def straightened(library, name, picture, view):
     return view
 
 
+CORTEX_M7 = "-target thumb-freestanding-eabi -mcpu=cortex_m7 -std=c99 -O2 -ffreestanding -nostdlib -ffunction-sections"
+MACHINE = (
+    "-M mps2-an500 -nographic -monitor none -serial none -semihosting-config enable=on,target=native -icount shift=0"
+)
+
+
+def on_a_cortex_m7(c_file):
+    """Instructions of the view ``ahead`` of a picture of noise, and a sum of its pixels; None without emulator."""
+    if not (shutil.which("qemu-system-arm") and find_spec("ziglang")):
+        return None
+    program = c_file.with_suffix(".elf")
+    sources = ["-I", c_file.parent, "-T", HERE / "cortex_m7.ld", HERE / "cortex_m7.c", c_file, "-o", program]
+    compiler = [sys.executable, "-m", "ziglang", "cc", *CORTEX_M7.split(), "-Wl,--gc-sections"]
+    subprocess.run([*compiler, *sources], check=True, capture_output=True)
+    run = subprocess.run(["qemu-system-arm", *MACHINE.split(), "-kernel", program], capture_output=True, text=True)
+    instructions, total = (int(word, 16) for word in run.stderr.split())  # where it puts what the program says
+    return instructions, total
+
+
+MICROPYTHON = Path(sys.prefix) / "node/node_modules/@micropython/micropython-webassembly-pyscript"
+
+
+def by_micropython(paths, expression):
+    """What an expression of the module, there called ``view``, is in MicroPython; None where that is not here."""
+    if not (shutil.which("node") and MICROPYTHON.exists()):
+        return None
+    words = ["node", HERE / "in_micropython.mjs", MICROPYTHON, *paths, expression]
+    run = subprocess.run(words, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    return ast.literal_eval(run.stdout)
+
+
 # -- a whole view by each, for the picture in the docs ---------------------------------------------------
 
 
@@ -174,4 +246,17 @@ def in_gstreamer(sensor, view, picture, folder):
     return piped(done.paths[0], picture, folder)
 
 
-PROGRAMS = (in_c, in_browser, in_gstreamer, in_ffmpeg)
+def in_opencv(sensor, view, picture, folder):
+    import cv2
+
+    (done,) = om.write_maps(sensor, view, folder / "view.npz", formats="opencv")
+    maps = np.load(done.paths[0])
+    return cv2.remap(picture, maps["map_x"], maps["map_y"], cv2.INTER_LINEAR)
+
+
+def in_obs(sensor, view, picture, folder):
+    (done,) = om.write_maps(sensor, view, folder / "view.effect", formats="obs")
+    return drawn_by_obs(*done.paths, picture, view.size, folder)
+
+
+PROGRAMS = (in_c, in_browser, in_gstreamer, in_obs, in_opencv, in_ffmpeg)

@@ -8,6 +8,8 @@ import runpy
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import reduce
+from itertools import accumulate
 
 import cv2
 import numpy as np
@@ -17,7 +19,18 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.handoff.maps import MAP_FORMATS
 from omnimirror.mirrors.pose import MirrorPose
-from tests.handoff.maps.consumers import compiled, compilers, drawn, piped, remapped, straightened
+from tests.handoff.maps.consumers import (
+    by_micropython,
+    compiled,
+    compilers,
+    drawn,
+    drawn_by_obs,
+    glsl_of,
+    on_a_cortex_m7,
+    piped,
+    remapped,
+    straightened,
+)
 from tests.studio.browser import FLAGS
 
 SENSOR = om.load_sensor("paper-spherical")
@@ -175,6 +188,37 @@ def test_the_hlsl_shader_has_the_same_table(tmp_path):
 
 
 @pytest.mark.long
+def test_the_hlsl_shader_draws_the_view(page, picture, straight, seen, tmp_path):
+    paths = written("hlsl", tmp_path).paths
+    translated = glsl_of(paths[0])
+    if translated is None:
+        pytest.skip("there are no glslang and SPIRV-Cross here: make programs")
+    theirs = drawn(page, translated, picture, (320, 240), paths[1], (320, 240))[::-1]  # Direct3D counts from the top
+    assert off_by(straight, theirs, seen) <= 1
+    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
+
+
+def test_obs_gets_a_picture_of_the_map(tmp_path):
+    effect, table = written("obs", tmp_path).paths
+    digits = om.read_image(table).astype(float)
+    found = digits @ [256.0, 1.0, 1 / 256] - 1
+    places, there = om.view_map(SENSOR, AHEAD).straighten, digits[:, :320].any(-1)
+    assert (there == np.isfinite(places).all(-1)).all()
+    assert np.abs(np.stack([found[:, :320], found[:, 320:]], -1) - places)[there].max() <= 1 / 512 + 1e-9
+    assert f'"{table.name}"' in effect.read_text()
+
+
+def test_obs_draws_the_view(picture, straight, seen, tmp_path, beside):
+    theirs = drawn_by_obs(*written("obs", tmp_path).paths, picture, (320, 240), tmp_path)
+    if theirs is None:
+        pytest.skip("there is no libobs here: make programs")
+    off = off_by(straight, theirs, seen)
+    what = "a view by its library with our effect, largest difference in grey levels"
+    beside("OBS Studio", what, off, 1, "", (tmp_path / "version.txt").read_text())
+    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
+
+
+@pytest.mark.long
 def test_glshaders_shader_holds_the_map_itself(page, picture, straight, seen, tmp_path):
     done = written("gstreamer", tmp_path)
     assert done.deviation.size < 0.03
@@ -304,6 +348,33 @@ def test_micropython_knows_the_same(tmp_path):
         module["TABLES"].close()
 
 
+def test_micropython_itself_knows_the_same(tmp_path):
+    (done,) = om.write_maps(SENSOR, AHEAD, tmp_path / "ahead.py", formats="openmv")
+    pixels = [pixel for pixel, _ in floor_points(lambda a, b: None)]
+    floor = f"[view.floor_cm(u, v, 80) for u, v in {np.array(pixels).tolist()}]"
+    found = by_micropython(done.paths, f"[view.place(160, 120), view.place(320, 0)] + {floor}")
+    if found is None:
+        pytest.skip("there is no MicroPython here: make programs")
+    assert np.hypot(*(np.array(found[0]) - om.view_map(SENSOR, AHEAD).straighten[120, 160])) < 0.03
+    assert found[1] is None
+    for pixel, point in zip(pixels, found[2:], strict=True):
+        assert_on_floor(pixel, point)
+
+
+def test_a_cortex_m7_straightens_as_this_machine_does_and_in_time(c_file, library):
+    """20 ms of an OpenMV H7's 480 MHz are 9.6 million clocks; in each that core starts up to two instructions."""
+    found = on_a_cortex_m7(c_file)
+    if found is None:
+        pytest.skip("there is no qemu-system-arm with ziglang here: make programs")
+    instructions, total = found
+    noise = accumulate(range(512 * 500), lambda each, _: (1664525 * each + 1013904223) % 2**32, initial=1)
+    source = (np.array(list(noise)[1:]) >> 24).astype(np.uint8).reshape(500, 512, 1)
+    view = straightened(library, "ahead", source, np.zeros((240, 320, 1), np.uint8))
+    assert total == reduce(lambda a, b: (31 * a + b) % 2**32, view.ravel().tolist())
+    print(f"{instructions / 1e6:.2f} million instructions")
+    assert instructions < 9.6e6
+
+
 MAIN = """
 #include "ahead.h"
 static uint8_t source[AHEAD_SOURCE_WIDTH * AHEAD_SOURCE_HEIGHT], view[AHEAD_WIDTH * AHEAD_HEIGHT];
@@ -346,5 +417,18 @@ def test_few_nodes_hold_no_mosaic(kind, tmp_path):
 
 
 def test_every_format_is_tried_here():
-    tried = {"stmap", "opencv", "opencv-yml", "ffmpeg", "glsl", "hlsl", "vpi", "c99", "openmv", "gstreamer", "depthai"}
+    tried = {
+        "stmap",
+        "opencv",
+        "opencv-yml",
+        "ffmpeg",
+        "glsl",
+        "hlsl",
+        "vpi",
+        "c99",
+        "openmv",
+        "gstreamer",
+        "depthai",
+        "obs",
+    }
     assert set(MAP_FORMATS) == tried

@@ -55,6 +55,20 @@ class ViewMap:
         """(width, height) of the camera's pictures, px."""
         return self.camera.image_size
 
+    @property
+    def sizes(self) -> str:
+        """Those of view and picture, for people."""
+        return "{} x {} px of {} x {}".format(*self.size, *self.source_size)
+
+    @property
+    def words(self) -> dict[str, object]:
+        """What every script is filled with."""
+        (width, height), (source_width, source_height) = self.size, self.source_size
+        return {
+            "camera": self.name, "view": self.view, "width": width, "height": height,
+            "source_width": source_width, "source_height": source_height,
+        }  # fmt: skip
+
     @cached_property
     def straighten(self) -> Array:
         """(height, width, 2): where in the picture each pixel of the view lies, (u, v) px; NaN outside the field."""

@@ -10,6 +10,8 @@ import numpy as np
 from ..formats import Deviation, ProgramFormat, filled
 from .fixed_views import ViewMap
 
+CARD_PX = 2.0**-9
+"""By how much graphics cards miss a place: they know 256 of them between pixels."""
 NOWHERE = -1e6  # px; far from anything, so that means with it are outside too
 
 
@@ -18,14 +20,8 @@ def _writer(template: str) -> Callable[[ViewMap, tuple[Path, ...]], tuple[str, D
         """The shader, and its table: little-endian floats (u, v), row by row from the top."""
         shader, table = paths
         np.nan_to_num(view.straighten, nan=NOWHERE).astype("<f4").tofile(table)
-        (width, height), (source_width, source_height) = view.size, view.source_size
-        words = filled(
-            template, camera=view.name, view=view.view, table=table.name, width=width, height=height,
-            source_width=source_width, source_height=source_height,
-        )  # fmt: skip
-        shader.write_text(words, encoding="utf-8")
-        why = "graphics cards know 256 places between pixels"
-        return f"{width} x {height} px of {source_width} x {source_height}", Deviation(2.0**-9, "px", why)
+        shader.write_text(filled(template, table=table.name, **view.words), encoding="utf-8")
+        return view.sizes, Deviation(CARD_PX, "px", "graphics cards know 256 places between pixels")
 
     return write
 

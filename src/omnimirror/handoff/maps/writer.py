@@ -16,6 +16,7 @@ from .lattices.c99 import C99
 from .lattices.depthai import DEPTHAI
 from .lattices.gstreamer import GSTREAMER
 from .lattices.openmv import OPENMV
+from .obs import OBS
 from .opencv import OPENCV, OPENCV_YML
 from .shaders import GLSL, HLSL
 from .stmap import STMAP
@@ -36,6 +37,7 @@ MAP_FORMATS: Formats[ViewMap] = registry(
         "openmv": OPENMV,
         "gstreamer": GSTREAMER,
         "depthai": DEPTHAI,
+        "obs": OBS,
     },
 )
 """Every format of maps by the word that names it."""

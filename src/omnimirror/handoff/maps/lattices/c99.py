@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from ...formats import Deviation, ProgramFormat, filled
 from ...rays.table import ray_table
 from ..fixed_views import ViewMap
-from .lattice import MapLattice, check_small, finest_lattice, interpolated, lattice_of, spans_of, weights
+from .lattice import MapLattice, check_small, finest_lattice, interpolated, lattice_of, listed, spans_of, weights
 
 PLACE_BITS = 15  # of the fraction of a pixel
 ROUNDING_PX = 0.002
@@ -28,8 +27,7 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     for path, template in ((source, "view.c.in"), (header, "view.h.in")):
         path.write_text(filled(template, **values, name=name, guard=name.upper(), header=header.name), encoding="utf-8")
     bytes_ = 8 * lattice.nodes[..., 0].size + 12 * rays.nodes[..., 0].size
-    what = "{} x {} px of {} x {}, {:.0f} KB of tables".format(*view.size, *view.source_size, bytes_ / 1000)
-    return f"{what}; {values['floor_words']}", deviation_of(lattice)
+    return f"{view.sizes}, {bytes_ / 1000:.0f} KB of tables; {values['floor_words']}", deviation_of(lattice)
 
 
 def deviation_of(lattice: MapLattice) -> Deviation:
@@ -44,17 +42,16 @@ def c_values(view: ViewMap) -> tuple[dict[str, object], MapLattice, MapLattice]:
     check_small(view.size, "views")
     lattice, (rays, floor_cm) = finest_lattice(view.straighten), floor_lattice(view)
     origin_scale = float(np.floor(32767 / max(1e-3, np.abs(rays.nodes[..., :3]).max())))
-    whole = np.rint(rays.nodes * np.repeat([origin_scale, 16384.0], 3)).clip(-32768, 32767)
+    whole = (rays.nodes * np.repeat([origin_scale, 16384.0], 3)).clip(-32768, 32767)
     starts, runs = spans_of(lattice.spans)
     floor_starts, floor_runs = spans_of(rays.spans)
     return (
         {
-            "camera": view.name, "view": view.view, "width": view.size[0], "height": view.size[1],
-            "source_width": view.source_size[0], "source_height": view.source_size[1],
+            **view.words,
             "step": lattice.step, "columns": lattice.nodes.shape[1], "bits": PLACE_BITS,
-            "nodes": listed(np.rint(lattice.nodes * 2**PLACE_BITS)), "starts": listed(starts), "runs": listed(runs),
+            "nodes": listed(flat(lattice.nodes * 2**PLACE_BITS)), "starts": listed(starts), "runs": listed(runs),
             "floor_step": rays.step, "floor_columns": rays.nodes.shape[1], "origin_scale": f"{origin_scale:.1f}f",
-            "rays": listed(whole), "floor_starts": listed(floor_starts), "floor_runs": listed(floor_runs),
+            "rays": listed(flat(whole)), "floor_starts": listed(floor_starts), "floor_runs": listed(floor_runs),
             "weights": braced(np.rint(1024 * weights(lattice.step))),
             "floor_words": f"floor within {floor_cm:.2g} cm at 1 m height, as far as {FLOOR_REACH:g} m",
         },
@@ -90,10 +87,10 @@ def _on_floor(rays: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where((far > 0)[..., None], rays[..., :2] + far[..., None] * rays[..., 3:5], np.nan)
 
 
-def listed(values: NDArray[np.float64] | Iterable[int]) -> str:
-    """Whole numbers with commas between them, in lines."""
-    numbers = [str(int(v)) for v in np.asarray(values).ravel()]
-    return ",\n    ".join(", ".join(numbers[i : i + 16]) for i in range(0, len(numbers), 16))
+def flat(values: NDArray[np.float64]) -> list[int]:
+    """The whole numbers next to all values."""
+    numbers: list[int] = np.rint(values).astype(int).ravel().tolist()
+    return numbers
 
 
 def braced(values: NDArray[np.float64]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,6 +86,12 @@ def spans_of(spans: Spans) -> tuple[list[int], list[int]]:
     """Where the runs of each row start in the list of all, with one more for the end; and all, two numbers each."""
     starts = np.concatenate([[0], np.cumsum([len(row) for row in spans])])
     return starts.tolist(), [number for row in spans for run in row for number in run] or [0, 0]
+
+
+def listed(items: Iterable[object], in_line: int = 16) -> str:
+    """Items with commas between them, in lines."""
+    words = [str(item) for item in items]
+    return ",\n    ".join(",".join(words[i : i + in_line]) for i in range(0, len(words), in_line))
 
 
 def check_small(size: tuple[int, int], what: str) -> None:

@@ -21,17 +21,15 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     tables.write_bytes(places.tobytes() + floor.tobytes() + seen.tobytes())
     script.write_text(
         filled(
-            "openmv_view.py.in", camera=view.name, view=view.view, tables=tables.name,
-            width=view.size[0], height=view.size[1],
-            source_width=view.source_size[0], source_height=view.source_size[1],
+            "openmv_view.py.in", **view.words, tables=tables.name,
             step=lattice.step, columns=lattice.nodes.shape[1], bits=values["bits"], rays_at=places.nbytes,
             floor_step=rays.step, floor_columns=rays.nodes.shape[1], origin_scale=float(scale),
             seen_at=places.nbytes + floor.nbytes, seen_bytes=seen.shape[1],
         ),
         encoding="utf-8",
     )  # fmt: skip
-    what = "{} x {} px of {} x {}, {:.0f} KB".format(*view.size, *view.source_size, tables.stat().st_size / 1000)
-    return f"{what}; {values['floor_words']}", deviation_of(lattice)
+    size = tables.stat().st_size / 1000
+    return f"{view.sizes}, {size:.0f} KB; {values['floor_words']}", deviation_of(lattice)
 
 
 def _mask(spans: list[list[tuple[int, int]]], width: int) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
