@@ -12,7 +12,7 @@ from typing import NamedTuple
 PROGRAMS = {
     "Optiland": "optiland", "Mitsuba 3": "mitsuba", "OpenCV": "opencv-contrib-python-headless", "FFmpeg": "av",
     "COLMAP": "pycolmap", "Blender": "bpy", "GStreamer": "gstreamer",
-    "OBS Studio": "libobs",
+    "OBS Studio": "libobs", "OpenImageIO": "openimageio",
 }  # fmt: skip
 """In the order of the page, and what each is installed as."""
 HEAD = """# Cross-validation

@@ -1,6 +1,6 @@
 """The pictures of docs/handoff.md: what programs make of the files that are handed to them, beside ours.
 
-python docs/images/handoff.py --blender .venv/blender/bin/python
+python docs/images/handoff.py --blender .venv/blender/bin/python --newton .venv/newton/bin/python
 python docs/images/handoff.py --only vlc
 """
 
@@ -41,8 +41,30 @@ def blender(python: Path, pixels: int = 480) -> None:
     om.write_image(HERE / "handoff-blender.jpg", np.hstack([both[0], np.full((pixels, 16, 3), 255, np.uint8), both[1]]))
 
 
+def newton(python: Path, pixels: int = 480) -> None:
+    """Depths in the same box by the table: as they are, and as Newton finds them."""
+    from tests.handoff.rays.box import first_hits
+    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+
+    sensor = small("paper-spherical", pixels, MISALIGNED)
+    table = om.ray_table(sensor)
+    with tempfile.TemporaryDirectory() as folder:
+        rays, depths = Path(folder, "rays.npy"), Path(folder, "depths.npy")
+        om.write_rays(sensor, rays, formats="newton")
+        program = ROOT / "tests" / "handoff" / "rays" / "in_newton.py"
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+        subprocess.run([python, program, rays, depths], check=True, env=environment)
+        theirs = 1000 * np.load(depths)
+    with np.errstate(invalid="ignore"):
+        ours = np.linalg.norm(first_hits(table.origins, table.directions) - table.origins, axis=-1)
+    on = table.weights > 0
+    farthest = ours[on].max()
+    both = [np.where(on, 255 * depth / farthest, 0).astype(np.uint8) for depth in (ours, theirs)]
+    om.write_image(HERE / "handoff-newton.png", np.hstack([both[0], np.full((pixels, 16), 255, np.uint8), both[1]]))
+
+
 def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), times: int = 3) -> None:
-    """A corner of a view: ours, bicubic and linear, then in C, by the shader, by GStreamer and by ffmpeg."""
+    """A corner of a view: ours, bicubic and linear, then in C, by the shader, by GStreamer, OBS, OpenCV and ffmpeg."""
     from tests.handoff.maps import consumers
 
     sensor = om.load_sensor("paper-spherical")
@@ -122,9 +144,10 @@ def vlc(side: int = 1024) -> None:
 if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--blender", type=Path, default=Path(sys.prefix) / "blender" / "bin" / "python")
-    options.add_argument("--only", choices=("blender", "maps", "mitsuba", "colmap", "vlc"))
+    options.add_argument("--newton", type=Path, default=Path(sys.prefix) / "newton" / "bin" / "python")
+    options.add_argument("--only", choices=("blender", "newton", "maps", "mitsuba", "colmap", "vlc"))
     given = options.parse_args()
     kept = {"maps": maps, "mitsuba": mitsuba, "colmap": colmap, "vlc": vlc}
-    drawn = {"blender": lambda: blender(given.blender), **kept}
+    drawn = {"blender": lambda: blender(given.blender), "newton": lambda: newton(given.newton), **kept}
     for name in [given.only] if given.only else drawn:
         drawn[name]()

@@ -113,6 +113,12 @@ def drawn_by_obs(effect, table, picture, size, folder):
     return np.load(view)[..., :3]
 
 
+def warped(oiio, picture, st_map):
+    """A picture through an ST map by OpenImageIO, as ``oiiotool --st_warp`` does it; our t counts upwards."""
+    source, st = oiio.ImageBuf(np.ascontiguousarray(picture, np.float32)), oiio.ImageBuf(str(st_map))
+    return oiio.ImageBufAlgo.st_warp(source, st, filtername="triangle", flip_t=True, roi=st.roi).get_pixels("float")
+
+
 def remapped(paths, picture):
     """What ffmpeg's filter makes of a picture and two PGM files."""
     import av

@@ -30,6 +30,7 @@ from tests.handoff.maps.consumers import (
     piped,
     remapped,
     straightened,
+    warped,
 )
 from tests.studio.browser import FLAGS
 
@@ -106,6 +107,14 @@ def test_st_maps_straighten_and_bend_back(picture, straight, seen, tmp_path):
     off = np.hypot(again[:, 0] * 512 - 0.5 - columns, (1 - again[:, 1]) * 500 - 0.5 - rows)
     assert inside.sum() > 5000
     assert np.percentile(off[inside], 99) < 0.02
+
+
+def test_openimageio_warps_by_st_maps(picture, straight, seen, tmp_path, beside):
+    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
+    theirs = warped(oiio, picture, written("stmap", tmp_path).paths[0])[..., :3]
+    off = np.abs(theirs - straight)[seen].max()
+    what = "a view by its st_warp with our ST map, largest difference in grey levels"
+    beside("OpenImageIO", what, off, 1, "")
 
 
 def test_opencv_maps_of_floats_and_of_fixed_points(picture, straight, seen, tmp_path, beside):
