@@ -91,8 +91,8 @@ def pinhole_of(camera: Camera, view: Plane, viewpoint: Viewpoint = "exact") -> P
     --------
     >>> import omnimirror as om
     >>> pinhole = pinhole_of(om.load_sensor("paper-spherical"), Plane((640, 480)))
-    >>> pinhole.matrix[0], pinhole.position_mm.round(1)  # inside the mirror
-    (array([320. ,   0. , 319.5]), array([ 6. , -0. , 10.1]))
+    >>> pinhole.matrix[0], np.abs(pinhole.position_mm).round(1)  # inside the mirror
+    (array([320. ,   0. , 319.5]), array([ 6. ,  0. , 10.1]))
     """
     width, height = view.size
     forward, right, down = view_axes(view.pan_deg, view.tilt_deg, view.roll_deg)

@@ -111,3 +111,5 @@ def test_what_would_have_to_give_is_told_by_elevations_where_they_were_asked_for
     asked = [line for line in told.splitlines() if "elevation at the rim: " in line]
     assert all(line.endswith("instead of 20 deg") for line in asked)
     assert asked
+    assert "f_number" not in told  # by which no picture becomes larger
+    assert "rim_radius_mm" not in told

@@ -75,6 +75,28 @@ def test_a_focus_that_was_asked_for_is_judged():
         assert row.is_met == is_met
 
 
+def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
+    """The same mirror, whose rim is seen at one and the same angle, computed in two ways that differ by rounding."""
+    for off in (-1, 0, 1):
+        end = float(np.nextafter(SPHERE.field_deg[1], np.inf * off) if off else SPHERE.field_deg[1])
+        limit = om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(end, end))
+        wanted = replace(WANTED, field=om.FieldRequirements(omega_max_deg=end), limits=(limit,))
+        (row,) = om.judge(wanted, SPHERE).limits
+        assert row.omega_deg == pytest.approx(end)
+        there = om.evaluate(SPHERE, [SPHERE.field_deg[1]])
+        assert row.reached == pytest.approx(min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]), rel=1e-6)
+
+
+def test_the_first_of_equally_bad_angles_is_named():
+    """A resolution that is the same at all angles but for rounding: the one that comes first."""
+    sensor = om.load_sensor("exact-equidistant")
+    wanted = replace(WANTED, limits=(om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100)),))
+    (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
+    assert row.omega_deg == 40.0
+    values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg
+    assert row.reached == pytest.approx(values.min(), rel=1e-9)
+
+
 def test_what_cannot_be_judged_is_said():
     with pytest.raises(InvalidParameter, match="the lens of the sensor is orthographic, and the req"):
         om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))

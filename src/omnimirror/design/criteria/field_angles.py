@@ -69,6 +69,8 @@ class Counted:
         first, last = asked_deg or (0.0, self.required_deg[1])
         begin, why = max(begins, key=lambda b: b[0])
         low, high = max(first, begin), min(last, self.hidden_from_deg)
+        if high < low <= high + NO_PART:  # the very end of the field, which rounding has moved past
+            low = high
         if asked_deg is None and begin > self.required_deg[0]:
             first = self.required_deg[0]  # what is inside of that is not asked for
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []

@@ -31,6 +31,7 @@ Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
+SHARED = 1e-5  # relative; the worst of several field angles that differ by less is told of the first
 MAY_BE_0 = ("hidden_to_deg", "hidden_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
@@ -84,12 +85,15 @@ class Limitable:
         return high - low if self.takes == "spread" else low / high
 
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
-        """The largest or smallest value of one field (k,), and at which field angle."""
+        """The largest or smallest value of one field (k,), and at the first field angle of those that share it.
+
+        A design that makes the worst as small as can be has it at several angles, equal but for rounding.
+        """
         values = self.values(field)
         if values.size == 1:
             return float(values[0]), None
-        i = int(np.nanargmax(values) if largest else np.nanargmin(values))
-        return float(values[i]), i
+        extreme = float(np.nanmax(values) if largest else np.nanmin(values))
+        return extreme, int(np.argmax(np.abs(values - extreme) <= SHARED * abs(extreme)))
 
     def above(self, field: FieldValues, limit: float) -> Array:
         """How far it is above a limit, as rows (.., r) of which each is smooth."""

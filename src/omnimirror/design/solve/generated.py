@@ -98,9 +98,15 @@ class GeneratedSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """What each coordinate is."""
-        asked = self.requirements.lens.focus_mm
-        return [*self.spans, "focus"] if asked is None or is_free(asked) else [*self.spans]
+        """What each coordinate is: the numbers that move, and the focus where limits hang on it.
+
+        Where none does, it is where designs from scratch have it: at the least floored blur area.
+        """
+        asked, limits = self.requirements.lens.focus_mm, self.requirements.limits
+        if not (asked is None or is_free(asked)):
+            return [*self.spans]
+        hangs = not limits or any(limit.of.is_sharpness for limit in limits) or not self.settled.lens.fills_imager
+        return [*self.spans, "focus"] if hangs else [*self.spans]
 
     @cached_property
     def _unit(self) -> float:

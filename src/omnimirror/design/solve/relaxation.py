@@ -218,12 +218,14 @@ def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxa
 def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
     """Those that have to give: each is tried at what was asked of it, what gives least first.
 
-    It is idle where the others do without it, giving by at most a hundredth more than they do with it.
+    It is idle where the others do without it, giving by at most a hundredth more than they do with it; or the limits
+    among them, since a number may stand where it can go no farther.
     """
     for r in sorted(given, key=lambda r: r.share or 0.0):
-        rest = tuple(other.giving(1 + IDLE) for other in given if other.name != r.name)
-        if rest and holds(rest):
-            given = rest
+        rest = tuple(other for other in given if other.name != r.name)
+        more = tuple(other.giving(1 + IDLE) for other in rest)
+        limits_more = tuple(o if o.limit is None else m for o, m in zip(rest, more, strict=True))
+        given = next((way for way in dict.fromkeys((more, limits_more)) if way and holds(way)), given)
     return given
 
 
