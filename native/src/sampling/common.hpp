@@ -38,8 +38,9 @@ using Fraction = typename FractionOf<T>::type;
 template <class F>
 constexpr int one = sizeof(F) == 1 ? 255 : 65535;
 
-// Pictures with more values are fetched ahead; smaller ones are in the cache anyway.
-constexpr int64_t FETCHED_FROM = 4'000'000;
+// Pictures with more values are fetched ahead: those that a core's own cache does not hold beside what else goes through
+// it. What all cores share is far away, and often lost to other work by the next frame.
+constexpr int64_t FETCHED_FROM = 250'000;
 constexpr int AHEAD = 16;  // so many strips, some 8 rows of a panel, are located before they are sampled
 
 constexpr int round_up8(int n) { return (n + 7) & ~7; }

@@ -28,11 +28,13 @@ std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
 }
 
 // A thread takes a band of whole rows, since threads that write into the same cache line hinder each other.
-// Within the band it goes from panel to panel.
-constexpr int BAND_HEIGHT = 64, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
+// Within the band it goes from panel to panel, whose first rows are not fetched ahead: the higher the better, as long as
+// there are enough bands that threads which were kept waiting need not do as much as the others.
+constexpr int BAND_HEIGHT = 256, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
 
 int band_height(int rows) {
-    const int shared = rows / (get_threads() * BANDS_PER_THREAD);
+    const int threads = get_threads();
+    const int shared = threads > 1 ? rows / (threads * BANDS_PER_THREAD) : rows;
     return std::clamp(shared, LOWEST_BAND, BAND_HEIGHT);
 }
 
