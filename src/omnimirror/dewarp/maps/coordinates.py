@@ -46,11 +46,11 @@ def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact"
 
 def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> LatticeMap:
     """The lattice map of a screen."""
-    if camera.symmetry is None:
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    if table is None:
         return lattice_map(
             lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size, camera.image_size
         )
-    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     centre = centre_of_projection(camera, screen, viewpoint)
 
     def targets(u: Array, v: Array) -> Array:
@@ -111,7 +111,8 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     centre = centre_of_projection(camera, screen, viewpoint)
     points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
     points -= 0.0 if centre is None else centre
-    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    assert table is not None
     radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None)
     return PolarMap(symmetry.centre_px, radii, angles, camera.image_size)
 

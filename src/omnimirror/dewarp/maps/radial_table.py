@@ -145,10 +145,10 @@ def tables_of(symmetry: AxialSymmetry, entries: int = ENTRIES, origins: int = OR
 
 
 @lru_cache(maxsize=32)
-def radial_table(camera: Camera) -> RadialTable:
-    """The table of a camera that has an axis of symmetry, built once."""
-    assert camera.symmetry is not None
-    return RadialTable(camera.symmetry, camera.image_size)
+def radial_table(camera: Camera) -> RadialTable | None:
+    """The table of a camera, found once: a view that moves asks in every frame. None without an axis of symmetry."""
+    symmetry = camera.symmetry
+    return None if symmetry is None else RadialTable(symmetry, camera.image_size)
 
 
 # -- the formulas, as in native/src/sampling/axial_kernel.hpp -----------------------------------------------
