@@ -94,8 +94,8 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
-    from .handoff.bags import DewarpedBag as DewarpedBag
-    from .handoff.bags import dewarp_bag as dewarp_bag
+    from .handoff.bags.dewarping import DewarpedBag as DewarpedBag
+    from .handoff.bags.dewarping import dewarp_bag as dewarp_bag
     from .handoff.colmap import ColmapProject as ColmapProject
     from .handoff.colmap import write_colmap as write_colmap
     from .handoff.gateway.server import serve_views as serve_views
@@ -154,8 +154,8 @@ if TYPE_CHECKING:
     from .specs import save_camera as save_camera
     from .specs import save_sensor as save_sensor
     from .straighten import Recording as Recording
-    from .straighten import Restoration as Restoration
-    from .straighten import dewarp_pictures as dewarp_pictures
+    from .straighten.folders import dewarp_pictures as dewarp_pictures
+    from .straighten.restoring import Restoration as Restoration
     from .straighten.video import dewarp_video as dewarp_video
     from .studio.notebook import LookAround as LookAround
     from .studio.notebook import show as show
@@ -265,8 +265,8 @@ _HOMES = {
     "screens": "dewarp",
     "views": "dewarp",
     "register_view": "dewarp.views",
-    "dewarp_bag": "handoff.bags",
-    "DewarpedBag": "handoff.bags",
+    "dewarp_bag": "handoff.bags.dewarping",
+    "DewarpedBag": "handoff.bags.dewarping",
     "write_colmap": "handoff.colmap",
     "ColmapProject": "handoff.colmap",
     "serve_views": "handoff.gateway.server",
@@ -326,9 +326,9 @@ _HOMES = {
     "parse_sensor": "specs",
     "save_camera": "specs",
     "save_sensor": "specs",
-    "dewarp_pictures": "straighten",
     "Recording": "straighten",
-    "Restoration": "straighten",
+    "dewarp_pictures": "straighten.folders",
+    "Restoration": "straighten.restoring",
     "dewarp_video": "straighten.video",
     "LookAround": "studio.notebook",
     "show": "studio.notebook",

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import click
 
 from ...camera_models import MirrorBall
 from ...errors import InvalidParameter
-from ...sensor import Sensor
 from .camera import OPTIONS_OF_SOURCE, CameraOptions
 from .declared import Options, flag, option
 
 if TYPE_CHECKING:
     from ...calibrate.rim import FoundRim
+    from ...sensor import Sensor
 
 LOOKED_AT = 9  # pictures of a folder, in which the rim is looked for
-FoundCamera = Callable[[tuple[int, int]], Sensor | MirrorBall]
+FoundCamera: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
 
 
 @dataclass(frozen=True)

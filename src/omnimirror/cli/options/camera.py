@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
 from ...camera_models import MirrorBall, load_ocam
 from ...camera_models.base import Optics
 from ...frames import CameraLooks, Mount
-from ...specs import AnyCamera, load_camera
 from .common import NUMBER, SENSOR, angle, ball, lean
 from .declared import Options, flag, option, refuse_other
+
+if TYPE_CHECKING:
+    from ...specs import AnyCamera
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
@@ -71,6 +73,8 @@ class CameraOptions(Options):
         """The camera, standing as the options say; a ball is seen in a picture of that size (width, height)."""
         camera: AnyCamera
         if self.sensor is not None:
+            from ...specs import load_camera  # which a mirror ball need not wait for
+
             camera = load_camera(self.sensor)
         elif self.ocam is not None:
             camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)

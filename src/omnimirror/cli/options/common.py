@@ -11,7 +11,6 @@ from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
 from ...arguments import float_of, shown
-from ...specs import bundled_sensors
 
 MOST_VALUES = 1_000_000
 
@@ -27,6 +26,8 @@ class SensorName(click.types.StringParamType):
     """A sensor file, or the name of a sensor that comes with the package, which a shell completes."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from ...specs import bundled_sensors
+
         named = [CompletionItem(name) for name in bundled_sensors() if name.startswith(incomplete)]
         return [*named, CompletionItem(incomplete, type="file")]
 

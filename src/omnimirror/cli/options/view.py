@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 import numpy as np
@@ -14,7 +14,6 @@ from ...dewarp import views
 from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views.sizes import PartialSize
-from ...specs import AnyCamera
 from ...straighten.request import plumb
 from .common import (
     angle,
@@ -28,6 +27,9 @@ from .common import (
     viewpoint,
 )
 from .declared import Options, flag, option, refuse_other
+
+if TYPE_CHECKING:
+    from ...specs import AnyCamera
 
 PLACE = ("distance_mm", "offset_mm")
 OPTIONS_OF_VIEW: dict[str, tuple[str, ...]] = {
@@ -176,8 +178,7 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
     """Put elevations (deg) in the place of angles from the camera's axis, which must be upright but for its lean."""
     if "omega_deg" not in options:
         return
-    assert isinstance(camera, AnyCamera)
-    up = plumb(camera).axis[2]
+    up = plumb(cast("AnyCamera", camera)).axis[2]
     if abs(up) < 0.5:
         raise click.UsageError("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))

@@ -1,5 +1,1 @@
 """Recordings of robots (rosbag2, MCAP) straightened: views with their camera_info and their places in the TF tree."""
-
-from .dewarping import DewarpedBag, dewarp_bag
-
-__all__ = ["DewarpedBag", "dewarp_bag"]

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import click
 
-from ....handoff.bags.dewarping import Chosen, straighten_bag
-from ....handoff.named_views import load_views
 from ....straighten import Straightening
 from ...options.declared import Options, flag, option
 from ...options.view import ViewOptions
@@ -45,6 +43,9 @@ def dewarp_recording(
     sources: tuple[str, ...], outputs: tuple[str, ...], how: Straightening, view: ViewOptions, bag: BagOptions
 ) -> None:
     """Straighten a recording under a progress bar, and say what became of it."""
+    from ....handoff.bags.dewarping import Chosen, straighten_bag
+    from ....handoff.named_views import load_views
+
     if len(sources) > 1 or len(outputs) != 1:
         raise click.UsageError("recordings are straightened one by one, each into one other")
     if bag.views is not None and view.given:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import click
 
 from ....handoff.bags.files import is_bag
 from ....native import backend
-from ....simulate.restoration.round_blur import ToldBlur
-from ....straighten import Recording, Restoration, Straightened, Straightening, is_video
+from ....straighten import Recording, Straightened, Straightening, is_video
 from ....straighten.pictures import PictureStraightener
 from ....straighten.request import PipeFormat
 from ...help_pages import DocumentedCommand
@@ -25,6 +24,10 @@ from ...options.view import ViewOptions
 from ...outputs import PICTURES, frame_bar, output_console, remark, say, take_standard_output
 from .bags import BagOptions, dewarp_recording
 from .viewer import is_one_picture, needs_pyav, write_viewer
+
+if TYPE_CHECKING:
+    from ....simulate.restoration.round_blur import ToldBlur
+    from ....straighten.restoring import Restoration
 
 PIPE_FORMATS = get_args(PipeFormat)
 
@@ -71,6 +74,8 @@ class PictureOptions(Options):
         """How pictures are sharpened first; None if they are not."""
         if not self.restore:
             return None
+        from ....straighten.restoring import Restoration
+
         return Restoration(self.noise, self.object_distance_mm, None if self.blur_px is None else _told(self.blur_px))
 
 
