@@ -19,7 +19,7 @@ from ..files import is_stream, replacing
 from ..numerics.registry import Registry
 
 T = TypeVar("T")
-Unit: TypeAlias = Literal["px", "deg", "cm"]
+Unit: TypeAlias = Literal["px", "deg"]
 
 
 @dataclass(frozen=True)

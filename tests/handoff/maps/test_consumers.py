@@ -236,6 +236,16 @@ def test_glshaders_shader_holds_the_map_itself(page, picture, straight, seen, tm
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
 
 
+def test_a_shader_that_would_be_too_long_has_fewer_nodes(tmp_path):
+    """The rings that two mirrors hide bend the map, so that nodes every 4 px are wanted: more than a command holds."""
+    sensor = om.load_sensor("folded-hyperboloidal")
+    around = om.views.panorama(sensor, (640, None))
+    (done,) = om.write_maps(sensor, around, tmp_path / "around.sh", formats="gstreamer")
+    assert 0.02 < done.deviation.size < 0.1
+    assert "every 8 px" in done.deviation.why
+    assert done.paths[1].stat().st_size <= 120_000
+
+
 def test_gstreamer_straightens(picture, straight, seen, tmp_path, beside):
     theirs = piped(written("gstreamer", tmp_path).paths[0], picture, tmp_path)
     if theirs is None:

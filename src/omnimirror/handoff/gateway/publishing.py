@@ -12,6 +12,8 @@ from ...media.live.sources import named
 from .outlets import TransportOutlet
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
+TAKEN = 100
+"""Chunks after which a server is believed to take a view."""
 MODULE = "omnimirror.handoff.gateway.pushing"
 
 
@@ -47,10 +49,6 @@ async def publish(outlet: TransportOutlet, url: str, tell: Callable[[str], None]
         is_lost = True
         await asyncio.sleep(wait_s)
         wait_s = min(2 * wait_s, LONGEST_WAIT_S)
-
-
-TAKEN = 100
-"""Chunks after which a server is believed to take a view."""
 
 
 async def _feed(process: Process, outlet: TransportOutlet) -> bool:

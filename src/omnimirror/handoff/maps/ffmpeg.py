@@ -6,17 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InvalidParameter
 from ..formats import Deviation, ProgramFormat
-from .fixed_views import ViewMap
+from .fixed_views import ViewMap, check_small
 
 NOWHERE = 65535  # beyond the picture, which ffmpeg fills with its colour `fill`
-LARGEST_PX = 65534
 
 
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
-    if max(view.source_size) > LARGEST_PX:
-        raise InvalidParameter(f"pictures of {max(view.source_size)} px are too large for ffmpeg's remap of 16 bits")
+    check_small(view.source_size, "pictures")
     places = view.straighten
     there = np.asarray(np.isfinite(places).all(axis=-1))
     last = np.array(view.source_size) - 1

@@ -12,10 +12,13 @@ from ...cameras import Camera
 from ...dewarp import Dewarper
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
+from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from .bending import bent_pixels
 
 Array = NDArray[np.float64]
+
+LARGEST_PX = 65534
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,12 @@ class ViewMap:
     def bend(self) -> Array:
         """(height, width, 2): where in the view each pixel of the picture lies, px; NaN where that does not show it."""
         return bent_pixels(self.camera, self.view, self.viewpoint)
+
+
+def check_small(size: tuple[int, int], what: str) -> None:
+    """Refuse pictures and views in which 16 bits do not count places, with a number left for nowhere."""
+    if max(size) > LARGEST_PX:
+        raise InvalidParameter(f"{what} of {max(size)} px are too large; valid are up to {LARGEST_PX} px")
 
 
 def view_map(camera: Camera, view: View, viewpoint: Viewpoint = "exact") -> ViewMap:

@@ -10,22 +10,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
 from ...media import write_image
 from ..formats import Deviation, ProgramFormat, filled
-from .fixed_views import ViewMap
+from .fixed_views import ViewMap, check_small
 from .shaders import CARD_PX
 
 STEPS_PER_PX = 256
 BEFORE_PX = 1  # that places may lie before the picture; its number 0 is nowhere
-LARGEST_PX = 65534
 ROUNDING_PX = float(np.hypot(1, 1)) / (2 * STEPS_PER_PX)
 
 
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     effect, table = paths
-    if max(view.source_size) > LARGEST_PX:
-        raise InvalidParameter(f"pictures of {max(view.source_size)} px are too large; valid are up to {LARGEST_PX} px")
+    check_small(view.source_size, "pictures")
     write_image(table, coded(view.straighten))
     effect.write_text(filled("view.effect.in", table=table.name, **view.words), encoding="utf-8")
     why = "graphics cards know 256 places between pixels, and so does the table"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...formats import Deviation, ProgramFormat, filled
 from ...rays.table import ray_table
-from ..fixed_views import ViewMap
-from .lattice import MapLattice, check_small, finest_lattice, interpolated, lattice_of, listed, spans_of, weights
+from ..fixed_views import ViewMap, check_small
+from .lattice import MapLattice, finest_lattice, interpolated, lattice_of, listed, spans_of, weights
 
 PLACE_BITS = 15  # of the fraction of a pixel
 ROUNDING_PX = 0.002

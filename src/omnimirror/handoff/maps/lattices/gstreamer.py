@@ -20,9 +20,12 @@ LONGEST_WORD = 120_000  # bytes of a command's argument, of which Linux takes 13
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     """glshader has one texture, the picture's: the map is constants of the shader, nodes with cubics between them."""
     script, shader = paths
-    lattice = finest_lattice(view.straighten, STEPS)
-    words = filled("view-gst.frag.in", **view.words, **_constants(lattice))
-    if len(words) > LONGEST_WORD:
+    for steps in (STEPS, STEPS[:-1]):  # where the finest is too long a coarser one is taken, and its cost is told
+        lattice = finest_lattice(view.straighten, steps)
+        words = filled("view-gst.frag.in", **view.words, **_constants(lattice))
+        if len(words) <= LONGEST_WORD:
+            break
+    else:
         raise InvalidParameter(
             f"the shader of this view takes {len(words)} bytes, and a command line holds {LONGEST_WORD} of them; "
             "valid are smaller views, without steps in them"

@@ -19,7 +19,6 @@ Spans = list[list[tuple[int, int]]]
 STEPS = (8, 4)
 CLOSE_PX = 0.02
 FARTHEST_PX = 400  # between neighbouring nodes: what 32 bits hold, 15 of them fractions
-LARGEST_PX = 65535
 SMOOTH = 1e-2  # of third differences between nodes, beside errors in between
 
 
@@ -92,12 +91,6 @@ def listed(items: Iterable[object], in_line: int = 16) -> str:
     """Items with commas between them, in lines."""
     words = [str(item) for item in items]
     return ",\n    ".join(",".join(words[i : i + in_line]) for i in range(0, len(words), in_line))
-
-
-def check_small(size: tuple[int, int], what: str) -> None:
-    """Refuse pictures whose sides 16 bits do not count."""
-    if max(size) > LARGEST_PX:
-        raise InvalidParameter(f"{what} of {max(size)} px are too large; valid are up to {LARGEST_PX} px")
 
 
 def _nodes(count: int, step: int) -> int:
