@@ -30,9 +30,9 @@ from omnimirror.files import write_text
 from omnimirror.specs import tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer
+from omnimirror.studio.bench.designs.sensors import changed, on_bench
 from omnimirror.studio.bench.files import taken
 from omnimirror.studio.bench.messages import Ask, BenchSensor, Change, PictureAsk
-from omnimirror.studio.bench.sensors import changed, on_bench
 from omnimirror.studio.studio import Studio
 
 KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")

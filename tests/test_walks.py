@@ -73,8 +73,8 @@ def scene_to_picture() -> None:
 
 def slider_to_plot() -> None:
     from omnimirror.studio.bench.answers import answer
+    from omnimirror.studio.bench.designs.sensors import on_bench
     from omnimirror.studio.bench.messages import Ask
-    from omnimirror.studio.bench.sensors import on_bench
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(

@@ -14,8 +14,8 @@ from omnimirror.imagers import ImagerPose
 from omnimirror.mirrors import Sphere
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.studio.bench.answers import answer
+from omnimirror.studio.bench.designs.sensors import in_place
 from omnimirror.studio.bench.messages import Answer, Ask
-from omnimirror.studio.bench.sensors import in_place
 from omnimirror.studio.bench.space import PROFILE, RAYS, TURNS, space_blocks
 from omnimirror.studio.framing import unframed
 

@@ -11,11 +11,11 @@ import omnimirror as om
 from omnimirror.design.solve.verdict import judge
 from omnimirror.errors import OmnimirrorError
 from omnimirror.specs import bundled_sensors, tables_of
-from omnimirror.studio.bench.judging import requirements_for
+from omnimirror.studio.bench.designs.judging import requirements_for
+from omnimirror.studio.bench.designs.sensors import sensor_on_bench, why_not_optimised
+from omnimirror.studio.bench.designs.shaping import bent
+from omnimirror.studio.bench.designs.sliding import slid
 from omnimirror.studio.bench.messages import Bend, Slide, SlidesAsk, Task
-from omnimirror.studio.bench.sensors import sensor_on_bench, why_not_optimised
-from omnimirror.studio.bench.shaping import bent
-from omnimirror.studio.bench.sliding import slid
 from omnimirror.studio.bench.work import perform
 
 from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture
@@ -99,11 +99,11 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
 
 def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa: F811
     before = sensor_on(bench)
-    off = drag(bench, bench.locator(".handle.profile").nth(1), 6, 0)
+    off = drag(bench, bench.locator(".handle.profile").nth(1), 3, 0)
     assert np.hypot(*off) < 1
     after = sensor_on(bench)
     assert after.mirror.KIND == "slope-spline"
-    assert after.mirror.sag(33.0) - before.mirror.sag(33.0) > 0.5  # mm; a pixel is .3
+    assert after.mirror.sag(30.7) - before.mirror.sag(30.7) > 1  # mm; three pixels are 2
     omega, height = plotted(bench, "Image height")
     np.testing.assert_allclose(height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2)
     bench.get_by_role("button", name="Undo").click()

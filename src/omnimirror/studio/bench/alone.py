@@ -9,9 +9,9 @@ from ...batch.best_focus import FOCUS_SEARCH
 from ...mirrors import ConicAsphere, Ellipsoid, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
 from ...specs import load_sensor
 from ..pages import script_text
+from .designs.sensors import on_bench
 from .form import bench_start
 from .messages import BenchAlone, BenchSensor, PartOf
-from .sensors import on_bench
 
 KERNEL = Path(__file__).with_name("kernel.wasm")
 """The compiled evaluator of designs, made by native/wasm/build.sh."""

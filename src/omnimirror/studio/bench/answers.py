@@ -24,10 +24,10 @@ from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from ..framing import framed
-from .judging import Judged, judged_by
+from .designs.judging import Judged, judged_by
+from .designs.sensors import in_place, on_bench, remark_on, sensor_on_bench, trouble_of, why_not_optimised
+from .designs.shaping import bent
 from .messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
-from .sensors import in_place, on_bench, remark_on, sensor_on_bench, trouble_of, why_not_optimised
-from .shaping import bent
 from .space import space_blocks
 
 Array = NDArray[np.float64]

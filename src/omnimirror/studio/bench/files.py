@@ -19,9 +19,9 @@ from ...sensor import Sensor
 from ...specs import Places, format_sensor, sensor_of, tables_of
 from ..framing import framed
 from ..uploads import encoded, safe_name
-from .judging import lens_table, requirements_for
+from .designs.judging import lens_table, requirements_for
+from .designs.sensors import in_place, on_bench, sensor_on_bench
 from .messages import Download, Opened, PictureAsk, Taken, distance_of
-from .sensors import in_place, on_bench, sensor_on_bench
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86

@@ -14,6 +14,8 @@ from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
 from ..workers import Workers, relay, while_open
+from .designs.sensors import changed, on_bench, sensor_on_bench
+from .designs.sliding import slid
 from .files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import (
@@ -31,8 +33,6 @@ from .messages import (
     SlidesOf,
     Task,
 )
-from .sensors import changed, on_bench, sensor_on_bench
-from .sliding import slid
 from .tolerance_messages import BuiltAsk, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
 
 if TYPE_CHECKING:

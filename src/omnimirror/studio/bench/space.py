@@ -24,8 +24,8 @@ from ...simulate.scenes.worlds.room import SOLIDS
 from ...tracing.folded import FoldedMirror
 from ...tracing.obscuration import Obstructions, WindowFrame
 from ...tracing.walls import let_out, pose_of
+from .designs.sensors import in_place
 from .messages import BlockValues, columns_of
-from .sensors import in_place
 
 Array = NDArray[np.float64]
 

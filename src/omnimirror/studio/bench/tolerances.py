@@ -24,7 +24,7 @@ from ...tolerancing.trials.states import are_traced_together
 from ...tolerancing.yields import Tally, check_limits, monte_carlo
 from ..framing import framed
 from .answers import finite
-from .sensors import in_place, sensor_on_bench
+from .designs.sensors import in_place, sensor_on_bench
 from .tolerance_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
 
 Array = NDArray[np.float64]

@@ -19,9 +19,9 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...housing import Housing
 from ...imagers import Imager
 from ...sensor import Sensor
-from .judging import requirements_for
+from .designs.judging import requirements_for
+from .designs.sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
 from .messages import News, Task, distance_of
-from .sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
 
 Tell = Callable[[News], None]
 

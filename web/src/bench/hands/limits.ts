@@ -1,11 +1,10 @@
-import type uPlot from "uplot";
 import { h } from "../../shared/dom";
 import type { JudgementOf, QuantityOf } from "../../shared/messages";
 import { clamp, words } from "../../shared/numbers";
 import type { Tables } from "../designs/design";
 import { unitWords } from "../labels";
 import { type Limit, limitsOf } from "../designs/requirements";
-import type { Over } from "../plots/charts";
+import type { Area, Curves, Over } from "../plots/charts";
 import { handle, place } from "./handle";
 
 type Side = "at_least" | "at_most";
@@ -34,7 +33,7 @@ export class LimitLines implements Over {
   isHeld = false;
   private lines: Line[] = [];
   private elements: HTMLElement[] = [];
-  private plot: uPlot | null = null;
+  private area: Area | null = null;
   private held = { top: 0 };
 
   constructor(private readonly hands: LimitHands) {}
@@ -51,23 +50,27 @@ export class LimitLines implements Over {
     return this.lines.map((l) => l.value);
   }
 
-  lay(plot: uPlot, first: unknown = true): void {
-    this.plot = plot;
+  lay(area: Area, first: Curves | null): void {
+    this.area = area;
     for (const element of this.elements) element.hidden = !first;
-    const { clientWidth: width, clientHeight: height } = plot.over;
+    this.draw();
+  }
+
+  private draw(): void {
+    const { layer, left, top: highest, width, height, across, down } = this.area!;
     this.lines.forEach((line, i) => {
       const element = this.elements[i];
-      if (element.parentElement !== plot.over) plot.over.append(element);
-      const at = plot.valToPos(line.value, "y");
-      const top = clamp(at, 0, height);
-      const [from, to] = (line.part ?? [-Infinity, Infinity]).map((omega) => (Number.isFinite(omega) ? clamp(plot.valToPos(omega, "x"), 0, width) : omega < 0 ? 0 : width));
+      if (!element.isConnected) layer.append(element);
+      const at = down(line.value);
+      const top = clamp(at, highest, highest + height);
+      const [from, to] = line.part ? line.part.map((omega) => clamp(across(omega), left, left + width)) : [left, left + width];
       const said = `${line.title} ${SIGNS[line.side]} ${words(line.value)}`;
       place(element, from, top, line.value, said);
       element.style.width = `${Math.max(24, to - from)}px`;
       element.title = `${said}: drag it up or down`;
       element.setAttribute("aria-label", `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`);
       for (const [name, is] of [["at_least", line.side === "at_least"], ["at_most", line.side === "at_most"], ["missed", !line.isMet]] as const) element.classList.toggle(name, is);
-      const beyond = at < -1 ? "↑ " : at > height + 1 ? "↓ " : "";
+      const beyond = at < highest - 1 ? "↑ " : at > highest + height + 1 ? "↓ " : "";
       element.firstElementChild!.textContent = `${beyond}${SIGNS[line.side]} ${words(line.value)} ${line.isMet ? "✓" : "✗"}`;
     });
   }
@@ -85,17 +88,19 @@ export class LimitLines implements Over {
       },
     });
     element.append(h("span", {}));
+    element.addEventListener("mousemove", (e) => !this.isHeld && this.area?.read(e));
     return element;
   }
 
   private move(i: number, down: number): void {
-    const { plot, lines } = this;
-    const at = clamp(this.held.top + down, 0, plot!.over.clientHeight);
-    const perPx = Math.abs(plot!.posToVal(1, "y") - plot!.posToVal(0, "y"));
+    const { lines } = this;
+    const { top, height, value: valueAt } = this.area!;
+    const at = clamp(this.held.top + down, top, top + height);
+    const perPx = Math.abs(valueAt(1) - valueAt(0));
     const places = clamp(Math.ceil(-Math.log10(FINE_PX * perPx)), 0, 12);
-    const value = Number(plot!.posToVal(at, "y").toFixed(places));
+    const value = Number(valueAt(at).toFixed(places));
     lines[i] = { ...lines[i], value };
-    this.lay(plot!);
+    this.draw();
     this.hands.set(lines[i].limit, lines[i].side, value);
   }
 }

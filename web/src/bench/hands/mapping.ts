@@ -1,6 +1,5 @@
-import type uPlot from "uplot";
 import { words } from "../../shared/numbers";
-import type { Curves, Over } from "../plots/charts";
+import type { Area, Curves, Over } from "../plots/charts";
 import { interpolated } from "../plots/cursor";
 import { type BendHands, handle, place } from "./handle";
 
@@ -10,7 +9,7 @@ const AT = [0.25, 0.5, 0.75]; // of the field
 export class MappingHandles implements Over {
   isHeld = false;
   private readonly elements: HTMLElement[];
-  private plot: uPlot | null = null;
+  private area: Area | null = null;
   private curve: Curves | null = null;
   private held: { omega: number; top: number } = { omega: 0, top: 0 };
 
@@ -18,7 +17,7 @@ export class MappingHandles implements Over {
     this.elements = AT.map((share) =>
       handle("point", "Image height: drag up or down to bend the mapping", {
         begin: () => this.begin(share),
-        move: (_, down) => hands.bend({ of: "mapping", at: this.held.omega, to: this.plot!.posToVal(this.held.top + down, "y") }),
+        move: (_, down) => hands.bend({ of: "mapping", at: this.held.omega, to: this.area!.value(this.held.top + down) }),
         end: () => this.end(),
       }),
     );
@@ -28,16 +27,16 @@ export class MappingHandles implements Over {
     return [];
   }
 
-  lay(plot: uPlot, first: Curves | null): void {
-    this.plot = plot;
+  lay(area: Area, first: Curves | null): void {
+    this.area = area;
     this.curve = first?.of.found.facts?.not_optimised === null ? first : null;
     AT.forEach((share, i) => {
       const element = this.elements[i];
       element.hidden = !this.curve;
       if (!this.curve) return;
-      if (element.parentElement !== plot.over) plot.over.append(element);
+      if (!element.isConnected) area.layer.append(element);
       const [omega, height] = this.at(share);
-      place(element, plot.valToPos(omega, "x"), plot.valToPos(height, "y"), height, `${words(height)} px at ${words(omega, 3)}°`);
+      place(element, area.across(omega), area.down(height), height, `${words(height)} px at ${words(omega, 3)}°`);
     });
   }
 
@@ -50,7 +49,7 @@ export class MappingHandles implements Over {
 
   private begin(share: number): void {
     const [omega, height] = this.at(share);
-    this.held = { omega, top: this.plot!.valToPos(height, "y") };
+    this.held = { omega, top: this.area!.down(height) };
     this.isHeld = true;
   }
 

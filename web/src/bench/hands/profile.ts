@@ -9,7 +9,8 @@ interface Drawing {
   at: (point: [z: number, x: number]) => [left: number, top: number];
 }
 
-const AT = [0.45, 0.75, 1]; // of the rim radius
+const AT = [0.35, 0.7, 1]; // of the rim radius
+const APART = 25; // px: handles nearer to the next than a finger are left out
 
 /** Handles on the mirror in cross-section: pulled along the axis, the profile goes through where they are. */
 export class ProfileHandles {
@@ -41,13 +42,16 @@ export class ProfileHandles {
     const { rim_radius_mm: rim, not_optimised: reason } = found.facts!;
     const table = found.block("mirror");
     const canBend = reason === null && table !== null;
-    this.elements.forEach((element, i) => {
+    let next: [left: number, top: number] = [Infinity, Infinity];
+    for (const [i, element] of [...this.elements.entries()].reverse()) {
       element.hidden = !canBend;
-      if (!canBend) return;
+      if (!canBend) continue;
       const x = AT[i] * rim;
       this.places[i] = [interpolated(table.column("x_mm"), table.column("z_mm"), x), x];
       const [left, top] = drawing.at(this.places[i]);
+      element.hidden = Math.max(Math.abs(left - next[0]), Math.abs(top - next[1])) < APART;
+      if (!element.hidden) next = [left, top];
       place(element, left, top, this.places[i][0], `z ${words(this.places[i][0])} mm at x ${words(x)} mm`);
-    });
+    }
   }
 }

@@ -1,62 +1,24 @@
 import uPlot from "uplot";
 import { colour, h, save } from "../../shared/dom";
-import type { QuantityOf } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Found, Table } from "../found";
-import { explained, symbolOf, unitWords } from "../labels";
 import { type Cursor, interpolated } from "./cursor";
 import { csvOf, svgOf } from "./export";
+import type { Chart } from "./quantities";
 
-/** One plot over the field angle: in which group, of which columns, with how many decimals. */
-interface Plot {
-  group: string;
-  columns: string[];
-  places: number;
-  /** Where there is more than one column; the others are drawn dashed. */
-  title?: string;
+/** Where a chart draws its curves: between values and places on the layer that lies over it, px. */
+export interface Area {
+  layer: HTMLElement;
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+  across: (omega: number) => number;
+  down: (value: number) => number;
+  value: (down: number) => number;
+  /** Read the chart where a pointer is that another element has caught. */
+  read: (e: MouseEvent) => void;
 }
-
-export const PLOTS: Plot[] = [
-  { group: "Mapping", columns: ["h_px"], places: 1 },
-  { group: "Mapping", columns: ["dh_domega_px_per_deg"], places: 3 },
-  { group: "Viewpoints", columns: ["viewpoint_z_mm"], places: 2 },
-  { group: "Area and aspect", columns: ["area_px2"], places: 2 },
-  { group: "Area and aspect", columns: ["aspect"], places: 3 },
-  { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },
-  { group: "Blur", columns: ["blur_t_deg", "blur_s_deg"], places: 3, title: "Blur in angle" },
-  { group: "Blur", columns: ["floored_area_deg2"], places: 3 },
-];
-
-/** A plot with the words of the vocabulary. */
-export interface Chart {
-  title: string;
-  group: string;
-  /** Which block of numbers holds its columns. */
-  block: "curves" | "limits";
-  unit: string;
-  columns: { name: string; symbol: string; dashed: boolean }[];
-  places: number;
-  hint: string;
-}
-
-/** The plots, called as the vocabulary calls their columns. */
-export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
-  PLOTS.map(({ group, columns, places, title }) => {
-    const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
-    const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
-    return { title: title ?? quantities[0].title, group, block: "curves", unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
-  });
-
-/** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */
-export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
-  title: column.replace(quantity.name, quantity.title),
-  group: "Limits",
-  block: "limits",
-  unit: unitWords(quantity.unit),
-  columns: [{ name: column, symbol: symbolOf(quantity), dashed: false }],
-  places: 3,
-  hint: explained(quantity),
-});
 
 /** Something that lies over a chart and is moved by hand. */
 export interface Over {
@@ -65,7 +27,7 @@ export interface Over {
   /** Values that the chart shows too, where they are not far from its curves. */
   reach: () => number[];
   /** Lie where the curve of the design in hand is now; null where the chart shows differences. */
-  lay: (plot: uPlot, first: Curves | null) => void;
+  lay: (area: Area, first: Curves | null) => void;
 }
 
 /** A design that is drawn: its colour, its name, what was found. */
@@ -100,6 +62,7 @@ export class ChartView {
   readonly element: HTMLElement;
   private readonly readout = h("output", { className: "readout" });
   private readonly place = h("div", { className: "chart", tabIndex: 0 });
+  private readonly layer = h("div", { className: "over" }, this.place);
   private plot: uPlot | null = null;
   private drawn: Drawn[] = [];
   private curves: Curves[] = [];
@@ -110,7 +73,7 @@ export class ChartView {
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor, private readonly overs: readonly Over[] = []) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
-    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), files(chart.title, (kind) => this.save(kind))), this.readout, this.place);
+    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), files(chart.title, (kind) => this.save(kind))), this.readout, this.layer);
     this.place.setAttribute("role", "img");
     this.place.setAttribute("aria-label", `${chart.title} against field angle`);
     cursor.listen((omega, from) => this.point(omega, from));
@@ -133,7 +96,7 @@ export class ChartView {
       this.plot = new uPlot(this.options(), data, this.place);
       this.shape = shape;
     }
-    if (this.place.matches(":hover")) this.read(this.cursor.omega);
+    if (this.layer.matches(":hover")) this.read(this.cursor.omega);
     else this.point(this.cursor.omega, null);
   }
 
@@ -244,7 +207,15 @@ export class ChartView {
   }
 
   private lay(u: uPlot): void {
-    for (const over of this.overs) over.lay(u, this.isDifference ? null : (this.curves[0] ?? null));
+    const [left, top, width, height] = [u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height].map((dots) => dots / uPlot.pxRatio);
+    const area: Area = {
+      ...{ layer: this.layer, left, top, width, height },
+      across: (omega) => left + u.valToPos(omega, "x"),
+      down: (value) => top + u.valToPos(value, "y"),
+      value: (down) => u.posToVal(down - top, "y"),
+      read: (e) => u.over.dispatchEvent(new MouseEvent("mousemove", e)),
+    };
+    for (const over of this.overs) over.lay(area, this.isDifference ? null : (this.curves[0] ?? null));
   }
 
   /** The numbers of a design that the chart draws; null where it has none of them. */
@@ -271,7 +242,7 @@ export class ChartView {
   }
 
   private moved(u: uPlot): void {
-    if (!this.place.matches(":hover")) return;
+    if (!this.layer.matches(":hover")) return;
     const { left } = u.cursor;
     this.cursor.set(left === undefined || left === null || left < 0 ? null : u.posToVal(left, "x"), this);
     if (this.cursor.omega !== null) this.read(this.cursor.omega);

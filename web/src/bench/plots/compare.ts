@@ -45,7 +45,7 @@ export class CompareTable {
   private name(d: Drawn): HTMLElement {
     const line = svg("line", { x1: 0, x2: 34, y1: 4, y2: 4, stroke: d.ink, "stroke-width": d.dots ? 2 : 3, "stroke-dasharray": dashes(d.dots)?.join(" ") ?? "none" });
     const swatch = svg("svg", { class: "swatch", viewBox: "0 0 34 8", "aria-hidden": "true" }, line);
-    return h("th", { scope: "row" }, swatch, d.dots ? h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots)) : null, d.name);
+    return h("th", { scope: "row", title: d.name }, swatch, d.dots ? h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots)) : null, d.name);
   }
 
   private buttons(d: Drawn, index: number): HTMLElement[] {

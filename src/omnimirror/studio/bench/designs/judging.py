@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.evaluation import Evaluation
-from ...design.criteria.like import lens_like
-from ...design.criteria.merits import values_of_evaluation
-from ...design.criteria.requirement_file import requirements_of
-from ...design.criteria.requirements import Requirements
-from ...design.solve.verdict import Judgement, evaluations, judge
-from ...errors import OmnimirrorError
-from ...sensor import Sensor
-from ...specs import tables_of
-from .messages import BlockValues, JudgementOf, columns_of
+from ....analysis.evaluation import Evaluation
+from ....design.criteria.like import lens_like
+from ....design.criteria.merits import values_of_evaluation
+from ....design.criteria.requirement_file import requirements_of
+from ....design.criteria.requirements import Requirements
+from ....design.solve.verdict import Judgement, evaluations, judge
+from ....errors import OmnimirrorError
+from ....sensor import Sensor
+from ....specs import tables_of
+from ..messages import BlockValues, JudgementOf, columns_of
 
 DIGITS = 6
 ANGLES = 181  # at which limits are looked at while a slider moves

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.meridional.focus import best_focus
-from ...design.construct.families import FAMILIES
-from ...design.construct.fits import fit_mirror
-from ...design.construct.rim import MountedMirror, RimRay
-from ...errors import InvalidParameter, OmnimirrorError, SpecError
-from ...lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
-from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
-from ...mirrors.generated import MAPPINGS
-from ...mirrors.generated.base import Mapped
-from ...sensor import Sensor
-from ...specs import EntryError, NoFile, sensor_of, tables_of
-from .messages import BenchSensor, Change, Trouble, distance_of
+from ....analysis.meridional.focus import best_focus
+from ....design.construct.families import FAMILIES
+from ....design.construct.fits import fit_mirror
+from ....design.construct.rim import MountedMirror, RimRay
+from ....errors import InvalidParameter, OmnimirrorError, SpecError
+from ....lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
+from ....mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
+from ....mirrors.generated import MAPPINGS
+from ....mirrors.generated.base import Mapped
+from ....sensor import Sensor
+from ....specs import EntryError, NoFile, sensor_of, tables_of
+from ..messages import BenchSensor, Change, Trouble, distance_of
 
 NODES = 25  # of a profile, a spline or a table taken from another mirror
 SLOPES = 13

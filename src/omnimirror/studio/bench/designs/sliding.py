@@ -5,9 +5,9 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import Any
 
-from ...errors import OmnimirrorError
+from ....errors import OmnimirrorError
+from ..messages import Slide, SlidesAsk, SlidesOf
 from .judging import requirements_for, rows_of
-from .messages import Slide, SlidesAsk, SlidesOf
 from .sensors import in_place, sensor_on_bench
 
 ANGLES = 61

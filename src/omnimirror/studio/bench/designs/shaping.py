@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis.evaluation import evaluate
-from ...errors import InvalidParameter
-from ...mirrors import SlopeSpline
-from ...mirrors.slope_spline import spline_of_slopes
-from ...sensor import Sensor
-from .messages import Bend
+from ....analysis.evaluation import evaluate
+from ....errors import InvalidParameter
+from ....mirrors import SlopeSpline
+from ....mirrors.slope_spline import spline_of_slopes
+from ....sensor import Sensor
+from ..messages import Bend
 from .sensors import mapping_like, rim_of, spline_like, why_not_optimised
 
 Array = NDArray[np.float64]

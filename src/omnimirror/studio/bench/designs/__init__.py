@@ -1,0 +1,1 @@
+"""Designs on the bench: as tables, judged by their requirements, bent by hand."""

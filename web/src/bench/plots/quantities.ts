@@ -1,0 +1,54 @@
+/** Which quantities are plotted against the field angle, and together with which. */
+import type { QuantityOf } from "../../shared/messages";
+import { explained, symbolOf, unitWords } from "../labels";
+
+/** One plot over the field angle: in which group, of which columns, with how many decimals. */
+interface Plot {
+  group: string;
+  columns: string[];
+  places: number;
+  /** Where there is more than one column; the others are drawn dashed. */
+  title?: string;
+}
+
+export const PLOTS: Plot[] = [
+  { group: "Mapping", columns: ["h_px"], places: 1 },
+  { group: "Mapping", columns: ["dh_domega_px_per_deg"], places: 3 },
+  { group: "Viewpoints", columns: ["viewpoint_z_mm"], places: 2 },
+  { group: "Area and aspect", columns: ["area_px2"], places: 2 },
+  { group: "Area and aspect", columns: ["aspect"], places: 3 },
+  { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },
+  { group: "Blur", columns: ["blur_t_deg", "blur_s_deg"], places: 3, title: "Blur in angle" },
+  { group: "Blur", columns: ["floored_area_deg2"], places: 3 },
+];
+
+/** A plot with the words of the vocabulary. */
+export interface Chart {
+  title: string;
+  group: string;
+  /** Which block of numbers holds its columns. */
+  block: "curves" | "limits";
+  unit: string;
+  columns: { name: string; symbol: string; dashed: boolean }[];
+  places: number;
+  hint: string;
+}
+
+/** The plots, called as the vocabulary calls their columns. */
+export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
+  PLOTS.map(({ group, columns, places, title }) => {
+    const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
+    const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
+    return { title: title ?? quantities[0].title, group, block: "curves", unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
+  });
+
+/** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */
+export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
+  title: column.replace(quantity.name, quantity.title),
+  group: "Limits",
+  block: "limits",
+  unit: unitWords(quantity.unit),
+  columns: [{ name: column, symbol: symbolOf(quantity), dashed: false }],
+  places: 3,
+  hint: explained(quantity),
+});
