@@ -14,13 +14,16 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio test test-full programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
 	$(BIN)/omnimirror demo --out $(DEMO_OUT)
+
+studio: $(VENV)/.studio  ## Look at pictures and design sensors in the browser
+	$(BIN)/omnimirror studio
 
 test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
@@ -130,6 +133,10 @@ $(BIN)/python:
 $(VENV)/.core: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e .
 	@touch $@
+
+$(VENV)/.studio: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
+	$(PIP) -e '.[studio]'
+	@touch $@ $(VENV)/.core
 
 $(VENV)/.test: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test]'

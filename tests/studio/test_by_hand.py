@@ -99,11 +99,11 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
 
 def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa: F811
     before = sensor_on(bench)
-    off = drag(bench, bench.locator(".handle.profile").nth(1), 3, 0)
+    off = drag(bench, bench.locator(".handle.profile").first, 3, 0)
     assert np.hypot(*off) < 1
     after = sensor_on(bench)
     assert after.mirror.KIND == "slope-spline"
-    assert after.mirror.sag(30.7) - before.mirror.sag(30.7) > 1  # mm; three pixels are 2
+    assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; three pixels are 2
     omega, height = plotted(bench, "Image height")
     np.testing.assert_allclose(height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2)
     bench.get_by_role("button", name="Undo").click()

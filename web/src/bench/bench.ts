@@ -166,6 +166,12 @@ export class Bench {
     this.settle();
   }
 
+  /** Judge the design by other requirements, and show them. */
+  takeRequirements(requirements: Tables): void {
+    this.takeDesign({ ...this.history.now, requirements });
+    this.requirements.reveal();
+  }
+
   undo(): void {
     this.history.undo();
     this.takeDesign(this.history.now);

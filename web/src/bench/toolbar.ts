@@ -1,7 +1,7 @@
 import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
 import type { BenchSensor, Download } from "../shared/messages";
-import type { Design } from "./designs/design";
+import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
 import * as supply from "./supply";
 
@@ -22,7 +22,7 @@ interface Hands {
   redo: () => void;
   pin: () => void;
   take: (sensor: BenchSensor, words: string) => void;
-  takeDesign: (design: Design) => void;
+  takeRequirements: (requirements: Tables) => void;
   fail: (e: unknown) => void;
 }
 
@@ -65,8 +65,8 @@ export class Toolbar {
       const { sensor, requirements } = await supply.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
       if (!requirements) return;
-      this.bench.takeDesign({ ...this.bench.history.now, requirements });
-      this.host.say(`${name}: its requirements are judged`);
+      this.bench.takeRequirements(requirements);
+      this.host.say(requirements.mirror ? `${name}: the design is judged by it; Design from requirements makes one` : `${name}: the design is judged by it`);
     });
   }
 

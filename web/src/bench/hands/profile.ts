@@ -9,7 +9,7 @@ interface Drawing {
   at: (point: [z: number, x: number]) => [left: number, top: number];
 }
 
-const AT = [0.35, 0.7, 1]; // of the rim radius
+const AT = [0.5, 1]; // of the rim radius
 const APART = 25; // px: handles nearer to the next than a finger are left out
 
 /** Handles on the mirror in cross-section: pulled along the axis, the profile goes through where they are. */

@@ -25,8 +25,13 @@ export class RequirementsPanel {
   private marks = new Map<string, HTMLElement>();
   private inputs: { input: HTMLInputElement; value: () => number | null | undefined }[] = [];
 
-  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
+  constructor(private readonly place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
     place.append(this.verdict, this.body, this.problem, h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.add() }, "Add a requirement")));
+  }
+
+  /** Bring them into view. */
+  reveal(): void {
+    this.place.scrollIntoView({ block: "start" });
   }
 
   show(design: Design): void {
