@@ -96,7 +96,7 @@ OF_A_BALL = ("--ball", "32,32,30,260")
     ("command", "unused"),
     [
         ("evaluate paper-spherical --omega-deg 0:90:45", UNUSED),
-        ("dewarp circle.png -o view.png", (*UNUSED, *OF_SENSORS)),
+        ("dewarp circle.png -o view.png", (*UNUSED, *OF_SENSORS, "numpy.ma")),
     ],
 )
 def test_what_is_asked_most_waits_for_nothing_that_it_does_not_use(command, unused, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import types
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import fields
@@ -52,11 +53,16 @@ def _real(name: str, value: ArrayLike, shape: str) -> Array:
     try:
         array = np.asarray(value)
         is_mixed = array.dtype.kind == "O" and not all(type(v) in NUMBERS for v in array.flat)
-        if array.dtype.kind not in "iufO" or is_mixed or np.ma.is_masked(value):
+        if array.dtype.kind not in "iufO" or is_mixed or _is_masked(value):
             raise TypeError
         return array.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
+
+
+def _is_masked(value: ArrayLike) -> bool:
+    """Whether some of an array are masked: who has one has imported its module, for which others need not wait."""
+    return "numpy.ma" in sys.modules and bool(np.ma.is_masked(value))
 
 
 def finite(
@@ -311,7 +317,7 @@ ROWS = {tuple: Sequence, list: Sequence, Sequence: Sequence, Collection: Collect
 def _is_number(value: Any) -> bool:
     """A number with a size: no truth value, no NaN, and none too large for a float."""
     if isinstance(value, np.ndarray):
-        return value.ndim == 0 and value.dtype.kind in "iuf" and not (np.ma.is_masked(value) or np.isnan(value))
+        return value.ndim == 0 and value.dtype.kind in "iuf" and not (_is_masked(value) or np.isnan(value))
     if isinstance(value, bool) or not isinstance(value, float | int | np.integer | np.floating):
         return False
     try:

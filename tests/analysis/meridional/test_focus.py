@@ -158,6 +158,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         ({"omega_deg": []}, "omega_deg is empty"),
         ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg has shape \(1, 2\)"),
         ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
+        ({"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])}, "omega_deg = .* cannot be read as numbers"),
         ({"object_distance_mm": [100.0, 200.0]}, "object_distance_mm has 2 values for 1001 field angles"),
         ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
         ({"object_distance_mm": 2e-309}, "object_distance_mm = 2e-309 is not a distance; it is valid above 0 "),
