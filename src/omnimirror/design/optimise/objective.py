@@ -40,10 +40,13 @@ class Slack:
         Limits by their index, :data:`IMAGE`, :data:`CLEAR`. All that are not named are kept.
     numbers
         Free numbers, with what was asked of them and the sign of the way in which they may give.
+    margin
+        Share by which all others are kept better than asked, so that they are between the angles looked at.
     """
 
     keys: tuple[Key, ...]
     numbers: tuple[tuple[str, float, int], ...] = ()
+    margin: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,14 +116,14 @@ class Objective:
         with np.errstate(all="ignore"):
             required = dict(self._requirements(state))
             constraints = [LEAST_DOMEGA_DU - state.domega_du, LEAST_COS_INCIDENCE - state.cos_incidence]
-            given: tuple[Key, ...] = ()
+            given, margin = tuple[Key, ...](), TIGHT
             if isinstance(self.goal, Slack):
-                given = self.goal.keys
+                given, margin = self.goal.keys, TIGHT + self.goal.margin
                 rows = [required[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
                 objective = _beside(rows, len(y))
             else:
                 objective = self._merit(self.goal, state)
-            constraints += [TIGHT + part for key, part in required.items() if key not in given]
+            constraints += [margin + part for key, part in required.items() if key not in given]
             return objective, _beside(constraints, len(y))
 
     def _moved(self, y: Array, name: str, asked: float, sign: int) -> Array:

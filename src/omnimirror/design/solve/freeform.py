@@ -30,6 +30,7 @@ from ..optimise.optimiser import (
 )
 from ..optimise.problem import DesignProblem
 from ..optimise.variables import DesignSpace
+from .priorities import is_more_met, meeting_the_others, told
 from .space import BestDesign, Point, Reached
 from .verdict import judge
 
@@ -111,21 +112,22 @@ class FreeFormSpace:
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
         """The point near one where the least has to give; None where something else is missed there."""
-        found = follow(replace(self._objective(()), goal=slack), self._y(point), tolerance=CLOSE)
+        found = follow(replace(self._objective(()), goal=slack), self.y(point), tolerance=CLOSE)
         return Reached(point | self.point(found.y), found.value) if found.violation < KEPT else None
 
     def missed(self, point: Point) -> dict[Key, float]:
         """By what share each requirement is missed at a point."""
-        return self._objective(()).missed(self._y(point))
+        return self._objective(()).missed(self.y(point))
 
     def can_meet(self, requirements: Requirements, point: Point) -> bool:
         """Whether the mirror near a point that misses least meets other requirements."""
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeFormSpace(requirements, problem)
-        y = follow(space._objective(space.keys), space._y(point), tolerance=CLOSE).y
+        y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y
         return judge(requirements, space.designs.sensor(y)).is_met
 
-    def _y(self, point: Point) -> Array:
+    def y(self, point: Point) -> Array:
+        """A point as the optimiser has it."""
         return np.array([point.get(name, 0.0) for name in self.designs.names])
 
     def _objective(self, keys: tuple[Key, ...]) -> Objective:
@@ -155,9 +157,22 @@ def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> 
         y, optimum = _least_missed(space, found), None
         sensor = space.designs.sensor(y)
         first = f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least"
-    sensor = replace(sensor, name=requirements.name)
-    notes = (first, *free_form_notes(problem, sensor))
-    return space, BestDesign(space.point(y), sensor, judge(requirements, sensor), notes, optimum)
+    best = _design(space, y, sensor, optimum, (first,))
+    for point in meeting_the_others(space, best.point, best.verdict):
+        y = space.y(point)
+        other = _design(space, y, space.designs.sensor(y), None, ())
+        if is_more_met(other.verdict, best.verdict):
+            return space, replace(other, notes=(told(other.verdict, best.verdict), *other.notes))
+    return space, best
+
+
+def _design(
+    space: FreeFormSpace, y: Array, sensor: Sensor, optimum: Optimum | None, first: tuple[str, ...]
+) -> BestDesign:
+    """A mirror judged, and where it stands."""
+    sensor = replace(sensor, name=space.requirements.name)
+    notes = (*first, *free_form_notes(space.problem, sensor))
+    return BestDesign(space.point(y), sensor, judge(space.requirements, sensor), notes, optimum)
 
 
 def _least_missed(space: FreeFormSpace, tried: list[Array]) -> Array:

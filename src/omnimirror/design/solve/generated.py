@@ -249,7 +249,11 @@ class GeneratedSpace:
 
     def made_at(self, point: Point) -> Requirements:
         """The requirements settled at a point, their focus as they give it."""
-        return self._settled(self._y(point))[0].changed(focus_mm=self.settled.lens.focus_mm)
+        return self.settled_at(point).changed(focus_mm=self.settled.lens.focus_mm)
+
+    def settled_at(self, point: Point) -> Requirements:
+        """The requirements settled at a point, and focused there."""
+        return self._settled(self._y(point))[0]
 
     def _added(self, y: Array) -> dict[Key, float]:
         """What the fit adds to each requirement's worst row."""
@@ -264,7 +268,7 @@ class GeneratedSpace:
                 return ObjectiveValues(np.array([np.nan]), np.array([np.nan]))
             gives = [missed[key] for key in slack.keys]
             gives += [np.array([self._moved(y, *number)]) for number in slack.numbers]
-            kept = [rows for key, rows in missed.items() if key not in slack.keys]
+            kept = [rows + slack.margin for key, rows in missed.items() if key not in slack.keys]
             return ObjectiveValues(np.concatenate(gives), np.concatenate([*kept, np.array([-1.0])]))
 
         def rows(y: Array) -> Rows:

@@ -2,12 +2,13 @@
 
 Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
 limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, linear programmes its bottom.
+Where something cannot be met at all, what else can be is (:mod:`.priorities`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from ..criteria.requirements import Requirements
 from ..optimise.objective import Key, Slack
 from .candidates import Candidate, make, mapping_deviation_px
 from .generated import AREA, SEARCHED, GeneratedSpace, free_of, ranges_of
+from .priorities import is_more_met, meeting_the_others, told
 from .space import BestDesign, Say
 from .verdict import EDGE_PX, Verdict, evaluations, judge
 
@@ -130,9 +132,16 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
     if search.free:
         say(f"choosing {', '.join(search.free)}")
     found = search.best()
-    made, space = found.made, search.space(found)
-    verdict = judge(requirements, made.sensor)
-    return space, BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
+    space = search.space(found)
+    best = _design(search, space, found.made)
+    for point in meeting_the_others(space, best.point, best.verdict, say):
+        try:
+            other = _design(search, space, make(space.settled_at(point)))
+        except OmnimirrorError:
+            continue
+        if is_more_met(other.verdict, best.verdict):
+            return space, replace(other, notes=(told(other.verdict, best.verdict), *other.notes))
+    return space, best
 
 
 def is_met(requirements: Requirements) -> bool:
@@ -143,7 +152,13 @@ def is_met(requirements: Requirements) -> bool:
     OmnimirrorError
         There is no such mirror at all.
     """
-    return solve(requirements)[1].verdict.is_met
+    return judge(requirements, RangeSearch(requirements).best().made.sensor).is_met
+
+
+def _design(search: RangeSearch, space: GeneratedSpace, made: Candidate) -> BestDesign:
+    """A candidate judged, and where it stands."""
+    verdict = judge(search.requirements, made.sensor)
+    return BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
 
 
 def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
@@ -161,15 +176,21 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
         elif search.ranges["focal_length_mm"] is None:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
-        is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
-        why = "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
-        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {why}")
+        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {_why_there(requirements, made)}")
     deviation = mapping_deviation_px(made.settled, sensor)
     if deviation is not None:
         mirror = requirements.mirror
         who = "the mirror behind lens and cover" if mirror.mapping and not mirror.fit else "the fitted mirror"
         notes.append(f"{who} departs from its mapping by up to {deviation:.3g} px")
     return tuple(notes)
+
+
+def _why_there(requirements: Requirements, made: Candidate) -> str:
+    """What the focus was chosen for."""
+    if made.settled.lens.focus_mm != requirements.lens.focus_mm:
+        return "what can be met is"
+    is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
+    return "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
 
 
 def ratios(span: tuple[float, float], count: int) -> list[float]:
