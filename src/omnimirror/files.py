@@ -61,6 +61,8 @@ def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = N
     OmnimirrorError
         The folder cannot be written, or the disk is full; an earlier file at ``path`` is left as it was.
     """
+    if not isinstance(path, str | Path) or "\0" in str(path):
+        raise OmnimirrorError(f"{shortened(repr(path))} is not the name of a file")
     path = Path(path)
     try:
         if is_stream(path):

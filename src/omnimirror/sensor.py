@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import instance, numbers, shown, vectors
+from .arguments import finite, instance, numbers, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
@@ -38,6 +38,8 @@ from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
+
+FARTHEST_PUPIL = 1e3  # radii of the aperture
 OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # what a lens of the same pupil does not change
 Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
 
@@ -313,7 +315,7 @@ class Sensor:
         (n,) array
             Distances of the mirror points from the axis, mm.
         """
-        h_mm = self.lens.undistorted_height(np.asarray(h_px, dtype=float) * self.imager.pitch_mm)
+        h_mm = self.lens.undistorted_height(numbers("h_px", h_px) * self.imager.pitch_mm)
         return self._x_from_ideal_mm(h_mm)
 
     def _x_from_ideal_mm(self, h_mm: Array) -> Array:
@@ -336,7 +338,7 @@ class Sensor:
         (n,) array
             px
         """
-        image, _ = self.image_plane.flat_mm(pixels)
+        image, _ = self.image_plane.flat_mm(vectors("pixels", pixels, 2))
         if self.lens.is_symmetric:
             return np.hypot(image[..., 0], image[..., 1]) / self.imager.pitch_mm
         ideal = self.lens.undistorted(image)
@@ -681,6 +683,11 @@ class Sensor:
         Rays
             Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
 
+        Raises
+        ------
+        InvalidParameter
+            Pixels, or points of the pupil, of another shape.
+
         Examples
         --------
         How far apart a pixel looks through both edges of the aperture is its blur in angle:
@@ -693,9 +700,12 @@ class Sensor:
         >>> om.evaluate(sensor, h_px=[300.0]).blur_t_deg.round(2)
         array([-0.21])
         """
-        pixels = np.asarray(pixels, dtype=float)
+        pixels = vectors("pixels", pixels, 2)
         flat = pixels.reshape(-1, 2)
-        pupil = np.broadcast_to(np.asarray(pupil, dtype=float), pixels.shape).reshape(-1, 2)
+        pupil = finite("pupil", pupil, -FARTHEST_PUPIL, FARTHEST_PUPIL, last=2) if flat.size else flat
+        if pupil.shape != pixels.shape and pupil.size != 2:
+            raise InvalidParameter(f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point")
+        pupil = np.broadcast_to(pupil, pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         found = self.optical_train.seen_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))

@@ -16,6 +16,7 @@ from omnimirror.camera_models import (
 )
 from omnimirror.cameras import Camera
 from omnimirror.dewarp.maps import radial_table as radial
+from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
@@ -97,6 +98,23 @@ def some_directions(count=400):
 @pytest.mark.parametrize("camera", CASES)
 def test_it_is_a_camera(camera):
     assert isinstance(camera, Camera)
+
+
+NO_VECTORS = (None, "", "x", b"x", True, 1j, 7.0, [], {}, object(), [[]], ["a", "b"], [[1, 2], [3]], np.zeros((2, 5)),
+              [1.0, 2.0], [1.0, 2.0, 3.0], float("inf"), 10**400, np.zeros(3, "datetime64[s]"))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_are_no_vectors_is_refused_with_a_sentence(name):
+    camera = MODELS[name]
+    for method, argument in (
+        (camera.backproject, "pixels"),
+        (camera.project, "points_mm"),
+        (camera.project_directions, "directions"),
+    ):
+        for value in NO_VECTORS:
+            with pytest.raises(InvalidParameter, match=f"^{argument} "):
+                method(value)
 
 
 @pytest.mark.parametrize("camera", CASES)

@@ -401,8 +401,13 @@ class RadialModel(CameraModel):
         -------
         Rays
             Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Pixels of another shape.
         """
-        pixels = np.asarray(pixels, dtype=float)
+        pixels = vectors("pixels", pixels, 2)
         end = float(self._law_radius(np.array([self.omega_max]))[0])
         x, y, found = self._round_picture(pixels, end * (1 + ROUNDING))
         radius, (ux, uy) = _length_and_unit(x, y)
@@ -430,8 +435,13 @@ class RadialModel(CameraModel):
         -------
         Projection
             Pixels (n, 2) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Points of another shape.
         """
-        return self._projected(points_mm, distant=False)
+        return self._projected(vectors("points_mm", points_mm, 3), distant=False)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of directions (n, 3) of any length but 0.
@@ -445,10 +455,15 @@ class RadialModel(CameraModel):
         -------
         Projection
             Pixels (n, 2) and where they are valid (n,).
-        """
-        return self._projected(directions, distant=True)
 
-    def _projected(self, world: ArrayLike, distant: bool) -> Projection:
+        Raises
+        ------
+        InvalidParameter
+            Directions of another shape.
+        """
+        return self._projected(vectors("directions", directions, 3), distant=True)
+
+    def _projected(self, world: Array, distant: bool) -> Projection:
         in_camera = turned(world, self.mount.rotation()) * self._signs
         rho, (ux, uy) = _length_and_unit(in_camera[..., 0], in_camera[..., 1])
         omega = self._field_angle(rho, in_camera[..., 2], distant)

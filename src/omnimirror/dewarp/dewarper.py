@@ -131,6 +131,9 @@ class Dewarper:
             For a picture of another size or kind than the camera's, or an ``out`` of another than the view's.
         """
         check_picture(image, self.camera.image_size)
+        instance("transparent", transparent, bool, "True or False")
+        if out is not None:
+            instance("out", out, np.ndarray, "an array of pixels")
         border: Border = self.border
         if transparent:
             border = clear_border(border, image)
