@@ -314,6 +314,13 @@ class Sensor:
         -------
         (n,) array
             Distances of the mirror points from the axis, mm.
+
+        Raises
+        ------
+        InvalidParameter
+            Heights that are no numbers.
+        OutsideField
+            A height that the rim's image does not reach.
         """
         h_mm = self.lens.undistorted_height(numbers("h_px", h_px) * self.imager.pitch_mm)
         return self._x_from_ideal_mm(h_mm)
@@ -337,6 +344,11 @@ class Sensor:
         -------
         (n,) array
             px
+
+        Raises
+        ------
+        InvalidParameter
+            Pixels of another shape.
         """
         image, _ = self.image_plane.flat_mm(vectors("pixels", pixels, 2))
         if self.lens.is_symmetric:
