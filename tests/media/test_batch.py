@@ -6,10 +6,13 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from omnimirror.errors import MediaError
-from omnimirror.media.batch import Job, expand_inputs, output_for, outputs_for, run_parallel
+from omnimirror.media import read_image
+from omnimirror.media.batch import PICTURES, READABLE, Job, expand_inputs, output_for, outputs_for, run_parallel
 
 
 @pytest.fixture
@@ -36,6 +39,19 @@ def folder(tmp_path, monkeypatch):
 )
 def test_names_folders_and_patterns_become_files(folder, patterns, names):
     assert [path.as_posix() for path in expand_inputs(patterns)] == names
+
+
+@pytest.mark.parametrize("suffix", [s for s in READABLE if s not in PICTURES])
+def test_pictures_that_are_only_looked_at_may_be_of_more_kinds(tmp_path, suffix):
+    """Calibration sets come as they do: those of OCamCalib are GIFs."""
+    picture = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
+    of_kind = {".ppm": "RGB"}.get(suffix, "L")
+    Image.fromarray(picture).convert(of_kind).save(tmp_path / f"a{suffix}")
+    (file,) = expand_inputs([tmp_path], READABLE)
+    seen = read_image(file)
+    assert np.abs(seen.reshape(48, 72, -1).astype(int) - picture[..., None]).max() <= 1
+    with pytest.raises(MediaError, match="there is no picture in the folder"):
+        expand_inputs([tmp_path])
 
 
 @pytest.mark.parametrize("pattern", ["z.jpg", "*.tif"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import struct
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from starlette.testclient import TestClient
 
 import omnimirror as om
@@ -72,10 +74,22 @@ def test_a_picture_that_is_handed_up_shows_its_corners(client):
     np.testing.assert_allclose(quick["corners_px"], found["corners_px"])
 
 
+@pytest.mark.parametrize("kind", ["GIF", "PPM"])
+def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
+    """OCamCalib's sets are GIFs; machine vision writes PGM."""
+    file = io.BytesIO()
+    Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
+    assert look(client, file.getvalue(), quick=True).json()["ids"] == list(range(BOARD.corner_count))
+
+
 @pytest.mark.parametrize(
     ("data", "more", "sentence"),
     [
-        (b"no picture", {}, "here.png is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP"),
+        (
+            b"no picture",
+            {},
+            "here.png is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM",
+        ),
         (b"", {}, "the file is empty"),
         (BLANK, {"columns": 1}, "columns = 1 is not valid; it is valid as a whole number, 2 to 200"),
         (BLANK, {"marker_mm": 3}, "marker_mm belongs to boards of kind charuco, and this is one of kind chessboard"),

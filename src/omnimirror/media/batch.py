@@ -17,6 +17,8 @@ from . import interrupts
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
 """What is taken from a folder, by suffix."""
+READABLE = (*PICTURES, ".gif", ".pgm", ".ppm", ".pnm", ".jp2")
+"""The same, where pictures are only looked at: of these, none is written."""
 
 
 class Job(NamedTuple):

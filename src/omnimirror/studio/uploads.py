@@ -26,7 +26,7 @@ MOST_UNPACKED = 256 << 20
 STRIP = 256
 """Rows that are converted at once."""
 BITS_PER_SAMPLE = 258  # of a TIFF
-KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
+KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp", "GIF": ".gif", "PPM": ".pnm"}
 
 
 async def collected(request: Request) -> bytes:
@@ -130,4 +130,6 @@ def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
         depth = data[24]
     elif picture.format == "TIFF":
         depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
+    elif picture.format == "PPM":
+        depth = 16  # what is brightest in it may be up to 65535
     return width * height * channels * max(1, -(-depth // 8))

@@ -25,7 +25,7 @@ from ....calibrate.targets.finding import find_boards
 from ....camera_models.base import CameraModel, Optics
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
-from ....media.batch import expand_inputs
+from ....media.batch import READABLE, expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera
 from ....straighten.request import is_video
@@ -235,7 +235,7 @@ def _found(console: Console, pictures: tuple[str, ...], board: Board, several: b
         if len(pictures) == 1 and is_video(pictures[0]):
             found = choose_frames(pictures[0], board, progress=progress)
         else:
-            found = find_boards(expand_inputs(pictures), board, several=several, progress=progress)
+            found = find_boards(expand_inputs(pictures, READABLE), board, several=several, progress=progress)
         return found, interrupts.exit_code()
 
 

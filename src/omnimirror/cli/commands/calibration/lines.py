@@ -19,6 +19,7 @@ from ....errors import InvalidParameter
 from ....files import write_json
 from ....frames import CameraLooks, Mount
 from ....media import read_image, write_image
+from ....media.batch import READABLE, expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera, save_camera
 from ...help_pages import DocumentedCommand
@@ -85,26 +86,28 @@ class LineOptions(Options):
         "omnimirror lines --lines edges.csv --image-size 1024x1024 --camera mine.toml -o built.toml",
     ),
 )
-@click.argument("images", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("images", nargs=-1)
 @takes(LineOptions, "asked")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
 @json_option("Write parameters, residuals and lean.")
 @output_option("--figure", help="Draw the edges of the first picture: green where straight, red where not.")
 def command(
-    images: tuple[Path, ...], asked: LineOptions, output: Path | None, json_file: Path | None, figure: Path | None
+    images: tuple[str, ...], asked: LineOptions, output: Path | None, json_file: Path | None, figure: Path | None
 ) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
 
-    For rooms and streets, where there is no target. Edges that programs do not follow are marked by hand: --lines.
+    IMAGES are files, folders or patterns of them: rooms and streets, where there is no target. Edges that programs do
+    not follow are marked by hand: --lines.
     """
     if not (images or asked.lines):
         raise click.UsageError("there are no IMAGES, and no --lines that were marked in them")
     if figure and not images:
         raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
-    pictures, marked = [read_image(path) for path in images], read_lines(asked.lines)
-    if len(images) == 1 and list(marked) == [ONLY]:
-        marked = {images[0].name: marked[ONLY]}
-    names = list(dict.fromkeys([*(path.name for path in images), *marked]))
+    files, marked = expand_inputs(images, READABLE), read_lines(asked.lines)
+    pictures = [read_image(file) for file in files]
+    if len(files) == 1 and list(marked) == [ONLY]:
+        marked = {files[0].name: marked[ONLY]}
+    names = list(dict.fromkeys([*(file.name for file in files), *marked]))
     lines = [marked.get(name, ()) for name in names]
     console = output_console()
     model = asked.model()

@@ -13,7 +13,7 @@ from ....calibrate.rim import SURE, FoundRim, find_rim
 from ....calibrate.rim.edges import levels_of
 from ....files import write_json
 from ....media import read_image
-from ....media.batch import expand_inputs
+from ....media.batch import READABLE, expand_inputs
 from ...help_pages import DocumentedCommand
 from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say, say_written
 
@@ -34,7 +34,7 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
     middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
     confidence of .6 nothing should rely on it.
     """
-    files = expand_inputs(images)
+    files = expand_inputs(images, READABLE)
     pictures = [read_image(file) for file in files]
     found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
     singles = found if each else list(found[0].pictures) or found
