@@ -132,10 +132,10 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(cha
     assert found.outliers == ()
 
 
-def test_a_note_tells_where_half_of_a_few_pictures_moved_and_a_camera_can_take_it_up():
-    found = calibrated(moved(detections(count=8, seed=1), {4, 5, 6, 7}, [9.0, 4.0]), board_shape=False)
-    assert found.held_out_rms_px > 1.5 * found.rms_px
-    assert any("the mirror moved between them" in note for note in found.notes)
+def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
+    found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
+    assert found.held_out_rms_px > 1.25 * found.rms_px
+    assert any("well above that of the fit" in note for note in found.notes)
 
 
 def test_the_file_of_results_has_what_it_promises(tmp_path):

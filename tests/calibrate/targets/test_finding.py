@@ -42,6 +42,23 @@ def test_reported_deviations_are_those_from_the_truth(photograph):
     assert 0.6 < np.sqrt(np.mean(error**2 / found.sigma_px[:, None] ** 2)) < 2.0
 
 
+def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
+    """Its outline makes edges that pull a corner by half a pixel and more."""
+    whole = om.find_board(photograph.picture, BOARD)
+    hidden = np.flatnonzero(np.isin(whole.ids, [0, 4, 27, 49]))
+    picture = photograph.picture.copy()
+    for k in hidden:
+        at = whole.corners_px[k]
+        beside = np.sort(np.linalg.norm(whole.corners_px - at, axis=1))[1]
+        u, v = np.rint(8 * (at + beside * np.array([0.3, 0.22]))).astype(int)
+        cv2.circle(picture, (int(u), int(v)), round(8 * 0.33 * beside), 140, -1, cv2.LINE_AA, 3)
+    found = om.find_board(picture, BOARD)
+    assert found.used
+    assert len(found.ids) >= len(whole.ids) - 2 * len(hidden)  # one beside it may be hidden too
+    error = np.linalg.norm(found.corners_px - photograph.corners_px[in_order_of(found, photograph)], axis=1)
+    assert error.max() < 0.2
+
+
 def test_corners_run_clockwise_from_a_black_square(photograph):
     """In rows of nine, the first beside the second; the square before the first corner is black."""
     found = om.find_board(photograph.picture, BOARD)

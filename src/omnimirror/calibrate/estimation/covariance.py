@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
-from .bundle.normal_equations import assembled, reduced_matrix, with_priors
+from .bundle.normal_equations import assembled, reduced_system, with_priors
 from .bundle.steps import shared_values
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
         question.stack, found.residuals, found.d_shared[:, :, free], found.d_motion, weights, question.moving
     )
     prior = question.prior(shared_values(adjustment.estimate))
-    matrix = reduced_matrix(with_priors(blocks, prior.information, prior.pull))
+    matrix, _ = reduced_system(with_priors(blocks, prior.information, prior.pull))
     values, vectors = np.linalg.eigh(matrix * scales[:, None] * scales)
     values = np.maximum(values, max(LEAST_EIGENVALUE * float(values.max(initial=0.0)), 1e-300))
     covariance = np.zeros((len(names), len(names)))

@@ -20,13 +20,14 @@ from .bundle.edges import StraightEdges
 from .bundle.linearisation import UNSEEN_PX, Loss
 from .bundle.observations import Motion, Sighting
 from .bundle.steps import SETTLED
-from .checks import SEVERAL, check_poses, check_still, listed, without_strangers
+from .checks import check_poses, listed, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.conversion import is_central
 from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
+from .stillness import SEVERAL, check_still
 
 THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
 TERMS = "mirror.coefficients"

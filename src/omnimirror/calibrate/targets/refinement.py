@@ -21,6 +21,8 @@ MOST_PASSES = 100
 """The maps by which the edges bend are better the second time."""
 FARTHEST = 0.3  # squares that a corner may move
 WORST_FIT = 0.9  # contrasts that may be left over, rms
+ODD_FIT, LEAST_ODD_FIT = 4.0, 0.15
+"""The same over what the board's corners usually leave: where more is, a hand, a clip or a highlight hides a part."""
 WORST_SIGMA_PX = 0.75
 MODEL_PX = 0.01
 """What the bend of the edges, JPEG and the like leave besides noise: a hundredth of a pixel on rendered pictures."""
@@ -83,7 +85,8 @@ def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *,
         maps = maps_about(places[ids], pixels, places[ids])
         fit = fit_saddles(values, maps._replace(pixels=pixels), board.surroundings)
         moved = np.linalg.norm(fit.pixels - pixels, axis=1)
-        good = (moved < FARTHEST * maps.spacing() + 0.3) & (fit.misfit < WORST_FIT) & (fit.sigma_px < WORST_SIGMA_PX)
+        worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), LEAST_ODD_FIT))
+        good = (moved < FARTHEST * maps.spacing() + 0.3) & (fit.misfit < worst_fit) & (fit.sigma_px < WORST_SIGMA_PX)
         good &= np.all((fit.pixels > 1) & (fit.pixels < np.array([width, height]) - 2), axis=1)
         ids, pixels = ids[good], fit.pixels[good]
         if len(ids) < 4:

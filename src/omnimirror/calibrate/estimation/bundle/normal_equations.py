@@ -92,11 +92,12 @@ def solved(blocks: Blocks, damping: float, floor: Array) -> tuple[Array, Array]:
     return shared, -inverse_gradient - np.einsum("mkg,g->mk", inverse_cross, shared)
 
 
-def reduced_matrix(blocks: Blocks) -> Array:
-    """What pictures say of the shared parameters when motions are free: the Schur complement (g, g)."""
-    inverse_cross, _ = _eliminated(_damped(blocks.motions, 1e-12), blocks)
+def reduced_system(blocks: Blocks) -> tuple[Array, Array]:
+    """What pictures say of the shared parameters when motions are free: Schur complement (g, g), and gradient (g,)."""
+    inverse_cross, inverse_gradient = _eliminated(_damped(blocks.motions, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
-    return (reduced + reduced.T) / 2
+    gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
+    return (reduced + reduced.T) / 2, gradient
 
 
 def solved_scaled(matrix: Array, right: Array) -> Array:
