@@ -19,7 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 7  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 8  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -170,7 +170,7 @@ class Kernels(Protocol):
     ) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
-        pixels: Array, kernels: Array, spans: Array,
+        pixels: Array, block: int, kernels: Array, tiles: Array,
     ) -> object: ...  # fmt: skip
     def Sharpening(self, kernels: object, roots: Array) -> Sharpening: ...
     def expose_environment(

@@ -1,81 +1,88 @@
 // Taking a known blur out of a picture, as omnimirror.simulate.restoration.sharp_picture has it: the same formulas and
 // steps.
 //
-// The sharp picture lies on a grid `fineness` times as fine as the pixels.
+// The sharp picture lies on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight beside
+// each other: as many as a block has, or all, have one kernel, and columns of the fine grid are kept apart by their
+// place within the pixel (a row of the first ones, a row of the next), so that their values lie together. A round
+// improves tile by tile, each as a picture of its own in memory that stays in the processor's caches.
 #pragma once
 
 #include <cstdint>
-#include <memory>
+#include <mutex>
 #include <vector>
+
+#include "large_pages.hpp"
 
 namespace omnimirror {
 
-constexpr int RUN_LANES = 8;  // weights of a run are filled up with zeros to a multiple of it
+constexpr int GROUP = 8;  // adjoining pixels of a row that are blurred beside each other
 
-// Adjoining values of the fine grid that count in a pixel, and where their weights begin.
-struct Run {
-    int32_t down, right, count, weight;
+struct Box {  // of pixels, without the last row and column
+    int32_t top, bottom, left, right;
+
+    Box moved(int down, int right_) const { return {top + down, bottom + down, left + right_, right + right_}; }
 };
 
-struct Span {
-    int32_t begin, end;
+// A part of the picture, as Blur.tiles of blurring.py has them.
+struct Part {
+    Box kept, explained, values;
 };
 
-// A pixel that is known, and where it stands in the caller's list.
-struct Visit {
-    int32_t row, column, kernel, listed;
+// A value of the fine grid that counts in a pixel: where it lies from the first one of that.
+struct Tap {
+    int32_t down, right;
+    float weight;
 };
-
-// Some of the visits, of pixels in a part of the picture. Kernels of patches of one colour do not reach each other.
-struct Patch {
-    int32_t begin, end;
-};
-constexpr int COLOURS = 4;
 
 struct BlurKernels {
-    int width, height, fineness;      // of the picture; pixels of the fine grid along the side of a pixel
-    std::vector<int32_t> first_runs;  // (kernels + 1)
-    std::vector<Run> runs;
-    std::vector<float> weights;
-    std::vector<Span> spans;          // columns of each row of the fine grid that some pixel depends on
-    std::vector<Visit> visits;        // all pixels, patch by patch
-    std::vector<Patch> patches;
-    int first_patches[COLOURS + 1];     // of each colour
-    // of all kernels: how far they reach on the fine grid, from the first value of their pixel
-    int least_down, most_down, least_right, most_right;
+    int width, height, fineness;      // of the picture; values of the fine grid along the side of a pixel
+    std::vector<int32_t> first_taps;  // (kernels + 1), even: pairs are filled up with what weighs nothing
+    std::vector<Tap> taps;
+    int block;                     // adjoining pixels of a row that have one kernel: 1, 2, 4 or 8
+    std::vector<int32_t> kernels;  // (height, groups * GROUP / block), or -1 where nothing is known
+    std::vector<uint8_t> known;    // (height, width)
+    std::vector<Part> tiles;
+    int reach;  // pixels that kernels go beyond their own, at most
 
-    int across() const { return width * fineness; }
-    int deep() const { return height * fineness; }
+    int groups() const { return (width + GROUP - 1) / GROUP; }
 };
 
-// The order in which to visit `pixels`, row * width + column, ascending.
-void arrange(BlurKernels& blur, const int32_t* pixels, const int32_t* kernels, int64_t count);
+using Plane = std::vector<float, LargePages<float>>;
 
-// A sharp picture that is looked for, and what conjugate gradients keep. Only what lies in the spans changes.
-//
-// Planes have a row of each channel after the other, with room at both ends: (row * channels + channel) * stride. The
-// stride is an odd number of cache lines, or the rows that a kernel reaches would push each other out.
+// A tap by the distance of its value in a tile's planes.
+struct PlacedTap {
+    int32_t place;
+    float weight;
+};
+
+// A sharp picture that is looked for.
 class Sharpening {
   public:
-    static constexpr int ROOM = 16;
-
     Sharpening(const BlurKernels& blur, int channels, const float* roots);
+
+    // Where values begin of a row of the fine grid, of a channel, and of one of the columns within the pixels.
+    int64_t place(int row, int channel, int within) const {
+        return ((int64_t{channels} * row + channel) * blur.fineness + within) * stride;
+    }
 
     const BlurKernels& blur;
     const int channels;
     const int64_t stride;
+    Plane fine, improved;  // roots of its light, before and after a round; a column is repeated on the right
+    Plane seen;            // (height, channels, groups * GROUP) of the blurred one, below 0 where nothing is known
+
+    // Planes of tiles have as many columns of pixels on both sides of those that are explained, and of rows one more
+    // than kernels reach.
+    int64_t tile_stride;
+    int tile_rows, tile_margin;
+    std::vector<PlacedTap> taps;
+
+    Plane lend_memory();
+    void give_back(Plane memory);
 
   private:
-    struct Free {
-        void operator()(void* memory) const;
-    };
-    std::unique_ptr<float, Free> memory_;  // zeros, of which only what is used takes room
-
-  public:
-    float *fine, *d, *product, *image, *x, *residual;  // planes; the image is fine^2, or fine d
-    float* stiffness;                                  // a row of one channel
-    float *seen, *slope2;                              // (channels, visits)
-    std::vector<double> sums;                          // of the rows
+    std::mutex mutex_;
+    std::vector<Plane> memory_;  // of tiles, for those who come next
 };
 
 // What each instruction set implements, in a translation unit of its own.
@@ -84,7 +91,7 @@ struct SharpeningKernel {
     void (*improve)(Sharpening&, const float* costs, int steps);
     // Mean logarithms (height, width) of the steepness in every pixel.
     void (*log_steepness)(const Sharpening&, float* logarithms);
-    // Light (pixels, channels) of the blurred picture.
+    // Light (height, width, channels) of the blurred picture, where it is known.
     void (*blurred)(Sharpening&, float* light);
     // Light (height, width, channels) of the sharp one.
     void (*light)(const Sharpening&, float* light);

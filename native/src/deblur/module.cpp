@@ -9,65 +9,74 @@
 namespace omnimirror {
 namespace {
 
-// Kernels of (values) offsets and weights each, sorted by rows and columns, as runs of adjoining values.
-void add_runs(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Floats& weights) {
+// Kernels of (values) offsets and weights each.
+void add_taps(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Floats& weights) {
     const int32_t* first = firsts.data();
     require(first[0] == 0 && first[firsts.size() - 1] == static_cast<int32_t>(weights.size()),
             "kernels begin at the first weight and end with the last");
-    k.least_down = k.least_right = k.most_down = k.most_right = 0;
+    k.reach = 1;
     for (size_t kernel = 0; kernel + 1 < firsts.size(); ++kernel) {
         require(first[kernel] <= first[kernel + 1], "kernels follow each other");
-        k.first_runs.push_back(static_cast<int32_t>(k.runs.size()));
+        k.first_taps.push_back(static_cast<int32_t>(k.taps.size()));
         for (int32_t i = first[kernel]; i < first[kernel + 1]; ++i) {
-            const int32_t down = offsets.data()[2 * i], right = offsets.data()[2 * i + 1];
-            require(std::abs(down) < (1 << 12) && std::abs(right) < (1 << 12), "a kernel reaches too far");
-            const bool adjoins = i > first[kernel] && k.runs.back().down == down &&
-                                 k.runs.back().right + k.runs.back().count == right;
-            if (adjoins) {
-                ++k.runs.back().count;
-            } else {
-                k.weights.resize((k.weights.size() + RUN_LANES - 1) / RUN_LANES * RUN_LANES);
-                require(k.weights.size() < (1u << 30), "there are too many weights");
-                k.runs.push_back({down, right, 1, static_cast<int32_t>(k.weights.size())});
-            }
-            k.weights.push_back(weights.data()[i]);
-            k.least_down = std::min(k.least_down, down), k.most_down = std::max(k.most_down, down);
-            k.least_right = std::min(k.least_right, right), k.most_right = std::max(k.most_right, right);
+            const Tap tap{offsets.data()[2 * i], offsets.data()[2 * i + 1], weights.data()[i]};
+            require(std::abs(tap.down) < (1 << 12) && std::abs(tap.right) < (1 << 12), "a kernel reaches too far");
+            for (const int32_t along : {tap.down, tap.right})
+                k.reach = std::max(k.reach, along < 0 ? (k.fineness - 1 - along) / k.fineness : along / k.fineness);
+            k.taps.push_back(tap);
         }
+        if (k.taps.size() % 2) k.taps.push_back({0, 0, 0});
     }
-    k.first_runs.push_back(static_cast<int32_t>(k.runs.size()));
-    k.weights.resize((k.weights.size() + RUN_LANES - 1) / RUN_LANES * RUN_LANES);
+    k.first_taps.push_back(static_cast<int32_t>(k.taps.size()));
 }
 
 void add_pixels(BlurKernels& k, const Ints& pixels, const Ints& kernels) {
-    const auto count = static_cast<int32_t>(k.first_runs.size()) - 1;
-    int32_t before = -1;
+    const auto count = static_cast<int32_t>(k.first_taps.size()) - 1;
+    require(kernels.ndim() == 2 && kernels.shape(0) == static_cast<size_t>(k.height) &&
+                kernels.shape(1) == static_cast<size_t>(k.groups() * GROUP / k.block),
+            "every block of pixels has a kernel, or none");
+    k.kernels.assign(kernels.data(), kernels.data() + kernels.size());
+    for (const int32_t kernel : k.kernels) require(kernel >= -1 && kernel < count, "there is no such kernel");
+    k.known.resize(static_cast<size_t>(k.width) * static_cast<size_t>(k.height));
     for (size_t i = 0; i < pixels.size(); ++i) {
-        const int32_t pixel = pixels.data()[i], kernel = kernels.data()[i];
-        require(pixel > before && pixel < k.width * k.height, "pixels ascend and lie in the picture");
-        require(kernel >= 0 && kernel < count, "there is no such kernel");
-        before = pixel;
+        const int32_t pixel = pixels.data()[i];
+        require(pixel >= 0 && pixel < k.width * k.height, "pixels lie in the picture");
+        const int block = pixel / k.width * (k.groups() * GROUP / k.block) + pixel % k.width / k.block;
+        require(k.kernels[static_cast<size_t>(block)] >= 0, "every known pixel has a kernel");
+        k.known[static_cast<size_t>(pixel)] = 1;
     }
-    arrange(k, pixels.data(), kernels.data(), static_cast<int64_t>(pixels.size()));
+}
+
+void add_tiles(BlurKernels& k, const Ints& tiles) {
+    require(tiles.ndim() == 3 && tiles.shape(1) == 2 && tiles.shape(2) == 4, "tiles are (n, 2, 4)");
+    const int reach = k.reach, groups = (reach + GROUP - 1) / GROUP * GROUP;
+    for (size_t i = 0; i < tiles.shape(0); ++i) {
+        const int32_t* n = tiles.data() + 8 * i;
+        const Box kept{n[0], n[1], n[2], n[3]}, seen{n[4], n[5], n[6], n[7]};
+        for (const Box& box : {kept, seen})
+            require(0 <= box.top && box.top < box.bottom && box.bottom <= k.height && 0 <= box.left &&
+                        box.left < box.right && box.right <= k.width,
+                    "a tile leaves the picture");
+        require(seen.left % GROUP == 0, "what tiles explain begins with a group");
+        const Box values{std::max(seen.top - reach, 0), std::min(seen.bottom + reach, k.height),
+                         std::max(seen.left - groups, 0), std::min(seen.right + groups, k.width)};
+        k.tiles.push_back({kept, seen, values});
+    }
 }
 
 BlurKernels* make_kernels(int width, int height, int fineness, const Ints& firsts, const Ints& offsets,
-                          const Floats& weights, const Ints& pixels, const Ints& kernels, const Ints& spans) {
+                          const Floats& weights, const Ints& pixels, int block, const Ints& kernels,
+                          const Ints& tiles) {
     require(width > 0 && height > 0 && width <= (1 << 14) && height <= (1 << 14), "valid are sides up to 16384");
     require(fineness >= 1 && fineness <= 4, "the fineness is 1 to 4");
+    require(block == 1 || block == 2 || block == 4 || block == GROUP, "blocks have 1, 2, 4 or 8 pixels");
     require(firsts.size() >= 1 && offsets.size() == 2 * weights.size() && weights.size() < (1u << 30),
             "offsets are (weights, 2)");
-    require(pixels.size() == kernels.size(), "every pixel has a kernel");
     auto k = std::make_unique<BlurKernels>();
-    k->width = width, k->height = height, k->fineness = fineness;
-    add_runs(*k, firsts, offsets, weights);
+    k->width = width, k->height = height, k->fineness = fineness, k->block = block;
+    add_taps(*k, firsts, offsets, weights);
     add_pixels(*k, pixels, kernels);
-    require(spans.size() == 2 * static_cast<size_t>(k->deep()), "every row of the fine grid has a span");
-    for (size_t row = 0; row < spans.size() / 2; ++row) {
-        const Span span{spans.data()[2 * row], spans.data()[2 * row + 1]};
-        require(0 <= span.begin && span.begin <= span.end && span.end <= k->across(), "a span leaves the picture");
-        k->spans.push_back(span);
-    }
+    add_tiles(*k, tiles);
     return k.release();
 }
 
@@ -86,6 +95,13 @@ void require_pixels(const Sharpening& s, const A& array) {
             "values are (height, width)");
 }
 
+void require_light(const Sharpening& s, const FloatsOut& light) {
+    require(light.ndim() == 3 && light.shape(0) == static_cast<size_t>(s.blur.height) &&
+                light.shape(1) == static_cast<size_t>(s.blur.width) &&
+                light.shape(2) == static_cast<size_t>(s.channels),
+            "values are (height, width, channels)");
+}
+
 void improve_sharp(Sharpening& s, const Floats& costs, int steps) {
     require_pixels(s, costs);
     require(steps >= 1, "there is a step at least");
@@ -100,18 +116,13 @@ void log_steepness_of(const Sharpening& s, const FloatsOut& logarithms) {
 }
 
 void blurred_of(Sharpening& s, const FloatsOut& light) {
-    require(light.ndim() == 2 && light.shape(0) == s.blur.visits.size() &&
-                light.shape(1) == static_cast<size_t>(s.channels),
-            "values are (pixels, channels)");
+    require_light(s, light);
     nb::gil_scoped_release released;
     sharpening_kernel().blurred(s, light.data());
 }
 
 void light_of(const Sharpening& s, const FloatsOut& light) {
-    require(light.ndim() == 3 && light.shape(0) == static_cast<size_t>(s.blur.height) &&
-                light.shape(1) == static_cast<size_t>(s.blur.width) &&
-                light.shape(2) == static_cast<size_t>(s.channels),
-            "values are (height, width, channels)");
+    require_light(s, light);
     nb::gil_scoped_release released;
     sharpening_kernel().light(s, light.data());
 }
@@ -121,7 +132,7 @@ void light_of(const Sharpening& s, const FloatsOut& light) {
 void add_deblurring(nb::module_& m) {
     nb::class_<BlurKernels>(m, "BlurKernels")
         .def(nb::new_(&make_kernels), "width"_a, "height"_a, "fineness"_a, "firsts"_a, "offsets"_a, "weights"_a,
-             "pixels"_a, "kernels"_a, "spans"_a);
+             "pixels"_a, "block"_a, "kernels"_a, "tiles"_a);
     nb::class_<Sharpening>(m, "Sharpening")
         .def("__init__", &start, "kernels"_a, "roots"_a, nb::keep_alive<1, 2>())
         .def("improve", &improve_sharp, "costs"_a, "steps"_a)

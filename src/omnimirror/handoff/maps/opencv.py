@@ -18,8 +18,10 @@ FIXED_PX = float(np.hypot(1, 1)) / 64  # halves of the 1/32 px to which places a
 
 def float_maps(view: ViewMap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """map_x and map_y (h, w)."""
-    places = np.nan_to_num(view.straighten, nan=OUTSIDE).astype(np.float32)
-    return np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    x, y = (np.ascontiguousarray(view.straighten[..., axis], np.float32) for axis in (0, 1))
+    for places in (x, y):
+        places[np.isnan(places)] = OUTSIDE
+    return x, y
 
 
 def _named(view: ViewMap) -> dict[str, Any]:

@@ -41,6 +41,11 @@ class BlurProblem:
         return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, FINENESS)
 
     @cached_property
+    def known_pixels(self) -> NDArray[np.bool_]:
+        """Those (h, w) whose whole light comes off the mirror."""
+        return self.blur.known
+
+    @cached_property
     def deblurring(self) -> Deblurring:
         """What takes it out."""
         return deblurring_of(self.blur)
@@ -71,12 +76,9 @@ class BlurProblem:
 
     def left_over(self, roots: Values, sharp: SharpPicture) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
-        channels = roots.shape[2]
         level = np.sqrt(np.maximum(sharp.blurred(), DARK))
-        seen = roots.reshape(-1, channels)[self.blur.pixels]
-        left = np.zeros_like(roots)
-        left.reshape(-1, channels)[self.blur.pixels] = np.where((seen < SATURATED) | (level < seen), seen - level, 0)
-        return left
+        counts = self.known_pixels[..., None] & ((roots < SATURATED) | (level < roots))
+        return np.where(counts, roots - level, np.float32(0))
 
     def within(self, roots: Values) -> Values:
         """The picture with what it shows within the rim mirrored beyond it, where anything may stand."""
@@ -106,8 +108,7 @@ class BlurProblem:
 
         By the geometric mean of its squares, to which the surroundings of a single edge add little.
         """
-        known = np.zeros(left.shape[:2], np.float32)
-        known.ravel()[self.blur.pixels] = 1
+        known = self.known_pixels.astype(np.float32)
         window = (TEXTURE_PX, TEXTURE_PX)
         logarithm = cv2.blur(np.log((left**2).mean(axis=2) + np.float32(1e-8)) * known, window)
         power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))

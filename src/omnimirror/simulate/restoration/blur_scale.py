@@ -30,7 +30,7 @@ EXPLAINED = 1.0  # of the noise, left over by the least share: there is no textu
 ROUNDS, STEPS = 2, 4
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
 BANDS = 5  # of the radius
-STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 16, 28, 9  # half its width, of the picture; what ends at its edge does not count
+STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half its width, of the picture; what ends at its edge does not count
 
 
 class BlurScale:
@@ -79,14 +79,12 @@ class BlurScale:
         """Root of the mean square (bands,) of what is left over, over noise, by the radius; 0 where none is seen."""
         squares, counts = np.zeros(BANDS), np.zeros(BANDS)
         for strip, problem in zip(self._strips, self._problems(share), strict=True):
-            if not len(problem.blur.pixels):
+            if not problem.known_pixels.any():
                 continue
             here = problem.within(roots[strip])
             of_strip = noise.window(*strip)
             left = problem.left_over(here, problem.solved(here, of_strip, ROUNDS, STEPS)) / of_strip.by_pixel[..., None]
-            whole = np.zeros(left.shape[:2], bool)
-            whole.ravel()[problem.blur.pixels] = True
-            whole &= np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX
+            whole = problem.known_pixels & (np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX)
             band = np.minimum(BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1).astype(int)[whole]
             squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)
             counts += np.bincount(band, minlength=BANDS)

@@ -8,6 +8,7 @@ sharp picture over such a disk about it, widened by its own square.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
+GROUP_PX = 8  # adjoining pixels of a row, which processors blur beside each other
+STEEP_PX = 0.65  # by as much the blur may change along pixels of one kernel, at nine of ten distances from the axis
+TILE_PX = 128  # sides of the parts that are looked for by themselves, at most: a few megabytes, which stay in caches
 RING_PX = 2.0  # the width of rings with one kernel for each direction
 TURNS = 64  # directions, over half a turn: at 10 px of blur its ends are .25 px off at most
 POINTS_PER_PX2 = 16  # on the disk
@@ -55,30 +59,50 @@ class Blur(NamedTuple):
     pixels: Whole
     """(n,) that are known, ascending: row * width + column."""
     kernels: Whole
-    """(n,) which kernel each of them has."""
+    """(h, blocks) which kernel the pixels of a block in a row have, in whole groups; -1 where none is known."""
     firsts: Whole
     """(kernels + 1,) the first weight of each kernel, and the number of all."""
     offsets: Whole
     """(m, 2) rows down and columns right on the fine grid, from the first value of a pixel."""
     weights: NDArray[np.float32]
     """(m,), adding up to 1 in every kernel."""
+    block_px: int
+    """Adjoining pixels of a row that have one kernel: 1, 2, 4 or 8."""
 
     @property
-    def spans(self) -> Whole:
-        """(fine rows, 2) columns of the fine grid that known pixels may depend on: the first, and the end."""
-        width, height = self.size
-        across, deep = width * self.fineness, height * self.fineness
-        known = np.zeros((height, width), bool)
+    def known(self) -> NDArray[np.bool_]:
+        """(h, w) whether a pixel is known."""
+        known = np.zeros(self.size[::-1], bool)
         known.ravel()[self.pixels] = True
-        rows = np.flatnonzero(known.any(axis=1))
-        first, last = known[rows].argmax(axis=1), width - 1 - known[rows, ::-1].argmax(axis=1)
-        (up, left), (down, right) = self.offsets.min(axis=0), self.offsets.max(axis=0)
-        begins, ends = np.full(deep, across), np.zeros(deep, int)
-        for reached in range(up, down + 1):
-            at = np.clip(self.fineness * rows + reached, 0, deep - 1)
-            np.minimum.at(begins, at, np.clip(self.fineness * first + left, 0, across))
-            np.maximum.at(ends, at, np.clip(self.fineness * last + right + 1, 0, across))
-        return _whole(np.stack([np.minimum(begins, ends), ends], axis=-1))
+        return known
+
+    @property
+    def reach(self) -> int:
+        """By how many pixels kernels go beyond their own, at most."""
+        least, most = (int(extreme) // self.fineness for extreme in (self.offsets.min(), self.offsets.max()))
+        return max(-least, most, 1)
+
+    @property
+    def tiles(self) -> Whole:
+        """(n, 2, 4) parts of the picture that are looked for each as a picture of its own.
+
+        The pixels whose sharp values are kept of it, and the known ones that it explains, some of its neighbours' among
+        them: their rows and columns, each from the first to the end. Its values lie as far beyond as kernels reach, in
+        whole groups of columns.
+        """
+        known, found = self.known, []
+        beyond = whole_groups(self.reach)
+        width, height = self.size
+        for top, bottom in pairwise(_parts(height)):
+            for left, right in pairwise(_parts(width)):
+                first_row, first_column = max(top - beyond, 0), max(left - beyond, 0)
+                near = known[first_row : bottom + beyond, first_column : right + beyond]
+                if near.any():
+                    rows = first_row + np.flatnonzero(near.any(axis=1))
+                    columns = first_column + np.flatnonzero(near.any(axis=0))
+                    begin = columns[0] // GROUP_PX * GROUP_PX
+                    found.append([(top, bottom, left, right), (rows[0], rows[-1] + 1, begin, columns[-1] + 1)])
+        return _whole(np.array(found).reshape(-1, 2, 4))
 
     def matrix(self) -> csr_matrix:
         """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; beyond its edge the picture
@@ -87,11 +111,12 @@ class Blur(NamedTuple):
 
         width, height = self.size
         across, deep = width * self.fineness, height * self.fineness
-        counts = np.diff(self.firsts)[self.kernels]
+        rows, columns = np.divmod(self.pixels, width)
+        kernels = self.kernels[rows, columns // self.block_px]
+        counts = np.diff(self.firsts)[kernels]
         bounds = np.r_[0, np.cumsum(counts)]
         of_pixel = np.repeat(np.arange(len(counts)), counts)
-        entry = np.arange(bounds[-1]) - np.repeat(bounds[:-1] - self.firsts[self.kernels], counts)
-        rows, columns = np.divmod(self.pixels, width)
+        entry = np.arange(bounds[-1]) - np.repeat(bounds[:-1] - self.firsts[kernels], counts)
         down = np.clip(self.fineness * rows[of_pixel] + self.offsets[entry, 0], 0, deep - 1)
         right = np.clip(self.fineness * columns[of_pixel] + self.offsets[entry, 1], 0, across - 1)
         shape = (len(counts), across * deep)
@@ -149,21 +174,47 @@ def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array]
     fineness
         Pixels of the sharp picture along the side of a pixel.
     """
-    radius = np.hypot(offsets[..., 0], offsets[..., 1]).ravel()
-    pixels = np.flatnonzero(radius <= whole_radius_px)
-    ring = (radius[pixels] / RING_PX).astype(int)
-    turn = np.arctan2(offsets[..., 1], offsets[..., 0]).ravel()[pixels] / np.pi * TURNS
+    known = np.hypot(offsets[..., 0], offsets[..., 1]) <= whole_radius_px
+    block = _block_px(sizes, whole_radius_px)
+    firsts = np.arange(0, known.shape[1], block)
+    lasts = np.minimum(firsts + block, known.shape[1]) - 1
+    blocks = np.logical_or.reduceat(known, firsts, axis=1)
+    right, down = ((offsets[:, firsts] + offsets[:, lasts]) / 2)[blocks].T
+    ring = (np.minimum(np.hypot(right, down), whole_radius_px) / RING_PX).astype(int)
+    turn = np.rint(np.arctan2(down, right) / np.pi * TURNS).astype(int) % TURNS
     of_ring = sizes((np.arange(ring.max(initial=0) + 1) + 0.5) * RING_PX)
-    groups, kernels = np.unique(ring * TURNS + np.rint(turn).astype(int) % TURNS, return_inverse=True)
+    groups, of_block = np.unique(ring * TURNS + turn, return_inverse=True)
+    kernels = np.full((len(known), whole_groups(known.shape[1]) // block), -1)
+    kernels[:, : len(firsts)][blocks] = of_block
     rings, turns = np.divmod(groups, TURNS)
     found = [
         _kernels(of_ring.tangential[r], of_ring.sagittal[r], np.pi / TURNS * turns[rings == r], fineness)
         for r in np.unique(rings)
     ]
     counts, reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    firsts = np.r_[0, np.cumsum(counts)]
-    size = (offsets.shape[1], offsets.shape[0])
-    return Blur(size, fineness, _whole(pixels), _whole(kernels), _whole(firsts), _whole(reached), weights)
+    size, pixels, bounds = known.shape[::-1], np.flatnonzero(known), np.r_[0, np.cumsum(counts)]
+    return Blur(size, fineness, _whole(pixels), _whole(kernels), _whole(bounds), _whole(reached), weights, block)
+
+
+def _block_px(sizes: Callable[[Array], BlurSize], whole_radius_px: float) -> int:
+    """As many pixels as can have one kernel."""
+    radii = np.arange(max(whole_radius_px, 0) + 2)
+    steep = max(float(np.quantile(np.abs(np.diff(size)), 0.9)) for size in sizes(radii))
+    block = GROUP_PX
+    while block > 1 and block * steep > STEEP_PX:
+        block //= 2
+    return block
+
+
+def whole_groups(length: int) -> int:
+    """As many pixels as groups have that are no shorter together."""
+    return -(-length // GROUP_PX) * GROUP_PX
+
+
+def _parts(length: int) -> list[int]:
+    """Where tiles of about one size begin along a side, and the end."""
+    tiles = -(-length // TILE_PX)
+    return [*range(0, length, whole_groups(-(-length // tiles))), length]
 
 
 def _whole(numbers: NDArray[Any]) -> Whole:
@@ -174,7 +225,7 @@ def _kernels(
     tangential: float, sagittal: float, turns: Array, fineness: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
     """Of a disk turned so far (n,), widened by the pixel: how many offsets each has, offsets (m, 2) down and right on
-    the fine grid, row by row, and weights (m,)."""
+    the fine grid, column by column, and weights (m,)."""
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
     along, across = (_sunflower(count) * [tangential / 2, sagittal / 2]).T * fineness
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
@@ -194,7 +245,7 @@ def _kernels(
             wide[:, dy : dy + side, dx : dx + side] += grid.reshape(-1, side, side)
     wide[wide <= 1e-4 * wide.max(axis=(1, 2), keepdims=True)] = 0
     wide /= wide.sum(axis=(1, 2), keepdims=True)
-    kernel, down, right = np.nonzero(wide)
+    kernel, right, down = np.nonzero(wide.transpose(0, 2, 1))
     counts = np.bincount(kernel, minlength=len(turns))
     return counts, np.stack([down, right], axis=-1) - reach, wide[kernel, down, right].astype(np.float32)
 

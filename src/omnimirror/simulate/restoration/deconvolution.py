@@ -29,7 +29,7 @@ REGULARITY = 1.5  # the weight over the noise, where there is neither blur nor t
 BLUR_PX = 0.7  # widening of pixels that halves it
 TEXTURE = 2.0  # differences that halve it, over the noise
 
-SMALL, LARGE = (5, 6), (6, 8)  # replacements by quadratic terms, and conjugate gradients in each, by the blur
+SMALL, LARGE = (5, 5), (6, 8)  # replacements by quadratic terms, and conjugate gradients in each, by the blur
 LARGE_PX = 3.0  # widening anywhere from which it is large: by the few the hyperboloid loses .5 to .9 dB at 400 px
 WINDOW_PX = 16  # in which texture is judged
 UNJUDGED = np.float32(0.7)  # of texture, in the first round

@@ -5,14 +5,15 @@ Compiled where it can be, else with sparse matrices, more slowly; both do the sa
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ...native import backend
-from .blurring import Blur
+from .blurring import Blur, Whole, whole_groups
 
 Values = NDArray[np.float32]
 
@@ -28,7 +29,8 @@ class SharpPicture(Protocol):
     def improve(self, costs: Values, steps: int) -> None:
         """Go towards what makes ``|sqrt(A u^2) - y|^2 / 2 + sum costs |grad u|`` least, A being the blur.
 
-        Both terms are replaced by quadratic ones about u, and so many steps of conjugate gradients are made.
+        Both terms are replaced by quadratic ones about u, and so many steps of conjugate gradients are made, in each
+        tile by itself.
 
         Parameters
         ----------
@@ -41,7 +43,7 @@ class SharpPicture(Protocol):
         brighter than white counts as white."""
 
     def blurred(self) -> Values:
-        """Light (n, channels) of the blurred picture, in the pixels that are known."""
+        """Light (h, w, channels) of the blurred picture, 0 where nothing is known."""
 
     def light(self) -> Values:
         """Light (h, w, channels)."""
@@ -63,21 +65,28 @@ class CompiledDeblurring:
     """In C++, on several threads."""
 
     def __init__(self, blur: Blur) -> None:
-        self._known = len(blur.pixels)
         self._kernels = backend.kernels.BlurKernels(
-            *blur.size, blur.fineness, blur.firsts, blur.offsets, blur.weights, blur.pixels, blur.kernels, blur.spans
+            *blur.size,
+            blur.fineness,
+            blur.firsts,
+            blur.offsets,
+            blur.weights,
+            blur.pixels,
+            blur.block_px,
+            blur.kernels,
+            blur.tiles,
         )
 
     def start(self, roots: Values) -> SharpPicture:
-        return CompiledPicture(self._kernels, roots, self._known)
+        return CompiledPicture(self._kernels, roots)
 
 
 class CompiledPicture:
     """In C++, on several threads."""
 
-    def __init__(self, kernels: object, roots: Values, known: int) -> None:
+    def __init__(self, kernels: object, roots: Values) -> None:
         self._sharp = backend.kernels.Sharpening(kernels, np.ascontiguousarray(roots))
-        self._shape, self._known = roots.shape, known
+        self._shape = roots.shape
 
     def improve(self, costs: Values, steps: int) -> None:
         self._sharp.improve(np.ascontiguousarray(costs), steps)
@@ -88,7 +97,7 @@ class CompiledPicture:
         return logarithms
 
     def blurred(self) -> Values:
-        light = np.empty((self._known, self._shape[2]), np.float32)
+        light = np.zeros(self._shape, np.float32)
         self._sharp.blurred(light)
         return light
 
@@ -98,74 +107,138 @@ class CompiledPicture:
         return light
 
 
+class Tile(NamedTuple):
+    """A part of the picture that is looked for as a picture of its own."""
+
+    pixels: tuple[slice, slice]
+    """Those in which its values lie."""
+    values: tuple[slice, slice]
+    """These, on the fine grid."""
+    kept: tuple[slice, slice]
+    """Those that are kept of them, on the fine grid."""
+    kept_of_values: tuple[slice, slice]
+    """The same, from its own first value."""
+    seen: NDArray[np.intp]
+    """(n,) which of the known pixels it explains."""
+    matrix: Any
+    """Of their blur."""
+    back: Any
+    """Its transpose."""
+
+
+def _tile(blur: Blur, matrix: Any, kept: Whole, explained: Whole) -> Tile:
+    f, reach = blur.fineness, (blur.reach, whole_groups(blur.reach))
+    sides = blur.size[::-1]
+    reached = [
+        (max(begin - beyond, 0), min(end + beyond, side))
+        for (begin, end), beyond, side in zip(explained.reshape(2, 2), reach, sides, strict=True)
+    ]
+    inner = [
+        (max(begin, first), min(end, last))
+        for (begin, end), (first, last) in zip(kept.reshape(2, 2), reached, strict=True)
+    ]
+    rows, columns = np.divmod(blur.pixels, blur.size[0])
+    top, bottom, left, right = explained
+    seen = np.flatnonzero((top <= rows) & (rows < bottom) & (left <= columns) & (columns < right))
+    fine_rows, fine_columns = (np.arange(f * begin, f * end) for begin, end in reached)
+    part = matrix[seen][:, np.add.outer(fine_rows * f * blur.size[0], fine_columns).ravel()]
+    return Tile(
+        _slices(reached, 1),
+        _slices(reached, f),
+        _slices(inner, f),
+        _slices([(b - first, e - first) for (b, e), (first, _) in zip(inner, reached, strict=True)], f),
+        seen,
+        part,
+        part.T.tocsr(),
+    )
+
+
+def _slices(ranges: Sequence[tuple[int, int]], times: int) -> tuple[slice, slice]:
+    rows, columns = (slice(times * begin, times * end) for begin, end in ranges)
+    return rows, columns
+
+
 class SparseDeblurring:
     """By SciPy's sparse matrices and NumPy, on one thread."""
 
     def __init__(self, blur: Blur) -> None:
-        self._blur = blur
-        self._matrix = blur.matrix()
-        self._back = self._matrix.T.tocsr()
+        self._blur, self._matrix = blur, blur.matrix()
+        self._tiles = [_tile(blur, self._matrix, *boxes) for boxes in blur.tiles]
 
     def start(self, roots: Values) -> SharpPicture:
-        return SparsePicture(self._blur, self._matrix, self._back, roots)
+        return SparsePicture(self._blur, self._matrix, self._tiles, roots)
 
 
 class SparsePicture:
     """By SciPy's sparse matrices and NumPy, on one thread."""
 
-    def __init__(self, blur: Blur, matrix: Any, back: Any, roots: Values) -> None:
-        self._matrix, self._back, self._fineness = matrix, back, blur.fineness
-        self._channels = roots.shape[2]
-        self._seen = roots.reshape(-1, self._channels)[blur.pixels]
+    def __init__(self, blur: Blur, matrix: Any, tiles: Sequence[Tile], roots: Values) -> None:
+        self._blur, self._matrix, self._tiles = blur, matrix, tiles
+        self._shape = roots.shape
+        self._seen = roots.reshape(-1, roots.shape[2])[blur.pixels]
         self._fine = _refined(roots, blur.fineness)
-        columns = np.arange(self._fine.shape[1])
-        self._depends: Values = ((blur.spans[:, :1] <= columns) & (columns < blur.spans[:, 1:])).astype(np.float32)
 
     def improve(self, costs: Values, steps: int) -> None:
-        steepness = np.exp(_log_steepness(self._fine))
-        stiffness = np.asarray(_repeated(costs, self._fineness) / steepness * self._depends, np.float32)
-        level = np.sqrt(np.maximum(self.blurred(), DARK))
-        counted = (self._seen < SATURATED) | (level < self._seen)
-        slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
-        pull = self._fine * self._spread(slope * (self._seen - level)) - smoothness(self._fine, stiffness)
-        pull *= self._depends[..., None]
-        scale = np.reciprocal(4 * stiffness + np.float32(0.5 / self._fineness**4))  # about the inverse of the diagonal
-        step = self._conjugate_gradients(slope**2, stiffness, pull, scale[..., None], steps)
-        self._fine = np.clip(self._fine + step, 0, BRIGHTEST)
+        improved = self._fine.copy()
+        for tile in self._tiles:
+            fine, seen = self._fine[tile.values], self._seen[tile.seen]
+            own = _Quadratic(tile, fine, seen, costs[tile.pixels], self._blur.fineness)
+            improved[tile.kept] = own.improved(steps)[tile.kept_of_values]
+        self._fine = improved
 
     def log_steepness(self) -> Values:
-        return _binned(_log_steepness(np.minimum(self._fine, 1))[..., None], self._fineness)[..., 0]
+        return _binned(_log_steepness(np.minimum(self._fine, 1))[..., None], self._blur.fineness)[..., 0]
 
     def blurred(self) -> Values:
-        return self._blurred(self._fine**2)
+        light = np.zeros((self._shape[0] * self._shape[1], self._shape[2]), np.float32)
+        light[self._blur.pixels] = self._matrix @ (self._fine**2).reshape(-1, self._shape[2])
+        return light.reshape(self._shape)
 
     def light(self) -> Values:
-        return _binned(self._fine**2, self._fineness)
+        return _binned(self._fine**2, self._blur.fineness)
 
-    def _conjugate_gradients(
-        self, slope2: Values, stiffness: Values, residual: Values, scale: Values, steps: int
-    ) -> Values:
-        """Nearly the x whose product with the second derivative is the residual."""
+
+class _Quadratic:
+    """Both terms about the values of a tile."""
+
+    def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, fineness: int) -> None:
+        self._tile, self._fine = tile, fine
+        steepness = np.exp(_log_steepness(fine))
+        self._stiffness = np.asarray(_repeated(costs, fineness) / steepness, np.float32)
+        level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
+        counted = (seen < SATURATED) | (level < seen)
+        slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
+        self._slope2 = slope**2
+        self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
+        diagonal = np.float32(0.5 / fineness**4)
+        self._scale = np.reciprocal(4 * self._stiffness + diagonal)[..., None]  # about the inverse of the diagonal
+
+    def improved(self, steps: int) -> Values:
+        """The values after so many steps of conjugate gradients, which solve for what makes the pull vanish."""
+        residual = self._pull
         x = np.zeros_like(residual)
-        d = scale * residual
+        d = self._scale * residual
         power = np.vdot(residual, d)
         for _ in range(steps):
             if power <= 0:  # solved already
                 break
-            product = self._fine * self._spread(slope2 * self._blurred(self._fine * d)) + smoothness(d, stiffness)
-            product *= self._depends[..., None]
+            product = self._times(d)
             step = power / np.vdot(d, product)
             x += step * d
             residual = residual - step * product
-            power, before = np.vdot(residual, scale * residual), power
-            d = scale * residual + power / before * d
-        return x
+            power, before = np.vdot(residual, self._scale * residual), power
+            d = self._scale * residual + power / before * d
+        return np.clip(self._fine + x, 0, BRIGHTEST)
+
+    def _times(self, d: Values) -> Values:
+        """The second derivative, times d."""
+        return self._fine * self._spread(self._slope2 * self._blurred(self._fine * d)) + smoothness(d, self._stiffness)
 
     def _blurred(self, fine: Values) -> Values:
-        return np.asarray(self._matrix @ fine.reshape(-1, self._channels))
+        return np.asarray(self._tile.matrix @ fine.reshape(-1, fine.shape[2]))
 
     def _spread(self, blurred: Values) -> Values:
-        return np.asarray(self._back @ blurred).reshape(self._fine.shape)
+        return np.asarray(self._tile.back @ blurred).reshape(self._fine.shape)
 
 
 def smoothness(d: Values, stiffness: Values) -> Values:
