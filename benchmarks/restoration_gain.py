@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from circumstances import processor
 from numpy.typing import NDArray
 
 import omnimirror as om
@@ -209,7 +210,7 @@ def circumstances(pixels: int) -> str:
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
         f"`restoration_gain.py`: one picture of {pixels} x {pixels} px in colour, {backend.threads} threads on "
-        f"{os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
+        f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load was {load:.0f} before. "
         "*Core s* are the seconds of all cores together. Pairs are the inner two thirds of the radius / the outer "
         "third.\n"
