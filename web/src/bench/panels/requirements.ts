@@ -14,6 +14,7 @@ interface Hands {
 
 const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
 const CYCLES = 0.25; // per pixel, where a limit of the MTF begins
+const ROUNDING = 1e-6; // relative; a margin this small is none
 const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
 
 /** What the design must do, and whether it does. */
@@ -177,8 +178,9 @@ const spanOf = (value: unknown): [number, number] => (Array.isArray(value) ? (va
 /** Met or not, by a sign and in words. */
 function verdictOf(row: JudgementOf): HTMLElement[] {
   const unit = unitWords(row.unit);
-  const size = row.margin === null ? "" : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
-  const sign = h("b", { className: row.is_met ? "met" : "missed" }, row.is_met ? `✓ met${size}` : `✗ missed${size}`);
+  const isJust = row.is_met && row.margin !== null && Math.abs(row.margin) <= ROUNDING * Math.abs(row.reached ?? 0);
+  const size = row.margin === null || isJust ? "" : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
+  const sign = h("b", { className: row.is_met ? "met" : "missed" }, row.is_met ? `✓ ${isJust ? "just " : ""}met${size}` : `✗ missed${size}`);
   const where = row.omega_deg === null ? "" : ` at ${words(row.omega_deg, 3)}°`;
   return [sign, h("span", {}, ` reaches ${words(row.reached)}${unit === "°" ? "°" : unit && ` ${unit}`}${where}`)];
 }
