@@ -31,7 +31,8 @@ Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
-SHARED = 1e-5  # relative; the worst of several field angles that differ by less is told of the first
+SHARED = 2e-5  # relative, less than is told; the first of several peaks that differ by less is named
+LEVEL = 1e-9  # relative; neighbours that differ by less do so by rounding
 MAY_BE_0 = ("hidden_to_deg", "hidden_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
@@ -87,13 +88,13 @@ class Limitable:
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
         """The largest or smallest value of one field (k,), and at the first field angle of those that share it.
 
-        A design that makes the worst as small as can be has it at several angles, equal but for rounding.
+        A design that makes the worst as small as can be has it at several angles, equal but for what its search left.
         """
         values = self.values(field)
         if values.size == 1:
             return float(values[0]), None
-        extreme = float(np.nanmax(values) if largest else np.nanmin(values))
-        return extreme, int(np.argmax(np.abs(values - extreme) <= SHARED * abs(extreme)))
+        i = _first_peak(values if largest else -values)
+        return float(np.nanmax(values) if largest else np.nanmin(values)), i
 
     def above(self, field: FieldValues, limit: float) -> Array:
         """How far it is above a limit, as rows (.., r) of which each is smooth."""
@@ -112,6 +113,19 @@ class Limitable:
             (part,) = self.parts(field)
             return _beside([limit - part / one for one in _references(part, part.real.argmax(-1))])
         return limit - self.values(field)
+
+
+def _first_peak(values: Array) -> int:
+    """Where the first of the peaks of (k,) values stands that are as high as the highest.
+
+    >>> _first_peak(np.array([0.0, 3.0, 1.0, 3.00001])), _first_peak(np.array([2.99998, 3.0, 1.0, 2.0]))
+    (1, 1)
+    """
+    highest = np.nanmax(values)
+    level = LEVEL * abs(highest)
+    around = np.pad(np.nan_to_num(values, nan=-np.inf), 1, constant_values=-np.inf)
+    is_peak = (values >= around[:-2] - level) & (values >= around[2:] - level)
+    return int(np.argmax(is_peak & (values >= highest - SHARED * abs(highest))))
 
 
 def _at(values: Array, where: Array) -> Array:

@@ -17,7 +17,7 @@ from ...lenses import GaussianLens
 from ...sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
 from ..criteria.image_circle import cut_off
-from ..criteria.limits import Limit, told_part
+from ..criteria.limits import SHARED, Limit, told_part
 from ..criteria.merits import FieldValues, values_of_evaluation
 from ..criteria.objects import distances_of
 from ..criteria.ranges import ends, ends_or_none
@@ -275,8 +275,9 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
     rows = []
     for largest, _ in sides:
         found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
-        value, i, omega = (max if largest else min)(found, key=lambda v: v[0])
-        at = None if i is None else float(omega[i])
+        value = (max if largest else min)(v for v, _, _ in found)
+        where = [omega[i] for v, i, omega in found if i is not None and abs(v - value) <= SHARED * abs(value)]
+        at = float(min(where)) if where else None
         asked = (limit.at_least, limit.at_most)
         rows.append(Judgement(limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
     return min(rows, key=lambda row: row.margin)
