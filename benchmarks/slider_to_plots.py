@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import uvicorn
 from circumstances import circumstances
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.serving.server import Server, configured, listen
 from omnimirror.specs import tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer
@@ -74,15 +74,13 @@ TURN = f"""async (count) => {{
 @contextmanager
 def serving() -> Iterator[str]:
     """The address of a studio that runs."""
-    server = uvicorn.Server(
-        uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio", ws_max_size=1 << 20)
-    )
-    thread = threading.Thread(target=server.run, daemon=True)
+    server, listening = Server(configured(create_app(Studio()), "error")), listen("127.0.0.1", 0)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     while not server.started:
         time.sleep(0.01)
     try:
-        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/"
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/"
     finally:
         server.should_exit = True
         thread.join(10)

@@ -25,12 +25,14 @@ from starlette.websockets import WebSocketDisconnect
 import omnimirror as om
 from omnimirror.serving.access import is_loopback
 from omnimirror.serving.limits import LARGEST_MESSAGE
+from omnimirror.serving.server import listen
 from omnimirror.studio.app import create_app
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.look.streams import Streams
 from omnimirror.studio.studio import Studio
 from omnimirror.studio.uploads import browser_picture, encoded
+from tests.serving import in_a_loop
 
 from .browser import serving
 from .pictures import video_of
@@ -392,6 +394,22 @@ def test_paths_lead_nowhere(path, wire):
     answer = answer_to(wire, b"GET " + path.encode())
     assert answer.startswith(b"HTTP/1.1 404 ")
     assert b"root:" not in answer
+
+
+def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
+    async def made() -> int:
+        sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+        def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            sent.set_result(writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            writer.close()
+
+        async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as server:
+            _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+            writer.close()
+            return await sent
+
+    assert in_a_loop(made())
 
 
 @pytest.fixture(scope="module")
