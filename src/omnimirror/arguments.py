@@ -48,6 +48,21 @@ def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
     return array
 
 
+def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
+    """Where along an axis something is asked for, (..): perhaps nowhere; one place alone is a row.
+
+    What is infinite becomes NaN, which nothing computes further with; ``is_row`` takes (n,) alone.
+
+    >>> places("omega", 1), places("omega", [0, np.inf])
+    (array([1.]), array([ 0., nan]))
+    """
+    array = np.atleast_1d(_real(name, value, "of shape (n,)"))
+    if is_row and array.ndim > 1:
+        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)")
+    known = np.isfinite(array)
+    return array if known.all() else np.where(known, array, np.nan)
+
+
 def _real(name: str, value: ArrayLike, shape: str) -> Array:
     """Real numbers, perhaps none: no words that look like numbers, no dates, truth values or complex numbers."""
     try:
@@ -256,6 +271,8 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
     def called(*args: P.args, **words: P.kwargs) -> T:
         hints = kinds_of(function)
         for name, value in told.bind(*args, **words).arguments.items():
+            if name not in hints:
+                continue  # a method's own object
             if told.parameters[name].kind is Parameter.VAR_POSITIONAL:
                 for i, one in enumerate(value):
                     _check_kind(f"{name}[{i}]", one, hints[name])

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_fields, number
+from .arguments import check_fields, checked, number
 from .errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -77,6 +77,7 @@ class Mount:
             if not abs(value) <= most:
                 raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")
 
+    @checked
     def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
         """From which to which field angle (deg) elevations, LOW to HIGH over the horizon, are seen.
 
@@ -99,6 +100,7 @@ class Mount:
         low, high = elevation_deg
         return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)
 
+    @checked
     def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
         """The elevations of field angles: the way back.
 
@@ -120,12 +122,14 @@ class Mount:
         """Whether it is out of plumb."""
         return bool(self.pitch_deg or self.roll_deg)
 
+    @checked
     def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
         """Pitch and roll (deg) of a view that pans in the sensor's own frame and is not levelled.
 
         >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).lean_of_view(90.0)]  # of what is right of forward
         [0, 20]
         """
+        number("pan_deg", pan_deg)
         forward, left, up = (turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)).T
         return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import finite, instance, numbers, shown, vectors
+from .arguments import finite, instance, numbers, places, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
@@ -281,7 +281,13 @@ class Sensor:
         -------
         (n,) array
             px
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no chief rays.
         """
+        rays = instance("rays", rays, ChiefRays, "chief rays of a meridian")
         return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
 
     def image_height_rate_px(self, rays: ChiefRays) -> Array:
@@ -296,8 +302,13 @@ class Sensor:
         -------
         (n,) array
             px per radian of the field angle.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no chief rays.
         """
-        first = rays.first
+        first = instance("rays", rays, ChiefRays, "chief rays of a meridian").first
         rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
         with np.errstate(divide="ignore"):
             return rate / rays.domega_dx() / self.imager.pitch_mm
@@ -648,7 +659,7 @@ class Sensor:
         distance = self.lens.principal_distance if isinstance(self.lens, Perspective) else np.inf
         return ImagePlane(self.imager, self.imager_pose, self.mount.image_flipped, distance)
 
-    def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
+    def lens_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> tuple[Array, Array]:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
 
         In the camera frame; the lens is thin and ideal but for its distortion, and its aperture the unit disk.
@@ -664,7 +675,14 @@ class Sensor:
         -------
         tuple of (n, 3) arrays
             Origins in mm and unit directions, in the camera's frame.
+
+        Raises
+        ------
+        InvalidParameter
+            Pixels, or points of the pupil, of another shape.
         """
+        pixels, pupil = vectors("pixels", pixels, 2), places("pupil", pupil)
+        _check_pupil(pupil, pixels)
         flat, depth = self.image_plane.flat_mm(pixels)
         origins, directions = self.optical_train.rays_of_image(flat, pupil)
         if not self.imager_pose.is_square:  # each pixel is in focus at its own distance
@@ -715,8 +733,7 @@ class Sensor:
         pixels = vectors("pixels", pixels, 2)
         flat = pixels.reshape(-1, 2)
         pupil = finite("pupil", pupil, -FARTHEST_PUPIL, FARTHEST_PUPIL, last=2) if flat.size else flat
-        if pupil.shape != pixels.shape and pupil.size != 2:
-            raise InvalidParameter(f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point")
+        _check_pupil(pupil, pixels)
         pupil = np.broadcast_to(pupil, pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
@@ -746,6 +763,11 @@ def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
     length = np.hypot(x, y)
     safe = np.where(length > 0, length, 1.0)
     return length, np.where(length > 0, x / safe, 1.0), y / safe
+
+
+def _check_pupil(pupil: Array, pixels: Array) -> None:
+    if pupil.shape not in (pixels.shape, (2,)):
+        raise InvalidParameter(f"pupil has shape {pupil.shape}; it is valid as {pixels.shape}, or as one point")
 
 
 def check_sensor(value: Any, name: str = "sensor") -> None:

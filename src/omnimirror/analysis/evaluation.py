@@ -126,9 +126,12 @@ class Evaluation:
         )  # fmt: skip
         return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
 
+    @checked
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
         """The named columns as people read them, one list of cells each."""
-        of_lens = self.of_lens
+        names, of_lens = list(names), self.of_lens
+        for name in names:
+            choice("names", name, (*UNCERTAIN, *of_lens))
         values = {name: of_lens[name] if name in of_lens else getattr(self, name) for name in names}
         return {name: [QUANTITIES[name].text(v) for v in column] for name, column in values.items()}
 
@@ -165,6 +168,7 @@ class Evaluation:
         """
         return standard_deviations(self.sensor.mirror, partial(_columns_of_mirror, self))
 
+    @checked
     def to_csv(self, path: str | Path, deviations: bool = False) -> None:
         """Write the table with 17 significant digits, which hold every double exactly.
 

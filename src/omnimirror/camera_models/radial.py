@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import finite, instance, optional_number, shown, vectors
+from ..arguments import finite, instance, optional_number, places, shown, vectors
 from ..cameras import AxialSymmetry, Projection, Rays, inside_image
 from ..errors import InvalidParameter
 from ..frames import Mount, turned
@@ -320,7 +320,7 @@ class RadialModel(CameraModel):
         """Radius of the circle, in the picture before it is stretched, inside which the model is used."""
         return float(self.radius_from_omega(np.array([self.omega_max]))[0])
 
-    def radius_from_omega(self, omega: Array) -> Array:
+    def radius_from_omega(self, omega: ArrayLike) -> Array:
         """Radii (n,) in px of field angles (n,) in radians, none beyond :attr:`omega_max`.
 
         Parameters
@@ -332,10 +332,15 @@ class RadialModel(CameraModel):
         -------
         (n,) array
             Distances from the centre of the picture before tangential distortion and stretch, px.
-        """
-        return self.scale_px * self.distortion.radius(self._law_radius(omega))
 
-    def mapping(self, omega: Array) -> tuple[Array, Array, Array]:
+        Raises
+        ------
+        InvalidParameter
+            For what are no angles in a row.
+        """
+        return self.scale_px * self.distortion.radius(self._law_radius(places("omega", omega, is_row=True)))
+
+    def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
         """Radius, its rate and the viewpoint at field angles.
 
         Parameters
@@ -348,12 +353,18 @@ class RadialModel(CameraModel):
         tuple of (n,) arrays
             Radii as :meth:`radius_from_omega` has them, px; their derivatives, px per radian; and where the rays
             meet the axis, mm along the camera's Z from the origin of its frame.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no angles in a row.
         """
+        omega = places("omega", omega, is_row=True)
         law = self._law(omega)
         rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
         return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # no -0
 
-    def omega_from_radius(self, radius_px: Array) -> Array:
+    def omega_from_radius(self, radius_px: ArrayLike) -> Array:
         """Field angles (n,) in radians of radii (n,) in px, none beyond :attr:`field_radius_px`.
 
         Parameters
@@ -365,8 +376,14 @@ class RadialModel(CameraModel):
         -------
         (n,) array
             Field angles, radians.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no radii in a row.
         """
-        return self._law_inverse(undone(self.distortion, np.asarray(radius_px) / self.scale_px, self._plane_end))
+        radius = places("radius_px", radius_px, is_row=True) / self.scale_px
+        return self._law_inverse(undone(self.distortion, radius, self._plane_end))
 
     @property
     def stretch(self) -> Array:

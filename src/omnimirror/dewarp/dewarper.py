@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import WrongKind, instance, shown
+from ..arguments import WrongKind, checked, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from ..numerics.lazy import cached_property
@@ -140,6 +140,7 @@ class Dewarper:
             image = with_alpha(image)
         return remap(image, self._map, self.interpolation, out, border)
 
+    @checked
     def planes(
         self,
         parts: Planes,
@@ -189,7 +190,7 @@ class Dewarper:
         ((480, 641), (240, 321, 2), np.uint8(90), array([130, 130], dtype=uint8))
         """
         sitings = (siting, to_siting or siting)
-        check_planes(parts, self.camera.image_size, sitings, bits)
+        check_planes(parts, self.camera.image_size, bits)
         if out is None:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
@@ -202,6 +203,7 @@ class Dewarper:
         remap_planes(parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border)
         return out
 
+    @checked
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
 

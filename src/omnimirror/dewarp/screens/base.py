@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import number, numbers, shown
+from ...arguments import checked, number, numbers, shown
 from ...errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ class CentredScreen(ABC):
     offset_mm: Offset
 
     @abstractmethod
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Vectors (..., 3) from the centre to the screen, in units of the distance, at pixels (u, v)."""
 
     @property
@@ -126,11 +126,12 @@ class CentredScreen(ABC):
         """Whether it is infinitely far away."""
         return math.isinf(self.distance_mm)  # NumPy's takes no whole numbers above 2^64
 
+    @checked
     def targets(self, first_row: int, last_row: int) -> Array:
         """Points (rows, width, 3) in mm, or directions where the screen is infinitely far away."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
 
-    def targets_at(self, u: Array, v: Array) -> Array:
+    def targets_at(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Points (..., 3) in mm, or directions, at columns u and rows v, which need not be whole numbers."""
         vectors = self.from_centre(u, v)
         if self.is_distant:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ...arguments import checked, places
 from ...errors import InvalidParameter
 from ...frames import view_axes
 from .base import (
@@ -35,10 +37,10 @@ class PolarScreen(CentredScreen):
     pole: Pole
     pan_deg: float
 
-    def _from_middle(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    def _from_middle(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
         """Pixels from the middle of the picture: to the right, down, and how far."""
         width, height = self.size
-        x, y = u - (width - 1) / 2, v - (height - 1) / 2
+        x, y = places("u", u) - (width - 1) / 2, places("v", v) - (height - 1) / 2
         radius: Array = np.hypot(x, y)
         return x, y, radius
 
@@ -112,7 +114,7 @@ class Dome(PolarScreen):
                 "from 0 to 180, the smaller one first"
             )
 
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Unit vectors (..., 3); NaN outside the circle."""
         x, y, radius = self._from_middle(u, v)
         edge = min(self.size) / 2
@@ -128,6 +130,7 @@ class Dome(PolarScreen):
         check_zoom(factor)
         return replace(self, omega_max_deg=min(180.0, self.omega_max_deg / factor))
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned so that what is farther to the right is at the top."""
         refuse_tilt(self, tilt_deg)
@@ -181,7 +184,7 @@ class LittlePlanet(PolarScreen):
         self._check()
         check_range("hfov_deg", self.hfov_deg, 0, 360, upper_included=False)
 
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Unit vectors (..., 3)."""
         x, y, radius = self._from_middle(u, v)
         per_pixel = np.tan(np.radians(self.hfov_deg / 4)) / (self.size[0] / 2)
@@ -193,6 +196,7 @@ class LittlePlanet(PolarScreen):
         check_zoom(factor)
         return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned so that what is farther to the right is at the top."""
         refuse_tilt(self, tilt_deg)

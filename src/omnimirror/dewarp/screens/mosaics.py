@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from ...arguments import check_fields
+from ...arguments import check_fields, checked
 from ...errors import InvalidParameter
 from .base import NOT_MOVED, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_words
 from .planes import Plane
@@ -111,10 +111,12 @@ class CubeMap:
         rows = enumerate(LAYOUTS[self.layout])
         return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
 
+    @checked
     def zoomed(self, factor: float) -> Self:
         """A cube shows everything around and cannot be zoomed."""
         raise InvalidParameter(f"a cube map shows everything around and cannot be zoomed by {factor:g}")
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned so that the front looks farther to the right."""
         if tilt_deg:
@@ -195,6 +197,7 @@ class Mosaic:
         """Every view zoomed in its place."""
         return self._each("zoomed", factor)
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Every view turned in its place."""
         return self._each("panned", pan_deg, tilt_deg)

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...arguments import numbers
+from ...arguments import checked, number, numbers, places
 from ...errors import InvalidParameter
 from ...frames import pan_tilt_direction
 from .base import (
@@ -42,17 +43,17 @@ class Panorama(CentredScreen):
         """Tilt of every row (height,), radians."""
         return self.tilts_at(np.arange(self.size[1], dtype=float))
 
-    def pans_at(self, u: Array) -> Array:
+    def pans_at(self, u: ArrayLike) -> Array:
         """Pan of columns (...), radians."""
-        return np.radians(self.pan_deg + ((u + 0.5) / self.size[0] - 0.5) * self.span_deg)
+        return np.radians(self.pan_deg + ((places("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg)
 
     @abstractmethod
-    def tilts_at(self, v: Array) -> Array:
+    def tilts_at(self, v: ArrayLike) -> Array:
         """Tilt of rows (...), radians."""
 
-    def _linear(self, v: Array, lowest: float, highest: float) -> Array:
+    def _linear(self, v: ArrayLike, lowest: float, highest: float) -> Array:
         """Values at rows (...) that fall from the upper edge of the picture to the lower."""
-        return highest - (v + 0.5) / self.size[1] * (highest - lowest)
+        return highest - (places("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
     def _words(self, name: str) -> str:
         around = "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
@@ -135,6 +136,7 @@ class Cylinder(Panorama):
             )
 
     @classmethod
+    @checked
     def wall(
         cls,
         size: tuple[int, int],
@@ -146,19 +148,20 @@ class Cylinder(Panorama):
     ) -> Self:
         """The part of a cylinder's wall between two heights (mm) over its centre, the lower one first."""
         low, high = height_mm
+        number("distance_mm", distance_mm, above=0.0)
         if not low < high:
             raise InvalidParameter(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
         low, high = (float(np.degrees(np.arctan2(z, distance_mm))) for z in (low, high))
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)
 
-    def tilts_at(self, v: Array) -> Array:
+    def tilts_at(self, v: ArrayLike) -> Array:
         """Tilt of rows (...), radians."""
         if self.rows == "height":
             lowest, highest = np.tan(np.radians([self.tilt_min_deg, self.tilt_max_deg]))
             return np.arctan(self._linear(v, lowest, highest))
         return np.radians(self._linear(v, self.tilt_min_deg, self.tilt_max_deg))
 
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Vectors (..., 3) to the wall; of length 1 where the cylinder is infinitely far away."""
         tilts = self.tilts_at(v)
         directions = pan_tilt_direction(self.pans_at(u), tilts)
@@ -170,6 +173,7 @@ class Cylinder(Panorama):
         low, high = self._rows_changed(1 / factor, 0.0)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned to the right, and its rows moved up: by an angle, or by the height that this angle has."""
         low, high = self._rows_changed(1.0, tilt_deg)
@@ -228,11 +232,11 @@ class Sphere(Panorama):
     def __post_init__(self) -> None:
         self._check()
 
-    def tilts_at(self, v: Array) -> Array:
+    def tilts_at(self, v: ArrayLike) -> Array:
         """Tilt of rows (...), radians."""
         return np.radians(self._linear(v, self.tilt_min_deg, self.tilt_max_deg))
 
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Unit vectors (..., 3)."""
         return pan_tilt_direction(self.pans_at(u), self.tilts_at(v))
 
@@ -242,6 +246,7 @@ class Sphere(Panorama):
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1 / factor)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned to the right, and its rows moved up."""
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1.0, tilt_deg)

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ...arguments import checked, places
 from ...errors import InvalidParameter
 from ...frames import view_axes
 from .base import (
@@ -81,12 +83,12 @@ class Plane(CentredScreen):
         """Distance of the plane from the viewpoint, in its pixels."""
         return float(self.size[0] / 2 / np.tan(np.radians(self.hfov_deg / 2)))
 
-    def from_centre(self, u: Array, v: Array) -> Array:
+    def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Vectors (..., 3), of length 1 at the centre."""
         width, height = self.size
         forward, right, down = view_axes(self.pan_deg, self.tilt_deg, self.roll_deg)
-        x = (u - (width - 1) / 2) / self.focal_px
-        y = (v - (height - 1) / 2) / self.focal_px
+        x = (places("u", u) - (width - 1) / 2) / self.focal_px
+        y = (places("v", v) - (height - 1) / 2) / self.focal_px
         return on_plane(forward, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
@@ -94,6 +96,7 @@ class Plane(CentredScreen):
         check_zoom(factor)
         return replace(self, hfov_deg=float(2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))))
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned to the right and up."""
         return replace(self, pan_deg=self.pan_deg + pan_deg, tilt_deg=self.tilt_deg + tilt_deg)
@@ -152,16 +155,17 @@ class Ground:
         if not (np.isfinite(self.mm_per_px) and self.mm_per_px > 0):
             raise InvalidParameter(f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0")
 
+    @checked
     def targets(self, first_row: int, last_row: int) -> Array:
         """Points (rows, width, 3) in mm."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
 
-    def targets_at(self, u: Array, v: Array) -> Array:
+    def targets_at(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Points (..., 3) in mm at columns u and rows v, which need not be whole numbers."""
         width, height = self.size
         _, right, down = view_axes(self.pan_deg, -90.0)
-        x = (u - (width - 1) / 2) * self.mm_per_px
-        y = (v - (height - 1) / 2) * self.mm_per_px
+        x = (places("u", u) - (width - 1) / 2) * self.mm_per_px
+        y = (places("v", v) - (height - 1) / 2) * self.mm_per_px
         centre = np.add(self.offset_mm, (0.0, 0.0, -self.height_mm))
         return on_plane(centre, x, right, y, down)
 
@@ -170,6 +174,7 @@ class Ground:
         check_zoom(factor)
         return replace(self, mm_per_px=self.mm_per_px / factor)
 
+    @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned so that what is farther to the right is at the top."""
         refuse_tilt(self, tilt_deg)

@@ -20,17 +20,14 @@ SITINGS: dict[str, tuple[float, float]] = {"left": (0.0, 0.5), "center": (0.5, 0
 """Where a colour sample lies among its 2 x 2 luma pixels, right of and below the first one (ITU-T H.273)."""
 
 
-def check_planes(parts: Planes, size: tuple[int, int], sitings: tuple[str, str], bits: int) -> None:
+def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
     """Refuse what is no frame of the given (width, height).
 
     Raises
     ------
     InvalidParameter
-        For planes that do not belong together, or another siting or depth.
+        For planes that do not belong together, or another depth.
     """
-    for siting in sitings:
-        if siting not in SITINGS:
-            raise InvalidParameter(f"siting = {siting!r} is not one of {', '.join(SITINGS)}")
     check_shapes(parts, size)
     kinds = {part.dtype for part in parts}
     if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import vectors
 from ...errors import InvalidParameter
 from ..colour import Light
 
@@ -33,6 +34,30 @@ class Measured(Protocol):
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """How far (n,) rays from origins (n, 3) mm in directions (n, 3) of any length go; infinite at nothing."""
         ...
+
+
+def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    """Rays as scenes take them: where each begins (n, 3), and where it leads (n, 3).
+
+    >>> rays_from([[0, 0, 0]], [[0, 0, -2]])
+    (array([[0., 0., 0.]]), array([[ 0.,  0., -2.]]))
+
+    Raises
+    ------
+    InvalidParameter
+        For what are no vectors, or not as many of both, and a direction that is zero or not finite.
+    """
+    origins = vectors("origins_mm", origins_mm, 3, is_list=True)
+    towards = vectors("directions", directions, 3, is_list=True)
+    if len(origins) != len(towards):
+        raise InvalidParameter(
+            f"there are {len(origins)} origins_mm and {len(towards)} directions; valid is one origin for each direction"
+        )
+    usable = ~np.isnan(towards).any(axis=1) & towards.any(axis=1)
+    if not usable.all():
+        bad = np.asarray(directions, float)[~usable][0].tolist()
+        raise InvalidParameter(f"{bad} is no direction; it needs finite numbers, not all 0")
+    return origins, towards
 
 
 def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:

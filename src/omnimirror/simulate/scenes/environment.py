@@ -18,7 +18,7 @@ from ...media import read_image
 from ...native import backend
 from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb
-from .contract import Array
+from .contract import Array, rays_from
 
 FEWEST_ROWS = 4
 FULL_OF_DEPTH = {"uint8": 255.0, "uint16": 65535.0}
@@ -113,7 +113,8 @@ class Environment:
         (n, 3) array, float32
             Linear RGB.
         """
-        x, y, z = np.moveaxis(turned(directions, self.heading().T), -1, 0)
+        _, towards = rays_from(origins_mm, directions)
+        x, y, z = np.moveaxis(turned(towards, self.heading().T), -1, 0)
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5
@@ -136,7 +137,7 @@ class Environment:
         (n,) array
             mm; infinite where nothing is met.
         """
-        return np.full(len(np.asarray(directions)), np.inf)
+        return np.full(len(rays_from(origins_mm, directions)[1]), np.inf)
 
     def heading(self) -> Array:
         """Rotation (3, 3) of world directions into the picture's own, whose middle lies along x.

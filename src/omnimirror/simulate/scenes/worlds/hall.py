@@ -8,12 +8,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ....arguments import checked, finite
 from ....errors import InvalidParameter
 from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
-from ..contract import Array
+from ..contract import Array, rays_from
 from ..lighting import light_on
 from .boards import HallBoard
 from .painted import Surroundings, finished, outsides, surfaces_of
@@ -85,6 +86,7 @@ class Hall:
         """The boards' names, as they stand on their lower margins."""
         return tuple(board.name for board in BOARDS)
 
+    @checked
     def board_corners_mm(self, name: str) -> Array:
         """The inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its left, as one reads it.
 
@@ -126,9 +128,10 @@ class Hall:
         Raises
         ------
         InvalidParameter
-            If a ray starts outside the hall.
+            If a ray starts outside the hall, or a direction is zero or not finite.
         """
-        return self._inside(origins_mm).radiance(origins_mm, directions)
+        origins, towards = _rays_in_hall(origins_mm, directions)
+        return _painted(self.texel_mm).radiance(origins, towards)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
         """What rays see that start in a box between two corners.
@@ -142,7 +145,13 @@ class Hall:
         -------
         Surroundings
             The hall; None where the box is not inside it.
+
+        Raises
+        ------
+        InvalidParameter
+            For corners that are no points.
         """
+        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
         return _painted(self.texel_mm) if inside else None
 
@@ -164,19 +173,21 @@ class Hall:
         Raises
         ------
         InvalidParameter
-            If a ray starts outside the hall.
+            If a ray starts outside the hall, or a direction is zero or not finite.
         """
-        return self._inside(origins_mm).distance_mm(origins_mm, directions)
+        origins, towards = _rays_in_hall(origins_mm, directions)
+        return _painted(self.texel_mm).distance_mm(origins, towards)
 
-    def _inside(self, origins_mm: ArrayLike) -> Surroundings:
-        origins = np.asarray(origins_mm, dtype=float)
-        inside = ((origins >= HALL.low) & (origins <= HALL.high)).all(axis=1)
-        if not inside.all():
-            raise InvalidParameter(
-                f"a ray starts at {origins[~inside][0].tolist()} mm, outside the hall, which reaches from "
-                f"{list(HALL.low)} to {list(HALL.high)} mm"
-            )
-        return _painted(self.texel_mm)
+
+def _rays_in_hall(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    origins, towards = rays_from(origins_mm, directions)
+    inside = ((origins >= HALL.low) & (origins <= HALL.high)).all(axis=1)
+    if not inside.all():
+        raise InvalidParameter(
+            f"a ray starts at {origins[~inside][0].tolist()} mm, outside the hall, which reaches from "
+            f"{list(HALL.low)} to {list(HALL.high)} mm"
+        )
+    return origins, towards
 
 
 @lru_cache(maxsize=2)

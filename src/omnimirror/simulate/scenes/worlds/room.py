@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ....arguments import checked, finite
 from ....errors import InvalidParameter
 from ....native import backend
 from ....numerics.lazy import cached_property
@@ -15,7 +16,7 @@ from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import FACES, Face, face_of, meet
 from ..canvas import Canvas, Extent
-from ..contract import Array
+from ..contract import Array, rays_from
 from ..lighting import light_on
 from .decor import PIECES, ROOM, paint_room
 from .landscape import landscape_light
@@ -93,8 +94,7 @@ class Room:
         InvalidParameter
             If a ray starts outside the room, or a direction is zero or not finite.
         """
-        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
-        _check_rays(origins, towards)
+        origins, towards = _rays_in_room(origins_mm, directions)
         painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
@@ -116,7 +116,13 @@ class Room:
         -------
         Surroundings
             The room; None where the box is not inside it.
+
+        Raises
+        ------
+        InvalidParameter
+            For corners that are no points.
         """
+        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         inside = (np.array(ROOM.low) <= low_mm).all() and (np.array(ROOM.high) >= high_mm).all()
         return self._faces.surroundings if inside else None
 
@@ -140,8 +146,7 @@ class Room:
         InvalidParameter
             As :meth:`radiance`.
         """
-        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
-        _check_rays(origins, towards)
+        origins, towards = _rays_in_room(origins_mm, directions)
         length: Array = np.linalg.norm(towards, axis=1)
         return meet(ROOM, SOLIDS, origins, towards).distance * length
 
@@ -171,8 +176,7 @@ class Room:
         InvalidParameter
             As :meth:`radiance`.
         """
-        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
-        _check_rays(origins, towards)
+        origins, towards = _rays_in_room(origins_mm, directions)
         box, side = divmod(meet(ROOM, SOLIDS, origins, towards).face.astype(np.int64), len(FACES))
         return np.where(box == 0, 1 + side, len(FACES) + box)
 
@@ -181,6 +185,7 @@ class Room:
         """The words on the walls."""
         return tuple(self._faces.signs)
 
+    @checked
     def sign_corners_mm(self, word: str) -> Array:
         """Corners (4, 3) mm of a word's ink: top left, top right, bottom right, bottom left as one reads it.
 
@@ -205,16 +210,15 @@ class Room:
         return signs[word].copy()
 
 
-def _check_rays(origins: Array, directions: Array) -> None:
+def _rays_in_room(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    origins, towards = rays_from(origins_mm, directions)
     inside = ((origins >= ROOM.low) & (origins <= ROOM.high)).all(axis=1)
     if not inside.all():
         raise InvalidParameter(
             f"a ray starts at {origins[~inside][0].tolist()} mm, outside the room, which reaches from "
             f"{list(ROOM.low)} to {list(ROOM.high)} mm"
         )
-    usable = np.isfinite(directions).all(axis=1) & directions.any(axis=1)
-    if not usable.all():
-        raise InvalidParameter(f"{directions[~usable][0].tolist()} is no direction; it needs finite numbers, not all 0")
+    return origins, towards
 
 
 # -- the painted and lit faces -------------------------------------------------------------------------

@@ -9,12 +9,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ....arguments import finite
 from ....errors import InvalidParameter
 from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
-from ..contract import Array
+from ..contract import Array, rays_from
 from ..lighting import under_sky
 from ..triangles import combined, crown
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
@@ -75,10 +76,10 @@ class Street:
         Raises
         ------
         InvalidParameter
-            If a ray starts under the ground, or in a house or a car.
+            If a ray starts under the ground, or in a house or a car, or a direction is zero or not finite.
         """
-        _check_outside(origins_mm)
-        return _painted(self.texel_mm).radiance(origins_mm, directions)
+        origins, towards = _rays_outside(origins_mm, directions)
+        return _painted(self.texel_mm).radiance(origins, towards)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
         """What rays see that start in a box between two corners.
@@ -92,7 +93,13 @@ class Street:
         -------
         Surroundings
             The street; None where the box reaches into something.
+
+        Raises
+        ------
+        InvalidParameter
+            For corners that are no points.
         """
+        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         is_free = low_mm[2] >= GROUND_MM and not any(_overlap(box, low_mm, high_mm) for _, box in _solids())
         return _painted(self.texel_mm) if is_free else None
 
@@ -114,16 +121,18 @@ class Street:
         Raises
         ------
         InvalidParameter
-            If a ray starts under the ground, or in a house or a car.
+            If a ray starts under the ground, or in a house or a car, or a direction is zero or not finite.
         """
-        _check_outside(origins_mm)
-        return _painted(self.texel_mm).distance_mm(origins_mm, directions)
+        origins, towards = _rays_outside(origins_mm, directions)
+        return _painted(self.texel_mm).distance_mm(origins, towards)
 
 
-def _check_outside(origins_mm: ArrayLike) -> None:
-    origins = np.asarray(origins_mm, dtype=float)
+def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    origins, towards = rays_from(origins_mm, directions)
     if not len(origins):
-        return
+        return origins, towards
+    if np.isnan(origins).any():
+        raise InvalidParameter("a ray starts at what is no point; origins_mm are valid as finite numbers")
     low, high = origins.min(axis=0), origins.max(axis=0)
     if low[2] < GROUND_MM:
         raise InvalidParameter(
@@ -137,6 +146,7 @@ def _check_outside(origins_mm: ArrayLike) -> None:
                     f"a ray starts at {origins[inside][0].round(3).tolist()} mm, in {what} that reaches from "
                     f"{list(box.low)} to {list(box.high)} mm"
                 )
+    return origins, towards
 
 
 def _solids() -> Iterator[tuple[str, Box]]:

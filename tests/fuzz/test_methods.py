@@ -1,0 +1,100 @@
+"""Methods of public things given what nobody would give them: the answer, or a sentence of ours."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import OmnimirrorError
+from omnimirror.frames import Mount
+from omnimirror.imagers import Imager
+
+from .test_calls import ODD
+
+SENSOR = om.load_sensor("paper-spherical")
+VIEW = om.screens.Cylinder((36, 12), -40.0, 20.0)
+FOCAL: Any = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32)}
+THINGS: dict[str, Any] = {
+    "sensor": replace(SENSOR, imager=Imager(32, 32, 166.4)),
+    "tilted sensor": replace(SENSOR, mirror_pose=replace(SENSOR.mirror_pose, tilt_x_deg=0.5)),
+    "unified": om.Unified(0.9, **FOCAL),
+    "enhanced unified": om.EnhancedUnified(0.6, 1.1, **FOCAL),
+    "double sphere": om.DoubleSphere(-0.2, 0.6, **FOCAL),
+    "Kannala-Brandt": om.KannalaBrandt(**FOCAL),
+    "ball": om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)),
+    "OCam": om.OCam((-100.0, 0.0, 0.001), (16.0, 16.0), (32, 32)),
+    "room": om.Room(texel_mm=40.0),
+    "hall": om.Hall(texel_mm=40.0),
+    "street": om.Street(texel_mm=100.0),
+    "environment": om.Environment(np.ones((4, 8, 3), np.float32)),
+    "cylinder": VIEW,
+    "plane": om.screens.Plane((8, 6)),
+    "sphere": om.screens.Sphere((8, 4)),
+    "dome": om.screens.Dome((8, 8), 90.0),
+    "planet": om.screens.LittlePlanet((8, 8)),
+    "ground": om.screens.Ground((8, 8), 1200.0, 100.0),
+    "cube": om.screens.CubeMap((12, 8), layout="3x2"),
+    "dewarper": om.Dewarper(replace(SENSOR, imager=Imager(32, 32, 166.4)), VIEW),
+    "table": om.evaluate(SENSOR, [30.0, 60.0]),
+    "mount": Mount(),
+}
+USUAL: dict[str, Any] = {  # by the names of arguments
+    "pixels": [[3.0, 4.0]], "pupil": [[0.5, 0.0]], "points_mm": [[1.0, 2.0, -3.0]], "directions": [[1.0, 0.0, -0.2]],
+    "origins_mm": [[0.0, 0.0, 0.0]], "low_mm": [-1.0] * 3, "high_mm": [1.0] * 3, "u": [3.0], "v": [2.0],
+    "omega": [0.5], "radius_px": [5.0], "h_px": [2.0], "pan_deg": 5.0, "tilt_deg": 0.0, "factor": 2.0,
+    "first_row": 0, "last_row": 2, "size": (8, 6), "height_mm": (100.0, 900.0), "distance_mm": 2000.0,
+    "elevation_deg": (-20.0, 10.0), "omega_deg": (20.0, 60.0), "names": ["h_px"], "path": "table.csv",
+    "word": "EXIT", "name": "A1", "parts": (np.zeros((32, 32), np.uint8), np.zeros((16, 16, 2), np.uint8)),
+    "rays": SENSOR.meridian.trace(np.array([5.0])), "lens": SENSOR.lens,
+    "image": np.zeros((32, 32, 3), np.uint8), "camera": SENSOR,
+    "what": "a test",
+}  # fmt: skip
+CANNOT = {("tilted sensor", "x_from_height_px"), ("environment", "load"), ("cube", "face"), ("cube", "zoomed")}
+
+
+def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:
+    """Public methods of a thing that take something."""
+    names = [n for n in dir(thing) if not n.startswith("_") and callable(getattr(type(thing), n, None))]
+    found = {name: getattr(thing, name) for name in names}
+    return {
+        name: method
+        for name, method in found.items()
+        if inspect.ismethod(method) and inspect.signature(method).parameters
+    }
+
+
+CASES = [(thing, method) for thing in THINGS for method in methods_of(THINGS[thing])]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(("thing", "method"), CASES, ids=[" ".join(case) for case in CASES])
+def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
+    called = methods_of(THINGS[thing])[method]
+    told = [p for p in inspect.signature(called).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    usual = {p.name: USUAL[p.name] for p in told if p.default is p.empty and p.name in USUAL}
+    if "values" in {p.name for p in told}:
+        usual["values"] = [p.value for p in THINGS[thing].parameters]
+    try:
+        called(**usual)
+    except OmnimirrorError as e:  # of what things of this kind cannot do at all
+        assert (thing, method) in CANNOT, e  # noqa: PT017
+    for name in (p.name for p in told):
+        for odd in ODD:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # what is far beyond the field may overflow, to NaN
+                try:
+                    called(**usual | {name: odd})
+                except OmnimirrorError as e:
+                    assert "\n" not in str(e)  # noqa: PT017
+                    assert len(str(e)) < 700, str(e)  # noqa: PT017
