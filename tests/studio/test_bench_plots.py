@@ -47,6 +47,25 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     assert len(plotted(bench, "Image height")) == 3
 
 
+def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # noqa: F811
+    bench.get_by_role("button", name="Pin", exact=True).click()
+    enter(bench, "F-number", "5.6")  # changes blur alone
+    bench.locator(".compare tbody tr").nth(1).wait_for()
+    bench.locator(".groups label").filter(has_text="Difference").click()
+
+    def plot(title: str):
+        return bench.locator("figure.plot").filter(has_text=title)
+
+    plot("Image height").get_by_text("the same as the pinned").wait_for()
+    plot("Blur in the image").get_by_text("this less the pinned").wait_for()
+    _, differs = plotted(bench, "Image height")
+    np.testing.assert_allclose(differs, 0.0, atol=2e-3)
+    drawing = ElementTree.fromstring(saved(bench, "Save Image height as SVG"))
+    marks = [float(text.text.replace("\N{MINUS SIGN}", "-")) for text in drawing.iter("{http://www.w3.org/2000/svg}text")
+             if text.text and text.get("text-anchor") == "end"]  # fmt: skip
+    assert min(marks) < 0 < max(marks)
+
+
 COVERED = """() => {
   const said = document.querySelector("#said").getBoundingClientRect();
   const meets = ({ left, right, top, bottom, width }) =>

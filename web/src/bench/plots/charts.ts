@@ -55,6 +55,7 @@ const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
 const POINT = 0.1; // of the image radius: about the point of a mirror, where a degree of azimuth shrinks to nothing
 const STEEP = 4; // values there that are so many times as spread do not set the scale
+const SAME = 4e-6; // of the largest value: what differs by less is rounding, of numbers in single precision
 const REACH = 1; // of the spread of the curves, to which a limit beyond them is shown
 
 /** One chart with all designs in it. */
@@ -128,10 +129,22 @@ export class ChartView {
 
   /** The range with what lies over the chart, as far as it is near. */
   private reaching([low, high]: [number, number]): [number, number] {
-    if (this.isDifference) return [low, high];
+    if (this.isDifference) return this.isSame ? [-this.largest(), this.largest()] : [low, high];
     const room = REACH * (high - low || Math.abs(high));
     const near = this.overs.flatMap((over) => over.reach()).filter((v) => v >= low - room && v <= high + room);
     return [Math.min(low, ...near), Math.max(high, ...near)];
+  }
+
+  /** Whether nothing but rounding tells the design in hand from the pinned ones. */
+  private get isSame(): boolean {
+    const [low, high] = this.spread();
+    return this.isDifference && Math.max(-low, high) <= SAME * this.largest();
+  }
+
+  /** The largest magnitude that the design in hand has; 1 where it has none. */
+  private largest(): number {
+    const values = this.curvesOf(this.drawn[0]).values.flatMap((column) => Array.from(column, Math.abs));
+    return Math.max(...values.filter(Number.isFinite)) || 1;
   }
 
   private options(): uPlot.Options {
@@ -148,7 +161,7 @@ export class ChartView {
       scales: { x: { time: false }, y: { range: () => uPlot.rangeNum(...this.range, { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } }) } },
       axes: [
         { ...axis, size: 26, gap: 4, values: degrees, space: 34, incrs: [5, 10, 15, 30, 45, 90] },
-        { ...axis, size: 48, gap: 4, values: numbers, space: 26 },
+        { ...axis, size: 48, gap: 4, values: numbers, space: 20 },
       ],
       series: [{}, ...series],
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
@@ -279,7 +292,8 @@ export class ChartView {
   private note(): string {
     const { columns } = this.chart;
     const lines = columns.length > 1 ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`) : [];
-    return [...(this.isDifference ? ["this less the pinned"] : []), ...lines].join(", ");
+    const what = this.isSame ? ["the same as the pinned"] : this.isDifference ? ["this less the pinned"] : [];
+    return [...what, ...lines].join(", ");
   }
 
   private key(e: KeyboardEvent): void {
