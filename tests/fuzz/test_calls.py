@@ -19,6 +19,7 @@ from omnimirror.arguments import WrongKind
 from omnimirror.camera_models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
 from omnimirror.errors import OmnimirrorError
+from omnimirror.files import MARK
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 from omnimirror.media import keyframes
@@ -186,7 +187,7 @@ def call(name: str, changed: dict[str, Any]) -> None:
             sentence = str(e)
             assert "\n" not in sentence
             assert len(sentence) < 700, sentence
-    assert not [path for path in Path().iterdir() if path.name.startswith(".")]
+    assert not [path for path in Path().iterdir() if MARK in path.name]  # nothing half-written is left
 
 
 @pytest.mark.parametrize("name", CALLS)
