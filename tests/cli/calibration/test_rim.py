@@ -51,6 +51,13 @@ def test_what_is_not_sure_is_said(folder):
     assert "no rim is sure: the confidence 0.00 is below 0.6" in run.stdout
 
 
+@pytest.mark.parametrize("command", ["rim", "lines"])
+def test_pictures_of_another_size_are_named(command, folder):
+    pictures = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]
+    said = fails(command, *pictures)
+    assert "room0.png is 1024 x 1024 px, and nothing.png is 300 x 200 px" in said
+
+
 def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
     """As well as by the sensor that took it, but for what a rim misses by."""
     views = {}

@@ -1,6 +1,6 @@
 """The mirror's rim, found in pictures: an ellipse, the camera's own image in it, and how sure that is."""
 
-from .finder import SURE, CameraImage, FoundRim, find_rim
+from .finder import SURE, CameraImage, FoundRim, check_alike, find_rim
 from .first_camera import DEFAULT, PRESETS, CommonMirror, camera_from_rim, sensor_from_rim, sensors_from_rim
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "CommonMirror",
     "FoundRim",
     "camera_from_rim",
+    "check_alike",
     "find_rim",
     "sensor_from_rim",
     "sensors_from_rim",

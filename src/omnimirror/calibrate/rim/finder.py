@@ -30,6 +30,7 @@ CLOSE_ODDS = 2.0  # of the most probable one, from which on others of that rim a
 SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
 NOT_FOUND = -6.0  # log odds of a ring in a picture that does not show it
 LEAST_SIDE_PX = 48
+MOST_NAMED = 5  # pictures in a message
 
 
 @dataclass(frozen=True)
@@ -225,10 +226,21 @@ def _check(pictures: list[Picture]) -> None:
                 f"a picture of the shape {picture.shape} holds no rim; valid are (rows, columns) or (rows, columns, "
                 f"channels) of at least {LEAST_SIDE_PX} px each side"
             )
-    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures}
-    if len(sizes) > 1:
-        told = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise InvalidParameter(f"pictures of one sensor have one size, and these have {told} px; look at each alone")
+    check_alike(pictures, [f"picture {number}" for number in range(len(pictures))])
+
+
+def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
+    """Refuse pictures of several sizes, which are not of one sensor, and name those of another size than most."""
+    sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+    usual = max(sizes, key=sizes.count, default=(0, 0))
+    odd = [f"{name} is {width} x {height}" for name, (width, height) in zip(names, sizes, strict=True)
+           if (width, height) != usual]  # fmt: skip
+    if odd:
+        told = ", ".join(odd[:MOST_NAMED]) + (f" and {len(odd) - MOST_NAMED} more" if len(odd) > MOST_NAMED else "")
+        raise InvalidParameter(
+            f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
+            f"{told} px; look at those apart"
+        )
 
 
 def _seen(picture: Picture) -> _Seen:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ....calibrate.lines import Level, LineCalibration, calibrate_lines, drawn_edges, read_lines
 from ....calibrate.lines.marked import ONLY
-from ....calibrate.rim import SURE, find_rim
+from ....calibrate.rim import SURE, check_alike, find_rim
 from ....camera_models.base import CameraModel, Optics
 from ....errors import InvalidParameter
 from ....files import write_json
@@ -105,6 +105,7 @@ def command(
         raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
     files, marked = expand_inputs(images, READABLE), read_lines(asked.lines)
     pictures = [read_image(file) for file in files]
+    check_alike(pictures, [file.name for file in files])
     if len(files) == 1 and list(marked) == [ONLY]:
         marked = {files[0].name: marked[ONLY]}
     names = list(dict.fromkeys([*(file.name for file in files), *marked]))

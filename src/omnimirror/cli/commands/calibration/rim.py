@@ -9,7 +9,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ....calibrate.rim import SURE, FoundRim, find_rim
+from ....calibrate.rim import SURE, FoundRim, check_alike, find_rim
 from ....calibrate.rim.edges import levels_of
 from ....files import write_json
 from ....media import read_image
@@ -36,6 +36,8 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
     """
     files = expand_inputs(images, READABLE)
     pictures = [read_image(file) for file in files]
+    if not each:
+        check_alike(pictures, [file.name for file in files])
     found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
     singles = found if each else list(found[0].pictures) or found
     console = output_console()
