@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 import omnimirror as om
+from omnimirror.calibrate.formats import Reading, read_cameras
 from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
 from omnimirror.frames import Mount
 from tests.calibrate.formats.examples import SIZE, C, F, seen
@@ -50,6 +52,33 @@ def test_py_ocamcalibs_json(tmp_path):
     assert stretch[1, 1] == 1
     theta = np.arccos(points[:, 2] / np.linalg.norm(points, axis=1))
     np.testing.assert_allclose(np.polyval(file["inverse_poly"], theta), rho, atol=0.0101, rtol=0)
+
+
+def test_py_omnicalibs_yaml(tmp_path):
+    """A view vector (right, down, z) of py-omnicalib, and the polynomial by which it projects."""
+    camera = replace(OCAM, affine=(1.0, 0.0, 0.0))
+    om.convert(camera, tmp_path / "calibration.yml", to="py-omnicalib")
+    file = yaml.safe_load((tmp_path / "calibration.yml").read_text())
+    pixels, points = seen(camera)
+    plane = pixels - file["principal_point"]
+    rho = np.hypot(*plane.T)
+    rays = np.column_stack([plane, np.polynomial.polynomial.polyval(rho, file["poly_radius_to_z"])])
+    unit = points / np.linalg.norm(points, axis=1)[:, None]
+    np.testing.assert_allclose(rays / np.linalg.norm(rays, axis=1)[:, None], unit, atol=1e-12)
+    inverse = np.polynomial.polynomial.polyval(np.arccos(unit[:, 2]), file["poly_incident_angle_to_radius"])
+    np.testing.assert_allclose(inverse, rho, atol=0.0101, rtol=0)
+
+
+def test_py_omnicalibs_own_file(shared_data):
+    """Which holds the projection twice: the polynomial that is read, and its inverse as py-omnicalib fitted it."""
+    source = shared_data / "kaidan_omni" / "example_calibration.yml"
+    name, (stored,) = read_cameras(source, Reading(source.name, rim_radius_px=223.0, image_size=(640, 480)))
+    assert name == "py-omnicalib"
+    file = yaml.safe_load(source.read_text())
+    np.testing.assert_array_equal(stored.camera.centre_px, file["principal_point"])
+    omega = np.radians(np.linspace(10.0, 110.0, 51))
+    expected = np.polynomial.polynomial.polyval(omega, file["poly_incident_angle_to_radius"])
+    np.testing.assert_allclose(stored.camera.radius_from_omega(omega), expected, atol=3.5)  # of the fourth degree alone
 
 
 @pytest.mark.parametrize("name", ["camera.m", "camera.json"])

@@ -82,7 +82,8 @@ class _Problem:
     """The sum of squares of a fit, in steps of the parameters' typical changes.
 
     After the free parameters come the place of the viewpoint, where there is none in the camera, and a turn about the
-    axis, where the model has no parameter for that: OCamCalib's e, which calibration leaves to the camera's pose.
+    axis, where the model has no parameter for that: OCamCalib's e, which calibration leaves to the camera's pose. Of a
+    file without its matrix nothing turns.
     """
 
     def __init__(self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]) -> None:
@@ -91,7 +92,7 @@ class _Problem:
         self.scale = np.array([p.scale for p in start.parameters])
         self.distances = (np.inf,) if sample.is_central else far
         self.moves = not sample.is_central and bool(np.isfinite(far).any())
-        self.turns = isinstance(start, OCam)
+        self.turns = isinstance(start, OCam) and "d" in {start.parameters[i].name for i in free}
         self.first = sample.origins.mean(axis=0) if self.moves else np.zeros(3)
         self.count = len(free) + 3 * self.moves + self.turns
 
@@ -101,7 +102,8 @@ class _Problem:
         values = self.values.copy()
         values[self.free] += self.scale[self.free] * x[:p]
         model = self.start.with_parameters(values)
-        if isinstance(model, OCam):
+        if self.turns:
+            assert isinstance(model, OCam)
             model = replace(model, affine=_turned(model.affine, float(x[-1])))
         return Fitted(model, self.first + (x[p : p + 3] if self.moves else 0.0))
 

@@ -223,7 +223,9 @@ def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[Came
         terms = (rho / scale)[:, None] ** powers * np.sin(picture.omega)[:, None]
         found = np.linalg.lstsq(terms, -rho * np.cos(picture.omega), rcond=None)[0] / scale**powers
         polynomial = (float(found[0]), 0.0, *map(float, found[1:]))
-        yield OCam(polynomial, affine=(float(c / a), float(d / a), float(e / a)), **picture.common)
+        is_round = places is not None and "c" not in places
+        affine = (1.0, 0.0, 0.0) if is_round else (float(c / a), float(d / a), float(e / a))
+        yield OCam(polynomial, affine=affine, **picture.common)
 
 
 STARTS: dict[type[Any], Callable[[frozenset[str] | None, RoundPicture], Iterator[CameraModel]]] = {

@@ -22,6 +22,7 @@ from ...frames import Mount
 
 Content = str | bytes
 NOTHING = 1e-9  # of a parameter's typical change: the rounding of a fit
+ALIKE = {"c": 1.0}  # of what does nothing at another value than 0: OCamCalib's stretch
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ class Layout:
     write
         The content of a file, of a camera and its name.
     places : optional
-        Names of the parameters that there is a place for; the others have to be 0, but for rounding. None: for all.
+        Names of the parameters that there is a place for; the others have to do nothing, as 0 does but for a stretch
+        (:data:`ALIKE`), apart from rounding. None: for all.
     reach_deg : deg
         Field angle below which programs that read the file project points, whatever the formula says.
     refuses
@@ -114,7 +116,8 @@ class Layout:
             name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
             return f"holds {self.words}, and this camera is {name}"
         for p in () if self.places is None else camera.parameters:
-            if self.places is not None and p.name not in self.places and abs(p.value) > NOTHING * p.scale:
+            off = abs(p.value - ALIKE.get(p.name, 0.0))
+            if self.places is not None and p.name not in self.places and off > NOTHING * p.scale:
                 return f"has no place for {p.name} = {p.value:.6g}"
         return self.refuses(camera)
 

@@ -12,12 +12,14 @@ from ...errors import InvalidParameter, SpecError
 from ...files import LARGEST_TEXT, read_bytes
 from ...numerics.registry import Registry
 from ...specs.camera_file import NUMBERS_OF_A_CALIBRATION
-from . import colmap, kalibr, matlab, ocamcalib, opencv_fisheye, opencv_omnidir, own, py_ocamcalib, ros
+from . import colmap, kalibr, opencv_fisheye, opencv_omnidir, own, ros
 from .base import CameraFormat, Layout, Reading, Stored
+from .scaramuzza import matlab, ocamcalib, py_ocamcalib, py_omnicalib
 
 OURS = {
     "ocamcalib": ocamcalib.FORMAT,
     "py-ocamcalib": py_ocamcalib.FORMAT,
+    "py-omnicalib": py_omnicalib.FORMAT,
     "matlab": matlab.FORMAT,
     "opencv-omnidir": opencv_omnidir.FORMAT,
     "opencv-fisheye": opencv_fisheye.FORMAT,

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import float_of
-from ...camera_models import OCam
-from ...errors import OmnimirrorError, SpecError
-from .base import CameraFormat, Layout, Reading, Stored, row, text_of
-from .entries import Node, read_json
+from ....arguments import float_of
+from ....camera_models import OCam
+from ....errors import OmnimirrorError, SpecError
+from ..base import CameraFormat, Layout, Reading, Stored, row, text_of
+from ..entries import Node, read_json
 
 Array = NDArray[np.float64]
 

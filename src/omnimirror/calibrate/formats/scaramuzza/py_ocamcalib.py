@@ -11,9 +11,9 @@ import json
 
 import numpy as np
 
-from ...camera_models import OCam
-from .base import CameraFormat, Layout, Reading, Stored, text_of
-from .entries import read_json
+from ....camera_models import OCam
+from ..base import CameraFormat, Layout, Reading, Stored, text_of
+from ..entries import read_json
 from .matlab import Taylor, ocam_of, taylor_of
 from .ocamcalib import inverse_polynomial
 

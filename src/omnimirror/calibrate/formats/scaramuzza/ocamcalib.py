@@ -12,8 +12,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from ...camera_models import OCam, parse_ocam
-from .base import CameraFormat, Layout, Reading, Stored, row, text_of
+from ....camera_models import OCam, parse_ocam
+from ..base import CameraFormat, Layout, Reading, Stored, row, text_of
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Files of Scaramuzza's polynomial, as four programs write it."""
