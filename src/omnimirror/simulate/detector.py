@@ -132,11 +132,16 @@ class Detector:
         return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn))
 
     @property
+    def counts(self) -> bool:
+        """Whether light is counted as electrons, and so is noisy."""
+        return bool(np.isfinite(self.full_well_e))
+
+    @property
     def is_of_values(self) -> bool:
         """Whether each number is that of one value of light alone: nothing is drawn, and no colour left out."""
-        return self.bayer == "none" and not np.isfinite(self.full_well_e)
+        return self.bayer == "none" and not self.counts
 
-    def read(self, light: Light, seed: int = 0, *, in_place: bool = False) -> NDArray[Any]:
+    def read(self, light: Light, seed: int = 0) -> NDArray[Any]:
         """Numbers of linear light (h, w, 3): (h, w, 3) in RGB order, or (h, w) of a Bayer mosaic.
 
         Parameters
@@ -145,8 +150,6 @@ class Detector:
             Linear RGB, 1 at saturation of an exposure of 1.
         seed
             Of the noise.
-        in_place
-            Whether the light may be lost, in float32: noise then needs no memory of its own.
 
         Returns
         -------
@@ -158,20 +161,92 @@ class Detector:
         InvalidParameter
             For light that is no picture or holds NaN, or a seed that is no whole number from 0 on.
         """
-        light = _checked(light)
-        kept = light if self.bayer == "none" else mosaic(light, self.bayer)
-        factor = self.exposure
-        if np.isfinite(self.full_well_e):
-            is_spare = kept.dtype == np.float32 and (in_place or kept is not light)
-            kept, factor = noisy(kept, self.full_well_e, self.read_noise_e, seed, factor, in_place=is_spare), 1.0
-        numbers: NDArray[Any] = np.empty(kept.shape, self.dtype)
-        signals, read = kept.reshape(-1), numbers.reshape(-1)
-        for part in stretches(kept.size):
-            signal = factor * signals[part]
-            shown = srgb_from_linear(signal) if self.curve == "srgb" else signal
-            values = np.rint(self.largest_dn * shown + np.float32(self.offset_dn))
-            read[part] = np.clip(values, 0, self.largest_dn)
-        return numbers
+        kept = kept_by(self, light)
+        if not self.counts:
+            return numbers_of(self, kept)
+        electrons = Electrons(self, seed)
+        return electrons.read(electrons.counted(kept)).copy()
+
+
+def kept_by(detector: Detector, light: Light, first_row: int = 0) -> Light:
+    """What pixels keep of light (h, w, 3) whose first row is that row of the picture: the colour of a mosaic, or all.
+
+    Raises
+    ------
+    InvalidParameter
+        For light that is no picture or holds NaN.
+    """
+    light = _checked(light)
+    if detector.bayer == "none":
+        return light
+    return mosaic(light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer)
+
+
+def numbers_of(detector: Detector, light: Light) -> NDArray[Any]:
+    """The numbers of what pixels keep of light, in an array of its shape, without noise."""
+    numbers: NDArray[Any] = np.empty(light.shape, detector.dtype)
+    signals, read = light.reshape(-1), numbers.reshape(-1)
+    for part in stretches(light.size):
+        read[part] = _rounded(detector, detector.exposure * signals[part])
+    return numbers
+
+
+def _rounded(detector: Detector, signal: Light) -> Light:
+    shown = srgb_from_linear(signal) if detector.curve == "srgb" else signal
+    values: Light = np.rint(detector.largest_dn * shown + np.float32(detector.offset_dn))
+    return np.clip(values, 0, detector.largest_dn)
+
+
+class Electrons:
+    """Exposed light as electrons count it: their number is Poisson's, and reading adds Gauss's noise.
+
+    A seed's numbers are drawn pixel by pixel, those of all photons before those of reading, so that light may come in
+    parts as long as they follow each other. What is far beyond white is counted as if it were less far, which no value
+    shows.
+
+    Parameters
+    ----------
+    detector
+        With a full well.
+    seed
+
+    Raises
+    ------
+    InvalidParameter
+        For a seed that is no whole number from 0 on.
+    """
+
+    def __init__(self, detector: Detector, seed: int) -> None:
+        if not (seed >= 0 and int(seed) == seed):
+            raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
+        self.detector = detector
+        self._chance = np.random.default_rng(int(seed))
+        full, noise = detector.full_well_e, detector.read_noise_e
+        self._most = full + BEYOND * (np.sqrt(full) + noise + 1)
+
+    @property
+    def dtype(self) -> type[np.uint16 | np.uint32]:
+        """That holds all counts, those beyond the most by chance too."""
+        return np.uint16 if self._most + BEYOND * np.sqrt(self._most) < 2**16 else np.uint32
+
+    def counted(self, light: Light) -> NDArray[Any]:
+        """The electrons that light sets free, in an array of its shape."""
+        electrons: NDArray[Any] = np.empty(light.shape, self.dtype)
+        values, counts = light.reshape(-1), electrons.reshape(-1)
+        for part in stretches(light.size):
+            exposed = (self.detector.exposure * values[part]).astype(float)
+            counts[part] = self._chance.poisson(np.clip(exposed * self.detector.full_well_e, 0, self._most))
+        return electrons
+
+    def read(self, electrons: NDArray[Any]) -> NDArray[Any]:
+        """The numbers of electrons, which take their place: they need no more bytes."""
+        counts, detector = electrons.reshape(-1), self.detector
+        numbers = counts.view(detector.dtype)[: counts.size]
+        for part in stretches(counts.size):
+            noise = detector.read_noise_e * self._chance.standard_normal(part.stop - part.start)
+            signal = ((counts[part] + noise) / detector.full_well_e).astype(np.float32)
+            numbers[part] = _rounded(detector, signal)
+        return numbers.reshape(electrons.shape)
 
 
 def _checked(light: Light) -> Light:
@@ -181,30 +256,6 @@ def _checked(light: Light) -> Light:
     if any(np.isnan(row).any() for row in light):
         raise InvalidParameter("light holds NaN; it is valid from 0 on")
     return light
-
-
-def noisy(
-    light: Light, full_well_e: float, read_noise_e: float, seed: int, exposure: float, in_place: bool = False
-) -> Light:
-    """Exposed light as electrons count it, white at 1: their number is Poisson's, and reading adds Gauss's noise.
-
-    It takes the place of light in float32, or as many bytes of its own. What is far beyond white is counted as if it
-    were less far, which no value shows.
-    """
-    if not (seed >= 0 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
-    chance = np.random.default_rng(int(seed))
-    most = full_well_e + BEYOND * (np.sqrt(full_well_e) + read_noise_e + 1)
-    electrons = light.view(np.uint32) if in_place else np.empty(light.shape, np.uint32)
-    counted: Light = electrons.view(np.float32)
-    values, numbers, shares = light.reshape(-1), electrons.reshape(-1), counted.reshape(-1)
-    for part in stretches(light.size):
-        exposed = (exposure * values[part]).astype(float)
-        numbers[part] = chance.poisson(np.clip(exposed * full_well_e, 0, most))
-    for part in stretches(light.size):  # after all photons: the order in which a seed's numbers are drawn
-        noise = read_noise_e * chance.standard_normal(part.stop - part.start)
-        shares[part] = (numbers[part] + noise) / full_well_e
-    return counted
 
 
 def mosaic(light: Light, bayer: str) -> Light:

@@ -153,13 +153,14 @@ def exposed(
     cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
     if cameras is not None or coloured is not None:
         plain = partial(
-            exposed, scene=scene, medium=medium, samples=samples, blur=blur, distant=distant, seed=seed,
-            progress=progress, workers=workers,
+            exposed, scene=scene, medium=LIGHT if medium.in_order else medium, samples=samples, blur=blur,
+            distant=distant, seed=seed, progress=progress, workers=workers,
         )  # fmt: skip
         seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
         each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
         shares = [plain(seen, radiometry=light) for seen, light in each]
-        return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
+        stacked = np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
+        return medium.read(stacked) if medium.in_order else stacked
     seen = seen_through(camera, _distant(scene) if distant else scene)
     if _has_one_mirror(camera) and is_for_kernels(camera):
         picture = compiled_light(camera, seen, plan, radiometry, progress, workers, medium)

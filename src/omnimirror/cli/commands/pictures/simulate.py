@@ -19,7 +19,8 @@ from ....simulate.colour import Light
 from ....simulate.detector import Detector
 from ....simulate.radiometry import Radiometry
 from ....simulate.rendering.exposure import exposed
-from ....simulate.rendering.tiles import LIGHT, Medium
+from ....simulate.rendering.readout import Readout
+from ....simulate.rendering.tiles import LIGHT
 from ....simulate.scenes.contract import Distant, Scene
 from ....simulate.scenes.posed import Pose, PosedScene
 from ....specs import AnyCamera, bundled_sensors, load_camera, load_sensor
@@ -136,17 +137,17 @@ def _photograph(
         from ....media.pictures.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
-    needs_light = is_light or panorama is not None or not detector.is_of_values
+    readout = None if is_light or panorama is not None else Readout(detector, taking.seed)
     with rows_bar("Exposing") as progress:
         taken = exposed(
-            camera, scene, LIGHT if needs_light else Medium(detector.dtype, detector.read), samples=taking.samples,
+            camera, scene, LIGHT if readout is None else readout.medium, samples=taking.samples,
             blur=taking.is_blurred(camera), radiometry=radiometry, seed=taking.seed, progress=progress,
             wavelengths_nm=taking.wavelengths_nm,
         )  # fmt: skip
-    if not needs_light:
-        write_image(output, taken)
+    if readout is not None:
+        write_image(output, readout.numbers(taken))
     elif not is_light:
-        write_image(output, detector.read(taken, taking.seed, in_place=panorama is None))
+        write_image(output, detector.read(taken, taking.seed))
     else:
         taken *= detector.exposure
         _write_light(output, camera, scene, taken, radiometry)
