@@ -96,6 +96,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/images"))
     parser.add_argument("--only", choices=PICTURES, nargs="+", default=list(PICTURES))
     args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
     server = uvicorn.Server(uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio"))
     threading.Thread(target=server.run, daemon=True).start()
     while not server.started:
