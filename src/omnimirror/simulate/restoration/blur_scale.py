@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 SHARES = (0.6, 0.7, 0.8, 0.9)
 BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of that of the least share
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
+SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
 LEAST_SHARE = 0.3
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
@@ -68,7 +69,8 @@ class BlurScale:
             grown = (left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1)
             first, second = np.diff(grown, 2)
             bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
-            if bends.max() < limit:
+            is_spread = share < 1 and min(first, second) > 0 and first + second > SPREAD
+            if bends.max() < limit and not is_spread:
                 is_unseen = grown[-1] < 1 + GROWTH and (noise.kind == "JPEG" or left[0, seen].mean() > EXPLAINED)
                 return UNSEEN_SHARE if share == 1 and is_unseen else share
             share *= SHARES[1 + int(np.argmax(bends))]
