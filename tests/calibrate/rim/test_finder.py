@@ -160,7 +160,7 @@ def test_what_cannot_be_looked_at():
         om.find_rim([])
     with pytest.raises(InvalidParameter, match="at least 48 px"):
         om.find_rim(np.zeros((20, 200), np.uint8))
-    with pytest.raises(InvalidParameter, match="60 x 50, 60 x 60"):
+    with pytest.raises(InvalidParameter, match="picture 0 is 60 x 50 px, and picture 1 is 60 x 60 px"):
         om.find_rim([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
 
 
