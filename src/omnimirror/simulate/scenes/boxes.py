@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InvalidParameter
+from .contract import rays_from
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -103,6 +106,24 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
     axis[hit] = np.argmax(_crossings(near_corner, origins_mm[hit], inverse[hit]), axis=0)
     side[hit] = towards[hit, axis[hit]] < 0
     return BoxHits(distance, (6 * box + 2 * axis + side).astype(np.int32))
+
+
+def rays_inside(box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    """Rays (n, 3), (n, 3) of a scene that is a box, whose name the message says.
+
+    Raises
+    ------
+    InvalidParameter
+        For what are no rays, or one that starts outside.
+    """
+    origins, towards = rays_from(origins_mm, directions)
+    inside = ((origins >= box.low) & (origins <= box.high)).all(axis=1)
+    if not inside.all():
+        raise InvalidParameter(
+            f"a ray starts at {origins[~inside][0].tolist()} mm, outside {what}, which reaches from "
+            f"{list(box.low)} to {list(box.high)} mm"
+        )
+    return origins, towards
 
 
 def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:

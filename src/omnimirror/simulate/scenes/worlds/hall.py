@@ -12,9 +12,9 @@ from ....arguments import checked, finite
 from ....errors import InvalidParameter
 from ....parameters import Parameter
 from ...colour import Light
-from ..boxes import Box, Face, face_of
+from ..boxes import Box, Face, face_of, rays_inside
 from ..canvas import Canvas, Paint
-from ..contract import Array, rays_from
+from ..contract import Array
 from ..lighting import light_on
 from .boards import HallBoard
 from .painted import Surroundings, finished, outsides, surfaces_of
@@ -130,7 +130,7 @@ class Hall:
         InvalidParameter
             If a ray starts outside the hall, or a direction is zero or not finite.
         """
-        origins, towards = _rays_in_hall(origins_mm, directions)
+        origins, towards = rays_inside(HALL, "the hall", origins_mm, directions)
         return _painted(self.texel_mm).radiance(origins, towards)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
@@ -175,19 +175,8 @@ class Hall:
         InvalidParameter
             If a ray starts outside the hall, or a direction is zero or not finite.
         """
-        origins, towards = _rays_in_hall(origins_mm, directions)
+        origins, towards = rays_inside(HALL, "the hall", origins_mm, directions)
         return _painted(self.texel_mm).distance_mm(origins, towards)
-
-
-def _rays_in_hall(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-    origins, towards = rays_from(origins_mm, directions)
-    inside = ((origins >= HALL.low) & (origins <= HALL.high)).all(axis=1)
-    if not inside.all():
-        raise InvalidParameter(
-            f"a ray starts at {origins[~inside][0].tolist()} mm, outside the hall, which reaches from "
-            f"{list(HALL.low)} to {list(HALL.high)} mm"
-        )
-    return origins, towards
 
 
 @lru_cache(maxsize=2)

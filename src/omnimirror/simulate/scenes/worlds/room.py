@@ -14,9 +14,9 @@ from ....native import backend
 from ....numerics.lazy import cached_property
 from ....parameters import Parameter
 from ...colour import Light
-from ..boxes import FACES, Face, face_of, meet
+from ..boxes import FACES, Face, face_of, meet, rays_inside
 from ..canvas import Canvas, Extent
-from ..contract import Array, rays_from
+from ..contract import Array
 from ..lighting import light_on
 from .decor import PIECES, ROOM, paint_room
 from .landscape import landscape_light
@@ -94,7 +94,7 @@ class Room:
         InvalidParameter
             If a ray starts outside the room, or a direction is zero or not finite.
         """
-        origins, towards = _rays_in_room(origins_mm, directions)
+        origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
         painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
@@ -146,7 +146,7 @@ class Room:
         InvalidParameter
             As :meth:`radiance`.
         """
-        origins, towards = _rays_in_room(origins_mm, directions)
+        origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
         length: Array = np.linalg.norm(towards, axis=1)
         return meet(ROOM, SOLIDS, origins, towards).distance * length
 
@@ -176,7 +176,7 @@ class Room:
         InvalidParameter
             As :meth:`radiance`.
         """
-        origins, towards = _rays_in_room(origins_mm, directions)
+        origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
         box, side = divmod(meet(ROOM, SOLIDS, origins, towards).face.astype(np.int64), len(FACES))
         return np.where(box == 0, 1 + side, len(FACES) + box)
 
@@ -208,17 +208,6 @@ class Room:
         if word not in signs:
             raise InvalidParameter(f"there is no word {word!r} in the room; there are {', '.join(signs)}")
         return signs[word].copy()
-
-
-def _rays_in_room(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-    origins, towards = rays_from(origins_mm, directions)
-    inside = ((origins >= ROOM.low) & (origins <= ROOM.high)).all(axis=1)
-    if not inside.all():
-        raise InvalidParameter(
-            f"a ray starts at {origins[~inside][0].tolist()} mm, outside the room, which reaches from "
-            f"{list(ROOM.low)} to {list(ROOM.high)} mm"
-        )
-    return origins, towards
 
 
 # -- the painted and lit faces -------------------------------------------------------------------------
