@@ -143,6 +143,7 @@ if TYPE_CHECKING:
     from .simulate.scenes.posed import PosedScene as PosedScene
     from .simulate.scenes.sources import load_scene as load_scene
     from .simulate.scenes.worlds.bodies import MovingBox as MovingBox
+    from .simulate.scenes.worlds.bodies import load_bodies as load_bodies
     from .simulate.scenes.worlds.hall import Hall as Hall
     from .simulate.scenes.worlds.room import Room as Room
     from .simulate.scenes.worlds.street import Street as Street
@@ -315,6 +316,7 @@ _HOMES = {
     "write_video_set": "simulate.datasets.calibration_set",
     "write_learning_set": "simulate.datasets.learning_set",
     "MovingBox": "simulate.scenes.worlds.bodies",
+    "load_bodies": "simulate.scenes.worlds.bodies",
     "load_path": "simulate.datasets.video",
     "write_video": "simulate.datasets.video",
     "measure_round_trip": "simulate.round_trip",

@@ -63,6 +63,17 @@ def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
     return array if known.all() else np.where(known, array, np.nan)
 
 
+def coordinates(name: str, value: ArrayLike) -> Array:
+    """Numbers of any shape, perhaps none, as they are: what the loops of a trace ask of arrays that they made.
+
+    >>> coordinates("x_mm", [0, 30]), coordinates("x_mm", 5.0)
+    (array([ 0., 30.]), array(5.))
+    """
+    if type(value) is np.ndarray and value.dtype == float:
+        return value
+    return _real(name, value, "of any shape")
+
+
 def _real(name: str, value: ArrayLike, shape: str) -> Array:
     """Real numbers, perhaps none: no words that look like numbers, no dates, truth values or complex numbers."""
     try:

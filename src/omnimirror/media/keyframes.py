@@ -161,16 +161,28 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
         data = files.parse_toml(text, source)
     except SpecError as e:
         raise MediaError(str(e)) from None
+    heads = [n for n, line in enumerate(text.splitlines(), 1) if re.match(r"\s*\[\[\s*keyframe\s*\]\]", line)]
+    return keyframes_of(data, source, names, heads)
+
+
+def keyframes_of(
+    data: dict[str, Any], source: str = "keyframes", names: Sequence[str] = NAMES, lines: Sequence[int] = ()
+) -> Keyframes:
+    """Keyframes of a table of a TOML file, and perhaps the lines in which they begin.
+
+    >>> keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 5}]}).at(1.0)
+    {'pan_deg': 5.0}
+    """
+    data = dict(data)
     interpolation = data.pop("interpolation", "smooth")
     if interpolation not in get_args(Interpolation):
         raise MediaError(f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear")
     tables = data.pop("keyframe", [])
     if data or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise MediaError(f"{source} should hold [[keyframe]] tables, and perhaps interpolation, and nothing else")
-    heads = [n for n, line in enumerate(text.splitlines(), 1) if re.match(r"\s*\[\[\s*keyframe\s*\]\]", line)]
     points = []
     for i, table in enumerate(tables):
-        where = f"the keyframe in line {heads[i]} of {source}" if i < len(heads) else f"keyframe {i + 1} of {source}"
+        where = f"the keyframe in line {lines[i]} of {source}" if i < len(lines) else f"keyframe {i + 1} of {source}"
         _check_names(list(table), names, where)
         points.append((where, table))
     return _keyframes(points, source, interpolation)

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats
+from ..arguments import coordinates, floats
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 from .conics import conic_profile, conic_reach
@@ -65,7 +65,7 @@ class EvenPolynomial(Mirror):
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         N = self.normalization_radius_mm
-        z, slope, curvature = even_polynomial(np.asarray(x_mm, dtype=float) / N, self.coefficients, first=1)
+        z, slope, curvature = even_polynomial(coordinates("x_mm", x_mm) / N, self.coefficients, first=1)
         return z * N, slope, curvature / N
 
 
@@ -99,7 +99,7 @@ class ConicAsphere(Mirror):
         self._check()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        x, R, N = np.asarray(x_mm, dtype=float), self.vertex_radius_mm, self.normalization_radius_mm
+        x, R, N = coordinates("x_mm", x_mm), self.vertex_radius_mm, self.normalization_radius_mm
         z, slope, curvature = conic_profile(x, R, self.conic)
         dz, dslope, dcurvature = even_polynomial(x / N, self.coefficients, first=2)
         return z + dz * N, slope + dslope, curvature + dcurvature / N

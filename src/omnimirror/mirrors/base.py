@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_fields
+from ..arguments import check_fields, coordinates, number
 from ..errors import OutsideMirror
 from ..parameters import Parameter
 from .measured.columns import ColumnFile
@@ -64,7 +64,7 @@ class Mirror(ABC):
 
     def radius_s(self, x_mm: ArrayLike) -> Array:
         """Sagittal radius of curvature, mm (Eq. 18); at a smooth apex equal to the tangential one."""
-        x = np.asarray(x_mm, dtype=float)
+        x = coordinates("x_mm", x_mm)
         _, slope, curvature = self.profile(x)
         return sagittal_radius(x, slope, curvature)
 
@@ -75,6 +75,7 @@ class Mirror(ABC):
 
     def scaled(self, factor: float) -> Self:
         """The same shape grown evenly: what it has of lengths times a factor."""
+        factor = number("factor", factor, above=0.0)
 
         def grown(name: str) -> Any:
             value, unit = getattr(self, name), self.PARAMETERS[name].unit

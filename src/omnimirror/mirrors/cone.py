@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import coordinates, number
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 
@@ -36,7 +37,7 @@ class Cone(Mirror):
         self._check()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        x, slope = np.asarray(x_mm, dtype=float), float(np.tan(np.radians(self.slope_deg)))
+        x, slope = coordinates("x_mm", x_mm), float(np.tan(np.radians(self.slope_deg)))
         return x * slope, np.full_like(x, slope), np.zeros_like(x)
 
     def pinhole_ring(self, mirror_distance_mm: float) -> tuple[float, float]:
@@ -50,5 +51,5 @@ class Cone(Mirror):
         >>> round(radius, 9), round(z, 9)
         (100.0, 0.0)
         """
-        twice = 2 * np.radians(self.slope_deg)
-        return mirror_distance_mm * float(np.sin(twice)), mirror_distance_mm * float(np.cos(twice))
+        m, twice = number("mirror_distance_mm", mirror_distance_mm), 2 * np.radians(self.slope_deg)
+        return m * float(np.sin(twice)), m * float(np.cos(twice))

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import coordinates
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 
@@ -60,7 +61,7 @@ class Conic(Mirror):
         """Conic constant k = -e^2."""
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        return conic_profile(np.asarray(x_mm, dtype=float), self.vertex_radius, self.conic)
+        return conic_profile(coordinates("x_mm", x_mm), self.vertex_radius, self.conic)
 
     def _reach(self, first_missing_mm: float) -> float:
         return conic_reach(self.vertex_radius, self.conic)

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import coordinates
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 
@@ -29,5 +30,5 @@ class Flat(Mirror):
         self._check()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        zero = np.zeros_like(np.asarray(x_mm, dtype=float))
+        zero = np.zeros_like(coordinates("x_mm", x_mm))
         return zero, zero, zero

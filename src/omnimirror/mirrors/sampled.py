@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats, number
+from ..arguments import checked, coordinates, floats, number
 from ..errors import InvalidParameter
 from ..numerics.lazy import cached_property
 from ..parameters import Parameter
@@ -39,7 +39,7 @@ class SmoothCurve(Mirror):
         return self.spline, self.spline.derivative(), self.spline.derivative(2)
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        x = np.asarray(x_mm, dtype=float)
+        x = coordinates("x_mm", x_mm)
         z, slope, curvature = (np.asarray(s(x)) for s in self._splines)
         if self.apex == "smooth":
             slope = near_apex(x / self.rim_radius_mm, x * curvature, slope)
@@ -124,6 +124,7 @@ class SampledProfile(Mirror):
         self._check()
 
     @classmethod
+    @checked
     def from_csv(
         cls,
         path: str | Path,
@@ -165,7 +166,7 @@ class SampledProfile(Mirror):
         """
         from scipy.interpolate import BSpline
 
-        fit, rim = self.fit, self._rim * (1 + BEYOND)
+        fit, rim, share = self.fit, self._rim * (1 + BEYOND), number("share", share)
         curves = [fit.spline, *(BSpline(fit.spline.t, fit.spline.c + share * d, DEGREE) for d in fit.deviations)]
         return [SmoothCurve(rim, curve, self.apex) for curve in curves]
 
@@ -180,7 +181,7 @@ class SampledProfile(Mirror):
         return SmoothCurve(self._rim, self.fit.spline, self.apex)
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        x = np.asarray(x_mm, dtype=float)
+        x = coordinates("x_mm", x_mm)
         z, slope, curvature = self._curve.profile(x)
         there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (x <= self.x_mm[-1])
         return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]

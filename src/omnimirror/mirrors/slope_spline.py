@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats
+from ..arguments import coordinates, floats
 from ..errors import InvalidParameter
 from ..numerics.lazy import cached_property
 from ..parameters import Parameter
@@ -82,7 +82,7 @@ class SlopeSpline(Mirror):
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         M = self.rim_radius_mm
-        u = np.asarray(x_mm, dtype=float) / M
+        u = coordinates("x_mm", x_mm) / M
         u = np.where((u >= 0) & (u <= 1 + 1e-12), u, np.nan)
         sag, slope, curvature = self._splines
         dz: Array = slope(u)

@@ -31,10 +31,10 @@ from ..media.progress import FrameProgress
 from ..media.video.display import DISPLAY_LOST, Display
 from ..media.video.formats import Kind, losses
 from ..media.video.frames import Colour
+from ..media.video.mp4.spherical import can_be_spherical
 from ..media.video.numbered import NumberedPictures, check_pattern, is_of_pictures
 from ..media.video.reader import Item, VideoReader
 from ..media.video.sequences import is_sequence, may_share_a_name, numbered, numbers_of, standard_input
-from ..media.video.spherical import can_be_spherical
 from ..media.video.writer import Sink, VideoWriter
 from .border import AskedBorder, BorderColour
 from .request import Recording, Size, Straightening

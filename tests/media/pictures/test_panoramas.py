@@ -13,8 +13,8 @@ from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.media.pictures.images import can_be_panorama, read_image, write_image
 from omnimirror.media.pictures.panorama import GPano
 from omnimirror.media.video.frames import frame_of_image
+from omnimirror.media.video.mp4.spherical import can_be_spherical
 from omnimirror.media.video.reader import VideoReader
-from omnimirror.media.video.spherical import can_be_spherical
 from omnimirror.media.video.writer import VideoWriter
 from tests.media.synthetic import pictures_of
 

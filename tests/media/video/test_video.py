@@ -43,6 +43,25 @@ def through(source, path, function=same, pixels="picture", **more):
         return process(reader.items(), VideoWriter.like(reader, path, **more), function, pixels)
 
 
+@pytest.mark.parametrize(("rate", "suffix"), [(2, ".mp4"), (2, ".mov"), (25, ".m4v"), (25, ".mkv")])
+def test_players_show_all_frames_however_many_there_are(tmp_path, rate, suffix):
+    """Frames that FFmpeg shows, and how long it says they last, where B-frames stand last in the file."""
+    rough = np.kron(np.random.default_rng(1).integers(40, 200, (6, 24, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
+    short = []
+    for count in (*range(1, 16), 26, 51):
+        path = tmp_path / f"{count}{suffix}"
+        with VideoWriter(path, SIZE, rate) as video:
+            for number in range(count):
+                frame = frame_of_image(np.ascontiguousarray(rough[:, number : number + 64]))
+                frame.pts, frame.time_base = number, Fraction(1, rate)
+                video.write(frame)
+        with av.open(str(path)) as container:
+            lasts_s = container.duration / av.time_base
+        if (found := len(pictures_of(path))) != count or abs(lasts_s - count / rate) > 0.0011:
+            short.append((count, found, lasts_s))
+    assert not short
+
+
 # -- the whole path ----------------------------------------------------------------------------------
 
 

@@ -62,7 +62,10 @@ class Reading:
             It was not given.
         """
         if self.image_size is None:
-            raise SpecError(f"{self.source} does not say how large the picture is; give image_size, such as 1024x768")
+            raise SpecError(
+                f"{self.source} does not say how large the picture is; "
+                "give its size (image_size, on the command line --image-size), such as 1024x768"
+            )
         return self.image_size
 
 

@@ -18,6 +18,7 @@ from ...simulate.detector import BAYER, CURVES, Detector
 from ...simulate.radiometry import Radiometry
 from ...simulate.scenes.posed import Pose
 from ...simulate.scenes.sources import SceneSource
+from ...simulate.scenes.worlds.bodies import MovingBox, load_bodies
 from ...simulate.scenes.worlds.bundled import BUNDLED
 from ..streams import is_quiet
 from .common import NUMBER, WHOLE, _numbers, angle, distance, factor, three_wavelengths
@@ -157,11 +158,18 @@ class FilmOptions(Options):
     path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
     fps: float | None = option(type=NUMBER, help="Videos: frames a second.  [default: 25]")
     duration_s: float | None = option(type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+    bodies: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: boxes that move in the scene, a TOML file."
+    )
 
     @property
     def frame_rate(self) -> float:
         """Frames a second."""
         return 25.0 if self.fps is None else self.fps
+
+    def moving(self) -> tuple[MovingBox, ...]:
+        """What moves in the scene."""
+        return () if self.bodies is None else load_bodies(self.bodies)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """What a viewer must know to hang a panorama: how much of the full sphere it shows, and where.
 
 Pictures carry it as Google's photo sphere metadata (GPano, https://developers.google.com/streetview/spherical-metadata),
-videos as :mod:`omnimirror.media.video.spherical` writes it. A mirror never covers all 180 deg of elevation, so
+videos as :mod:`omnimirror.media.video.mp4.spherical` writes it. A mirror never covers all 180 deg of elevation, so
 the picture is always a part, the crop, of a full panorama that nobody made.
 """
 

@@ -17,8 +17,9 @@ from ...files import replacing
 from ..pictures.panorama import GPano
 from .encoder import DEFAULT_CODEC, Encoder, sentences
 from .frames import Siting, siting_of
+from .mp4.ending import show_to_the_last
+from .mp4.spherical import SUFFIXES, can_be_spherical, make_spherical
 from .reader import VideoReader
-from .spherical import SUFFIXES, can_be_spherical, make_spherical
 
 FILE_FORMATS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 """What can be written, by suffix."""
@@ -205,6 +206,8 @@ class VideoWriter:
         with sentences(self.path), stack:
             try:
                 self._encoder.finish()
+                if self._temporary.suffix.lower() in SUFFIXES:
+                    show_to_the_last(self._temporary)
                 if self._panorama is not None:
                     make_spherical(self._temporary, self._panorama)
             except BaseException:

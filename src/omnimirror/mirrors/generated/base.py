@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import check_fields
+from ...arguments import check_fields, coordinates
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -50,7 +50,7 @@ class Mapped(Mirror):
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         M = self.rim_radius_mm
-        x = np.asarray(x_mm, dtype=float) / M
+        x = coordinates("x_mm", x_mm) / M
         with np.errstate(invalid="ignore"):  # NaN marks "no surface here"
             z, slope, curvature = self._meridian.profile(np.where((x >= 0) & (x <= 1 + 1e-12), x, np.nan))
         return z * M, slope, curvature / M

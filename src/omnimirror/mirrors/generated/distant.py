@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arguments import coordinates
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
 from ..base import Array
@@ -40,7 +41,7 @@ class Equidistant(Generated):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, low = np.asarray(tau, dtype=float), float(np.radians(self.omega_min_deg))
+        tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
         return low + (self._omega_max - low) * tau, np.full_like(tau, self._omega_max - low)
 
     @cached_property
@@ -67,7 +68,7 @@ class Equiangular(Generated):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, low = np.asarray(tau, dtype=float), float(np.radians(self.omega_min_deg))
+        tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
         span, Theta = self._omega_max - low, self._theta_max
         if Theta == 0:
             return low + span * tau, np.full_like(tau, span)
@@ -132,7 +133,7 @@ class Conformal(Generated):
         return surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, Theta, high = np.asarray(tau, dtype=float), self._theta_max, np.tan(self._omega_max / 2)
+        tau, Theta, high = coordinates("tau", tau), self._theta_max, np.tan(self._omega_max / 2)
         if Theta == 0:
             return 2 * np.arctan(high * tau), 2 * high / (1 + (high * tau) ** 2)
         tangent = tau * np.tan(Theta)
@@ -142,7 +143,7 @@ class Conformal(Generated):
         return 2 * np.arctan(K * half), 2 * K * dhalf / (1 + (K * half) ** 2)
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
-        x, (R, k) = np.asarray(x_mm, dtype=float), self._radius_and_conic
+        x, (R, k) = coordinates("x_mm", x_mm), self._radius_and_conic
         inside = (x >= 0) & (x <= self.rim_radius_mm * (1 + 1e-12))
         return conic_profile(np.where(inside, x, np.nan), R, k)
 
@@ -179,7 +180,7 @@ class UnitAspect(Generated):
     KIND: ClassVar[str] = "unit-aspect"
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, high = np.asarray(tau, dtype=float), np.tan(self._omega_max / 2)
+        tau, high = coordinates("tau", tau), np.tan(self._omega_max / 2)
         return 2 * np.arctan(high * tau), 2 * high / (1 + (high * tau) ** 2)
 
     @cached_property
@@ -214,7 +215,7 @@ class Equiareal(Generated):
     PARAMETERS: ClassVar[dict[str, Parameter]] = {**Generated.PARAMETERS, "omega_min_deg": OMEGA_MIN}
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau = np.asarray(tau, dtype=float)
+        tau = coordinates("tau", tau)
         low, high = np.sin(np.radians(self.omega_min_deg) / 2), np.sin(self._omega_max / 2)
         if low == 0:
             return 2 * np.arcsin(high * tau), 2 * high / np.sqrt(1 - (high * tau) ** 2)
@@ -244,7 +245,7 @@ class Rectifying(Generated):
     MOST_OMEGA_DEG: ClassVar[float] = 90.0
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, high = np.asarray(tau, dtype=float), np.tan(self._omega_max)
+        tau, high = coordinates("tau", tau), np.tan(self._omega_max)
         return np.arctan(high * tau), high / (1 + (high * tau) ** 2)
 
     @cached_property

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import check_fields
+from ...arguments import check_fields, coordinates
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -104,7 +104,7 @@ class FiniteMapping(Generated):
         """Image height at which the field angle turns fastest, and the height that the turn takes, for far objects."""
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau, Theta = np.asarray(tau, dtype=float), self._theta_max
+        tau, Theta = coordinates("tau", tau), self._theta_max
         if Theta == 0:
             return self._field(tau)
         unit = np.tan(Theta)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import check_fields, floats
+from ...arguments import WrongKind, check_fields, coordinates, floats, number, shown
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -137,13 +137,22 @@ class TabulatedMapping(Mapped):
         >>> round(mirror.design_distance, 9)
         4.072351768
         """
+        if not callable(height):
+            raise WrongKind(f"height = {shown(height)} is no function of field angles (n,) in radians")
+        low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
+        tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64
         while True:
             # evenly spaced in the height of a sine, so that rows crowd at the rim, where mappings steepen
             share = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
-            omega = np.radians(omega_min_deg + (omega_max_deg - omega_min_deg) * share)
+            omega = np.radians(low + (high - low) * share)
             between = (omega[1:] + omega[:-1]) / 2
-            h, wanted = (np.asarray(height(a), dtype=float) for a in (omega, between))
+            h, wanted = (coordinates("height(omega)", height(a)) for a in (omega, between))
+            if (h.shape, wanted.shape) != (omega.shape, between.shape):
+                raise InvalidParameter(
+                    f"the mapping function gives heights of shape {h.shape} for {len(omega)} field angles; "
+                    f"it is valid with one for each, ({len(omega)},)"
+                )
             if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
                 raise InvalidParameter("the mapping function gives heights that are not finite in the field")
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
@@ -169,14 +178,15 @@ class TabulatedMapping(Mapped):
         return spline, spline.derivative()
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
-        tau = np.asarray(tau, dtype=float)
+        tau = coordinates("tau", tau)
         return self.angles(tau), self.rates(tau)
 
     def angles(self, tau: Array) -> Array:
+        tau = coordinates("tau", tau)
         omega = np.asarray(self._splines[0](tau))
         if self.omega_deg[0] == 0.0 and (np.abs(tau) < APEX).any():
             omega = near_apex(tau, tau * self.rates(tau), omega)
         return omega
 
     def rates(self, tau: Array) -> Array:
-        return np.asarray(self._splines[1](tau))
+        return np.asarray(self._splines[1](coordinates("tau", tau)))

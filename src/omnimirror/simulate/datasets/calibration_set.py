@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -24,14 +24,15 @@ from ..radiometry import Radiometry
 from ..rendering.exposure import expose
 from ..rendering.sight import seen_at, sights
 from ..scenes.contract import Scene, distances_mm
-from ..scenes.posed import Pose, PosedScene
+from ..scenes.posed import POSE_NAMES, Pose, PosedScene
 from ..scenes.sources import SceneSource
 from ..scenes.worlds.boards import SQUARE_MM
+from ..scenes.worlds.bodies import MovingBox, with_bodies
 from ..scenes.worlds.hall import Hall
 from .ledger import DESCRIPTION, FRAMES, Ledger
 from .recipe import CalibrationRecipe, Recipe, VideoRecipe, format_of, record_of_recipe
 from .truth import ground_truth
-from .video import POSE_NAMES, check_video_can_be_written, encode, frame_at, frame_times
+from .video import check_video_can_be_written, encode, frame_at, frame_times
 
 Array = NDArray[np.float64]
 
@@ -190,6 +191,7 @@ def write_video_set(
     *,
     path: Keyframes,
     folder: str | Path,
+    bodies: Sequence[MovingBox] = (),
     frame_rate: float = 25.0,
     duration_s: float | None = None,
     samples: int = 16,
@@ -216,6 +218,8 @@ def write_video_set(
     folder
         Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
         ``dataset.json``. Stopped by Ctrl-C, they hold the frames that are there.
+    bodies
+        What moves in the scene, such as :class:`omnimirror.MovingBox`, or what :func:`omnimirror.load_bodies` gives.
     frame_rate
         Frames a second.
     duration_s
@@ -260,8 +264,8 @@ def write_video_set(
     2
     """
     recipe = VideoRecipe(
-        sensor=sensor, scene=scene, path=path, frame_rate=frame_rate, duration_s=duration_s, samples=samples,
-        blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
+        sensor=sensor, scene=scene, path=path, bodies=tuple(bodies), frame_rate=frame_rate, duration_s=duration_s,
+        samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
     )  # fmt: skip
     return take_frames(recipe, Path(folder), progress)
 
@@ -280,9 +284,10 @@ def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int]
 
     def expose_frame(number: int, picture: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
-        light = frame_at(sensor, world, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
+        seen = with_bodies(world, recipe.bodies, time)
+        light = frame_at(sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
         if truth:
-            write_truth(folder / exr, sensor, PosedScene(world, Pose(**path.at(time))), light, radiometry)
+            write_truth(folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry)
         write_image(folder / picture, recipe.detector.read(light, seed))
         ledger.add(picture, *([exr] if truth else []))
 

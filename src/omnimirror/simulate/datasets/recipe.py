@@ -19,6 +19,7 @@ from ..detector import Detector
 from ..radiometry import Radiometry
 from ..scenes.contract import Scene
 from ..scenes.sources import SceneSource, record_of, source_of
+from ..scenes.worlds.bodies import MovingBox
 from ..scenes.worlds.hall import Hall
 
 FORMAT = 3
@@ -62,6 +63,7 @@ class VideoRecipe(Recipe):
 
     scene: Scene | SceneSource
     path: Keyframes
+    bodies: tuple[MovingBox, ...] = ()
     frame_rate: float = 25.0
     duration_s: float | None = None
 
@@ -84,10 +86,8 @@ def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
         "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
         "detector": _detector_record,
         "scene": record_of,
-        "path": lambda p: {
-            "tracks": {n: [list(k) for k in t] for n, t in p.tracks.items()},
-            "between": p.interpolation,
-        },
+        "path": _path_record,
+        "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
     }
     same: Any = lambda value: value  # noqa: E731
     told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
@@ -105,7 +105,8 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
         "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
         "scene": lambda r: source_of(r, folder),
-        "path": lambda r: Keyframes({n: tuple((t, v) for t, v in k) for n, k in r["tracks"].items()}, r["between"]),
+        "path": _path_of,
+        "bodies": lambda r: tuple(map(_body_of, r)),
     }
     same: Any = lambda value: value  # noqa: E731
     return KINDS[record["kind"]](**{name: decoders.get(name, same)(value) for name, value in given.items()})
@@ -150,6 +151,18 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     if told != format_of(kind):
         raise MediaError(f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew")
     return record  # type: ignore[no-any-return]
+
+
+def _path_record(path: Keyframes) -> dict[str, Any]:
+    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "between": path.interpolation}
+
+
+def _path_of(record: dict[str, Any]) -> Keyframes:
+    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"])
+
+
+def _body_of(record: dict[str, Any]) -> MovingBox:
+    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
 
 
 def _detector_record(detector: Detector) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,9 +20,9 @@ from ..detector import Detector
 from ..radiometry import Radiometry
 from ..rendering.exposure import expose
 from ..scenes.contract import Scene
-from ..scenes.posed import Pose, PosedScene
+from ..scenes.posed import POSE_NAMES, Pose, PosedScene
+from ..scenes.worlds.bodies import MovingBox, with_bodies
 
-POSE_NAMES = tuple(f.name for f in fields(Pose))
 MOST_FRAMES = 100_000
 SLOWEST = 1e-3  # frames a second
 
@@ -93,6 +92,7 @@ def frame_at(
     radiometry: Radiometry | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    bodies: Sequence[MovingBox] = (),
 ) -> Light:
     """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
 
@@ -101,7 +101,7 @@ def frame_at(
     InvalidParameter
         As :func:`~omnimirror.expose`, or if the path leads where a sensor cannot be.
     """
-    seen = PosedScene(scene, Pose(**path.at(time_s)))
+    seen = PosedScene(with_bodies(scene, bodies, time_s), Pose(**path.at(time_s)))
     return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)
 
 
@@ -122,6 +122,7 @@ def write_video(
     *,
     path: Keyframes,
     output: str | Path,
+    bodies: Sequence[MovingBox] = (),
     frame_rate: float = 25.0,
     duration_s: float | None = None,
     samples: int = 4,
@@ -143,6 +144,8 @@ def write_video(
         From :func:`omnimirror.load_path`.
     output
         The file to write.
+    bodies
+        What moves in the scene, such as :class:`omnimirror.MovingBox`, or what :func:`omnimirror.load_bodies` gives.
     frame_rate
         Frames a second.
     duration_s
@@ -193,7 +196,7 @@ def write_video(
 
     def pictures() -> Iterator[NDArray[Any]]:
         for i, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + i)
+            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + i, bodies=bodies)
             yield detector.read(light, seed + i)
             if written is not None:
                 written(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))

@@ -104,6 +104,9 @@ class Pose:
         return moved
 
 
+POSE_NAMES = tuple(f.name for f in fields(Pose))
+
+
 @dataclass(frozen=True)
 class PosedScene:
     """A scene as a sensor sees it that stands somewhere in it.

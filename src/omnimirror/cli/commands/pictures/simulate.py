@@ -189,9 +189,10 @@ def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taki
 
         try:
             write_video(
-                camera, scene, path=load_path(film.path), output=output, frame_rate=film.frame_rate,
-                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
-                radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, written=written,
+                camera, scene, path=load_path(film.path), output=output, bodies=film.moving(),
+                frame_rate=film.frame_rate, duration_s=film.duration_s, samples=taking.samples,
+                blur=taking.is_blurred(camera), radiometry=taking.radiometry(), detector=taking.detector(),
+                seed=taking.seed, written=written,
             )  # fmt: skip
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
@@ -304,8 +305,8 @@ def _asked_for(
     if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
         raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
     return VideoRecipe(
-        sensor=sensor(), scene=scene.source(), path=load_path(film.path), frame_rate=film.frame_rate,
-        duration_s=film.duration_s, **common,
+        sensor=sensor(), scene=scene.source(), path=load_path(film.path), bodies=film.moving(),
+        frame_rate=film.frame_rate, duration_s=film.duration_s, **common,
     )  # fmt: skip
 
 
@@ -341,6 +342,58 @@ def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
             _stopped(output, done, "frames")
             raise
     say(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+
+
+@dataclass(frozen=True)
+class ShardOptions(Options):
+    """How samples are stored."""
+
+    per_shard: int = option(type=WHOLE, default=100, help="Samples in each tar file.")
+
+
+@command.command(
+    "learning",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",),
+)
+@click.argument("sensor", type=SENSOR)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@takes(FilmOptions, "film")
+@takes(ShardOptions, "stored")
+@takes(SceneOptions, "scene")
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
+def learning(
+    sensor: str,
+    output: Path,
+    film: FilmOptions,
+    stored: ShardOptions,
+    scene: SceneOptions,
+    taking: TakingOptions,
+    housing: HousingOptions,
+) -> None:
+    """Write a set to learn from: what SENSOR would take along a --path, and what each pixel sees.
+
+    Shards of WebDataset, tar files in which each frame has a picture, its pose, and arrays: depth, directions and
+    origins of the rays, normals, labels, optical flow to the next frame. README.md beside them explains all of it.
+    """
+    from ....simulate.datasets.learning_set import write_learning_set
+    from ....simulate.datasets.video import load_path
+
+    if film.path is None:
+        raise click.UsageError("a set to learn from is taken along poses; give a --path")
+    if taking.wavelengths_nm is not None:
+        raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
+    camera, path, bodies = housing.on(load_camera(sensor)), load_path(film.path), film.moving()
+    with rows_bar("Taking frames") as progress:
+        shards = write_learning_set(
+            camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate,
+            duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
+            radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, progress=progress,
+            **stored.given,
+        )  # fmt: skip
+    say(f"{output}: {shards[0].name} to {shards[-1].name}, sensor.toml and README.md")
 
 
 @dataclass(frozen=True)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....arguments import check_fields, finite
+from ....arguments import check_fields, checked, file_name, finite, shown
+from ....errors import InvalidParameter, MediaError, SpecError
+from ....files import parse_toml, read_text
 from ....frames import turned
-from ....media.keyframes import Keyframes
+from ....media.keyframes import Keyframes, keyframes_of
 from ...colour import Light, hex_colour
 from ..boxes import TINY
 from ..contract import Array, Scene, distances_mm
-from ..posed import Pose
+from ..posed import POSE_NAMES, Pose
 
 SHADES = np.array([0.75, 0.55, 1.0])
 """How light sides, fronts and tops are: enough to tell them apart."""
 NOTHING, BACKGROUND = 0, 1
+MOST = 1000
+"""Bodies of one scene."""
 
 
 @runtime_checkable
@@ -53,7 +59,7 @@ class MovingBox:
     Raises
     ------
     InvalidParameter
-        A size that is none, or a colour that is not known.
+        A size that is none, a colour that is not known, or a path of something else than poses.
 
     Examples
     --------
@@ -71,6 +77,8 @@ class MovingBox:
         check_fields(self)
         finite("size_mm", self.size_mm, 1e-3)
         hex_colour(self.colour)
+        if other := next((name for name in self.path.tracks if name not in POSE_NAMES), None):
+            raise InvalidParameter(f"path has {other!r}; valid are {', '.join(POSE_NAMES)}")
 
     def pose_at(self, time_s: float) -> Pose:
         """Where it is at a time.
@@ -86,6 +94,68 @@ class MovingBox:
             Of its middle, in the scene.
         """
         return Pose(**self.path.at(time_s))
+
+
+@checked
+def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
+    """Read a TOML file of boxes that move: a table for each, by its name.
+
+    In it stand ``size_mm``, perhaps ``colour``, and its poses over time as :func:`omnimirror.load_path` takes them: in
+    ``[[name.keyframe]]`` tables, or as ``path``, a file beside this one.
+
+    Parameters
+    ----------
+    path
+        Name of the file.
+
+    Returns
+    -------
+    tuple of MovingBox
+        In the order of the file.
+
+    Raises
+    ------
+    SpecError
+        There is no such file, or it holds no bodies; the message names the body.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(f"{folder}/bodies.toml").write_text(
+    ...         "[cart]\\nsize_mm = [400, 300, 500]\\n"
+    ...         "[[cart.keyframe]]\\ntime_s = 0\\nx_mm = 1500\\n[[cart.keyframe]]\\ntime_s = 2\\nx_mm = 900"
+    ...     )
+    ...     [(box.name, box.pose_at(1.0).x_mm) for box in om.load_bodies(f"{folder}/bodies.toml")]
+    [('cart', 1200.0)]
+    """
+    path = file_name("path", path)
+    tables = parse_toml(read_text(path, "bodies", SpecError, f"there are no bodies {str(path)!r}"), str(path))
+    if not 1 <= len(tables) <= MOST:
+        raise SpecError(f"{path} holds {len(tables)} bodies; it is valid with 1 to {MOST}")
+    return tuple(_body(name, table, path) for name, table in tables.items())
+
+
+def _body(name: str, table: Any, source: Path) -> MovingBox:
+    if not isinstance(table, dict):
+        raise SpecError(f"{source}: {name} = {shown(table)} is no body; valid are tables such as [{name}]")
+    where, rest = f"[{name}] of {source}", dict(table)
+    size = rest.pop("size_mm", None)
+    if not isinstance(size, list):
+        raise SpecError(f"{where} has no size_mm; valid is such as [400, 300, 500]: length ahead, width, height")
+    told = {"colour": rest.pop("colour")} if "colour" in rest else {}
+    try:
+        if "path" in rest:
+            moves = Keyframes.load(source.parent / file_name("path", rest.pop("path")), POSE_NAMES)
+            if rest:
+                raise InvalidParameter(f"{next(iter(rest))} is not valid beside a path")
+        else:
+            moves = keyframes_of(rest, where, POSE_NAMES)
+        return MovingBox(tuple(size), moves, name=name, **told)
+    except MediaError as e:
+        raise SpecError(str(e)) from None
+    except InvalidParameter as e:
+        raise SpecError(f"{where}: {e}") from None
 
 
 @dataclass(frozen=True)
@@ -160,3 +230,8 @@ class SceneWithBodies:
             met = (near > 0) & (near < exits.min(axis=1)) & (near < nearest)
             nearest[met], body[met], axis[met] = near[met], number, entries.argmax(axis=1)[met]
         return nearest, body, axis
+
+
+def with_bodies(scene: Scene, bodies: Sequence[MovingBox], time_s: float) -> Scene:
+    """A scene at a moment (s), as it is where nothing moves in it."""
+    return SceneWithBodies(scene, tuple(bodies), time_s) if bodies else scene

@@ -156,8 +156,9 @@ def _clock(canvas: Canvas, x: float, y: float, radius: float) -> None:
 
 
 class Piece(NamedTuple):
-    """A solid, its paint, and what its faces carry."""
+    """A solid, what it is a part of, its paint, and what its faces carry."""
 
+    name: str
     box: Box
     paint: Paint
     decorate: dict[int, Callable[[Canvas], None]] = {}  # noqa: RUF012 - never changed
@@ -194,31 +195,28 @@ def _ribs(canvas: Canvas) -> None:
         canvas.rectangle(25 + 70 * i, 30, 45 + 70 * i, canvas.height_mm - 30, Paint("#b9b6ad"))
 
 
-def _legs(left: float, right: float, back: float, front: float, top: float, paint: Paint) -> list[Piece]:
+def _legs(name: str, left: float, right: float, back: float, front: float, top: float, paint: Paint) -> list[Piece]:
     """Four legs within the corners of a table top that lies ``top`` over the sensor's height."""
     t, floor = 70.0, ROOM.low[2]
     corners = [(x, y) for x in (left, right - t) for y in (back, front - t)]
-    return [Piece(Box((x, y, floor), (x + t, y + t, top)), paint) for x, y in corners]
+    return [Piece(name, Box((x, y, floor), (x + t, y + t, top)), paint) for x, y in corners]
 
 
 FLOOR, CLOTH = ROOM.low[2], Paint("#4f6a6e")
 
 PIECES: tuple[Piece, ...] = (
-    *(Piece(Box((x - 60, -2700, 1630), (x + 60, 2300, 1800)), WALNUT) for x in (-1100.0, 400.0, 1900.0)),
-    Piece(Box((2950, -1300, FLOOR), (3400, 1300, -450)), OAK, {0: _cabinet_doors}),
-    Piece(Box((-2600, -2400, FLOOR), (-2280, 0, 820)), WALNUT, {1: _books}),
-    Piece(Box((-1800, 2150, -1060), (-400, 2280, -470)), WHITE, {2: _ribs}),
-    # a bench under the window
-    Piece(Box((950, 1800, -790), (2850, 2260, -730)), OAK),
-    *_legs(1000, 2800, 1830, 2240, -790, STEEL),
-    # a table with two books on it
-    Piece(Box((1100, -2000, -490), (2600, -1000, -440)), OAK),
-    *_legs(1150, 2550, -1950, -1050, -490, OAK),
-    Piece(Box((1500, -1620, -440), (1800, -1380, -385)), Paint("#7a2e2a")),
-    Piece(Box((1530, -1610, -385), (1780, -1420, -340)), Paint("#d2c4a0")),
-    # an armchair
-    Piece(Box((-2350, 700, -1160), (-1600, 1500, -790)), CLOTH),
-    Piece(Box((-2500, 590, -1160), (-2350, 1610, -330)), CLOTH),
-    *(Piece(Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH) for y in (590.0, 1500.0)),
+    *(Piece("beam", Box((x - 60, -2700, 1630), (x + 60, 2300, 1800)), WALNUT) for x in (-1100.0, 400.0, 1900.0)),
+    Piece("cabinet", Box((2950, -1300, FLOOR), (3400, 1300, -450)), OAK, {0: _cabinet_doors}),
+    Piece("bookcase", Box((-2600, -2400, FLOOR), (-2280, 0, 820)), WALNUT, {1: _books}),
+    Piece("radiator", Box((-1800, 2150, -1060), (-400, 2280, -470)), WHITE, {2: _ribs}),
+    Piece("bench", Box((950, 1800, -790), (2850, 2260, -730)), OAK),
+    *_legs("bench", 1000, 2800, 1830, 2240, -790, STEEL),
+    Piece("table", Box((1100, -2000, -490), (2600, -1000, -440)), OAK),
+    *_legs("table", 1150, 2550, -1950, -1050, -490, OAK),
+    Piece("book", Box((1500, -1620, -440), (1800, -1380, -385)), Paint("#7a2e2a")),
+    Piece("book", Box((1530, -1610, -385), (1780, -1420, -340)), Paint("#d2c4a0")),
+    Piece("armchair", Box((-2350, 700, -1160), (-1600, 1500, -790)), CLOTH),
+    Piece("armchair", Box((-2500, 590, -1160), (-2350, 1610, -330)), CLOTH),
+    *(Piece("armchair", Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH) for y in (590.0, 1500.0)),
 )
 """Everything solid in the room, in world millimetres."""

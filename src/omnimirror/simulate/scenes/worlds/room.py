@@ -26,6 +26,12 @@ TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
 AHEAD = 1  # the face of the wall ahead
 PLAIN_MM = 25.0  # fine enough where there is nothing but light and shade
 SOLIDS = tuple(piece.box for piece in PIECES)
+SIDES = ("wall behind", "wall ahead", "wall right", "wall left", "floor", "ceiling")
+FURNITURE = tuple(dict.fromkeys(piece.name for piece in PIECES))
+LABELS = np.array(
+    [*range(1, 1 + len(SIDES)), *(1 + len(SIDES) + FURNITURE.index(p.name) for p in PIECES for _ in SIDES)], np.int64
+)
+"""What each face belongs to, from 1 on: the room's sides themselves, then all sides of each solid."""
 
 
 @dataclass(frozen=True)
@@ -153,8 +159,7 @@ class Room:
     @property
     def label_names(self) -> tuple[str, ...]:
         """What :meth:`labels` tells apart, from 1 on: the sides of the room, and what stands in it or hangs there."""
-        sides = ("wall behind", "wall ahead", "wall right", "wall left", "floor", "ceiling")
-        return sides + tuple(f"solid {number}" for number in range(1, len(SOLIDS) + 1))
+        return SIDES + FURNITURE
 
     def labels(self, origins_mm: ArrayLike, directions: ArrayLike) -> NDArray[np.int64]:
         """What rays meet.
@@ -177,8 +182,8 @@ class Room:
             As :meth:`radiance`.
         """
         origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
-        box, side = divmod(meet(ROOM, SOLIDS, origins, towards).face.astype(np.int64), len(FACES))
-        return np.where(box == 0, 1 + side, len(FACES) + box)
+        found: NDArray[np.int64] = LABELS[meet(ROOM, SOLIDS, origins, towards).face]
+        return found
 
     @property
     def words(self) -> tuple[str, ...]:

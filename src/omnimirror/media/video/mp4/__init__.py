@@ -1,0 +1,1 @@
+"""What FFmpeg leaves to say in a finished MP4 or MOV."""
