@@ -254,7 +254,11 @@ def test_a_view_is_steered_and_shows_what_is_there(gateway, camera, film):
         ("eye", {"hfov_deg": 200}, 400, "hfov_deg = 200 is valid above 0 and below 180 deg"),
         ("eye", {"zoom": 50}, 400, "zoom = 50 goes past what the camera resolves; it is valid up to"),
         ("eye", {"zoom": 2, "hfov_deg": 30}, 400, "zoom and hfov_deg say the same thing twice"),
-        ("eye", {"yaw": 2}, 422, "extra_forbidden"),
+        ("eye", {"yaw": 2}, 422, '{"detail":"yaw is not known; valid are pan_deg, '),
+        ("eye", {"pan_deg": "west"}, 422, "pan_deg = 'west' is not a number"),
+        ("eye", {"pan_deg": [3]}, 422, "pan_deg = [3] is not a number"),
+        ("eye", {"relative": 7}, 422, "relative = 7 is not true or false"),
+        ("eye", [], 422, "what was sent is no JSON such as"),
         ("nose", {"pan_deg": 3}, 404, "there is no view 'nose'; there are front, eye, around"),
     ],
 )

@@ -10,11 +10,13 @@ from typing import Any
 from urllib.parse import quote
 
 from fastapi import FastAPI, HTTPException, Request
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict
 from starlette.types import ASGIApp
 
 from ... import __version__
+from ...arguments import shown
 from ...errors import OmnimirrorError
 from ...serving.access import Guard
 from ...serving.limits import Bounded
@@ -70,6 +72,10 @@ def api(gateway: Gateway, token: str | None = None, publish_to: str | None = Non
     async def refused(request: Request, error: OmnimirrorError) -> Response:
         return JSONResponse({"detail": str(error)}, 400)
 
+    @app.exception_handler(RequestValidationError)
+    async def misread(request: Request, error: RequestValidationError) -> Response:
+        return JSONResponse({"detail": _misread(error)}, 422)
+
     @app.get("/health")
     def health() -> dict[str, str]:
         return {"status": "ok"}
@@ -80,8 +86,8 @@ def api(gateway: Gateway, token: str | None = None, publish_to: str | None = Non
 
     @app.get("/api/views")
     def views() -> dict[str, Any]:
-        shown = [told(view) for view in gateway.views.values()]
-        return {"state": gateway.state, "received": gateway.received, "views": shown}
+        about = [told(view) for view in gateway.views.values()]
+        return {"state": gateway.state, "received": gateway.received, "views": about}
 
     @app.get("/api/views/{name}")
     def view(name: str) -> dict[str, Any]:
@@ -178,6 +184,18 @@ def _watchable(gateway: Gateway, name: str) -> LiveView:
     return _view(gateway, name)
 
 
+def _misread(error: RequestValidationError) -> str:
+    """What is wrong with a body, in a sentence."""
+    problem, valid = error.errors()[0], ", ".join(Steering.model_fields)
+    name = ".".join(str(part) for part in problem["loc"][1:])
+    if problem["type"] == "extra_forbidden":
+        return f"{name} is not known; valid are {valid}"
+    if name in Steering.model_fields:
+        kind = "true or false" if name == "relative" else "a number"
+        return f"{name} = {shown(problem['input'])} is not {kind}"
+    return f'what was sent is no JSON such as {{"pan_deg": 40}}; valid are {valid}'
+
+
 def wanted(view: LiveView, steering: Steering) -> dict[str, float]:
     """What is asked of a view, absolute."""
     asked = steering.model_dump(exclude={"relative"}, exclude_none=True)
@@ -189,15 +207,15 @@ def wanted(view: LiveView, steering: Steering) -> dict[str, float]:
 
 def told(view: LiveView) -> dict[str, Any]:
     """What the interface tells of a view."""
-    name, shown = view.named.name, view.view
+    name, looks = view.named.name, view.view
     about: dict[str, Any] = {
-        "name": name, "shows": str(shown), "size": list(view.size), "steered": view.named.steered,
+        "name": name, "shows": str(looks), "size": list(view.size), "steered": view.named.steered,
         "watchers": view.watchers,
         "dewarped": view.dewarped, "dropped": view.dropped, "problem": view.problem,
         "addresses": [f"/{name}.{suffix}" for suffix in WAYS],
     }  # fmt: skip
     if view.named.steered:
-        about |= {key: getattr(shown, key) for key in STEERING}
+        about |= {key: getattr(looks, key) for key in STEERING}
         about["zoom"] = view.zoom
     return about
 
