@@ -17,6 +17,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.handoff.colmap import rig_of, write_colmap
 from omnimirror.handoff.colmap.database import MODELS
 from omnimirror.housing import CameraBody, Housing
+from omnimirror.media.keyframes import Keyframes
 from tests.commands import omnimirror
 
 SPH = om.load_sensor("paper-spherical")
@@ -126,6 +127,33 @@ def test_a_panorama_is_one_camera_and_its_error_falls_with_the_distance(pictures
 def test_a_view_at_a_distance_is_exact_there():
     (view,) = rig_of(SPH, 1, size=200, distance_mm=3000.0)
     assert view.errors_px[3000.0] < 1e-6 < 0.2 < view.errors_px[1000.0]
+
+
+def test_frames_of_a_video_are_pictures_one_of_so_many(tmp_path):
+    av = pytest.importorskip("av")
+    film, moves = tmp_path / "ride.mp4", Keyframes({"x_mm": ((0.0, 0.0), (1.0, 400.0))}, "linear")
+    small = replace(SPH, imager=replace(SPH.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
+    om.write_video(small, om.Room(texel_mm=40.0), path=moves, output=film, frame_rate=4.0, samples=1)
+    poses = [om.Pose(**moves.at(k / 4)) for k in range(5)]
+    done = write_colmap(small, film, tmp_path / "a", views_around=2, size=48, every=2, poses=poses)
+    names = [f"{view.name}/frame-{k:06d}.png" for k in (0, 2, 4) for view in done.rig]
+    assert [name for _, name, _ in rows(done, "images")] == names
+    frames = json.loads((done.folder / "transforms.json").read_text())["frames"]
+    assert [frame["file_path"] for frame in frames] == [f"images/{name}" for name in names]
+    stood = [frame["transform_matrix"][0][3] for frame in frames if "view-000" in frame["file_path"]]
+    np.testing.assert_allclose(np.diff(stood), [0.2, 0.2])
+    whole = write_colmap(small, film, tmp_path / "b", views_around=2, size=48)
+    assert whole.pictures == 5
+    one, same = (om.read_image(at / "images" / "view-000" / "frame-000004.png") for at in (done.folder, whole.folder))
+    np.testing.assert_array_equal(one, same)
+    with av.open(str(film)) as container:
+        last = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)][4]
+    straight = om.Dewarper(small, whole.rig[0].screen, "cubic")(last)
+    assert np.abs(one.astype(int) - straight).max() <= 3  # FFmpeg converts colours by its own rounding
+    with pytest.raises(InvalidParameter, match="poses has 2 of them for 5 pictures"):
+        write_colmap(small, film, tmp_path / "c", poses=POSES)
+    with pytest.raises(InvalidParameter, match="a video among them"):
+        write_colmap(small, [film, film], tmp_path / "c")
 
 
 def test_what_cannot_be_is_refused(pictures, project, tmp_path):

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import checked, file_name
+from ...arguments import checked, file_name, whole
 from ...cameras import Camera
 from ...dewarp import Dewarper
 from ...errors import InvalidParameter
 from ...files import write_text
-from ...media import read_image, write_image
-from ...media.batch import expand_inputs
+from ...media import write_image
 from ...simulate.scenes.posed import Pose
 from .database import quaternion, write_database
+from .pictures import pictures_of
 from .rig import RigView, mask_of, rig_of, sensor_from_rig
 
 DATABASE = "database.db"
@@ -63,6 +63,7 @@ def write_colmap(
     size: int | None = None,
     distance_mm: float = np.inf,
     is_panorama: bool = False,
+    every: int = 1,
     poses: Sequence[Pose] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ColmapProject:
@@ -76,13 +77,16 @@ def write_colmap(
     camera
         A sensor, or a calibrated camera.
     pictures
-        Files, or a folder of them, in the order in which they were taken.
+        Files, or a folder of them, in the order in which they were taken; or a video.
     folder
         Takes ``images``, ``masks``, ``database.db`` and ``rig_config.json``.
     views_around, hfov_deg, tilt_deg, size, distance_mm, is_panorama
         As for :func:`omnimirror.handoff.colmap.rig_of`.
+    every
+        One picture, or frame, of so many is taken.
     poses
-        Where the sensor stood, one for each picture: ``transforms.json`` is written, for Nerfstudio and gsplat.
+        Where the sensor stood, one for each picture or frame, also of those that are left out: ``transforms.json`` is
+        written, for Nerfstudio and gsplat.
     progress
         Called with the number of pictures done, and of all.
 
@@ -108,39 +112,40 @@ def write_colmap(
     ...     sorted(path.name for path in project.folder.iterdir()), project.pictures
     (['database.db', 'images', 'masks', 'rig_config.json'], 1)
     """
-    folder = file_name("folder", folder)
-    files = expand_inputs([pictures] if isinstance(pictures, str | Path) else list(pictures))
-    names = _names(files)
-    if poses is not None and len(poses) != len(files):
-        raise InvalidParameter(f"poses has {len(poses)} of them for {len(files)} pictures; give one for each")
+    folder, every = file_name("folder", folder), whole("every", every, 1)
+    taken = pictures_of(pictures, every)
+    if poses is not None and taken.total is not None:
+        _check_poses(len(poses), taken.total)
     if (folder / DATABASE).exists():
         raise InvalidParameter(f"{folder} holds a project already; remove {folder / DATABASE} or take another folder")
     rig = rig_of(
         camera, views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg, size=size, distance_mm=distance_mm,
         is_panorama=is_panorama,
     )  # fmt: skip
-    placed = None if poses is None else transforms(rig, names, poses)
+    if poses is not None:
+        transforms(rig, [], [])  # refuses a panorama before anything is drawn
     drawn = [(view, Dewarper(camera, view.screen, "cubic")) for view in rig]
     masks = {view.name: mask_of(camera, dewarp) for view, dewarp in drawn}
-    for done, (file, name) in enumerate(zip(files, names, strict=True), start=1):
-        picture = read_image(file)
+    names: list[str] = []
+    for name, picture in taken.pictures:
+        names.append(name)
         for view, dewarp in drawn:
             write_image(folder / "images" / view.name / name, dewarp(picture))
             write_image(folder / "masks" / view.name / f"{name}.png", masks[view.name])
         if progress is not None:
-            progress(done, len(files))
+            progress(len(names), max(len(names), -(-(taken.total or 0) // every)))
     write_text(folder / "rig_config.json", json.dumps(rig_config(rig), indent=1) + "\n")
-    if placed is not None:
-        write_text(folder / "transforms.json", json.dumps(placed, indent=1) + "\n")
+    if poses is not None:
+        stood = poses[::every]
+        _check_poses(len(stood), len(names))  # of a video that had other frames than it says
+        write_text(folder / "transforms.json", json.dumps(transforms(rig, names, stood), indent=1) + "\n")
     write_database(folder / DATABASE, rig, names)
-    return ColmapProject(folder, rig, len(files))
+    return ColmapProject(folder, rig, len(names))
 
 
-def _names(files: Sequence[Path]) -> list[str]:
-    names = [f"{file.stem}.png" for file in files]
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise InvalidParameter(f"two pictures would both be named {twice}; rename one")
-    return names
+def _check_poses(poses: int, pictures: int) -> None:
+    if poses != pictures:
+        raise InvalidParameter(f"poses has {poses} of them for {pictures} pictures; give one for each")
 
 
 def rig_config(rig: Sequence[RigView]) -> list[dict[str, Any]]:

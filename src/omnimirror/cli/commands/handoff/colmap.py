@@ -25,6 +25,7 @@ from ...outputs import json_option, output_console, plain_table, say, say_writte
     page="handoff",
     examples=(
         "omnimirror colmap paper-spherical walk -o project",
+        "omnimirror colmap mine.toml walk.mp4 --every 10 -o project",
         "omnimirror colmap mine.toml walk --poses poses.csv --gsplat -o project",
     ),
 )
@@ -38,8 +39,9 @@ from ...outputs import json_option, output_console, plain_table, say, say_writte
 @click.option("--distance-mm", type=distance, default="inf", show_default=True, metavar="MM",
               help="Where views are exact.")  # fmt: skip
 @click.option("--panorama", "is_panorama", is_flag=True, help="One EQUIRECTANGULAR camera instead of views.")
+@click.option("--every", type=WHOLE, default=1, show_default=True, help="Take one picture, or frame, of so many.")
 @click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
-              help="Where the sensor stood: a row for each picture, as video sets have them.")  # fmt: skip
+              help="Where the sensor stood: a row for each picture or frame, as video sets have them.")  # fmt: skip
 @click.option("--gsplat", is_flag=True, help="Also transforms.json, for Nerfstudio and gsplat; needs --poses.")
 @json_option("Write the table: views, their sizes, and by how much they are off at each distance.")
 def command(
@@ -52,11 +54,12 @@ def command(
     size: int | None,
     distance_mm: float,
     is_panorama: bool,
+    every: int,
     poses: Path | None,
     gsplat: bool,
     json_file: Path | None,
 ) -> None:
-    """Straighten PICTURES, files or a folder, into a rig of pinhole cameras that COLMAP reconstructs from.
+    """Straighten PICTURES, files, a folder or a video, into a rig of pinhole cameras that COLMAP reconstructs from.
 
     The folder takes images and masks of every view, database.db, rig_config.json, and with --gsplat transforms.json.
     What is printed is by how much the pinholes are off, px, for things at several distances: a mirror's rays do not
@@ -68,7 +71,7 @@ def command(
     with rows_bar("Straightening") as progress:
         project = write_colmap(
             load_camera(camera), pictures, output, views_around=views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg,
-            size=size, distance_mm=distance_mm, is_panorama=is_panorama,
+            size=size, distance_mm=distance_mm, is_panorama=is_panorama, every=every,
             poses=None if poses is None else _poses(poses), progress=progress,
         )  # fmt: skip
     table = plain_table(
