@@ -123,7 +123,10 @@ def test_a_picture_never_holds_its_light_as_a_whole(world):
 
 
 def test_a_noisy_picture_never_holds_its_light_as_a_whole():
-    """Two bytes for the electrons of a value, in which its number stands in the end."""
+    """Two bytes for the electrons of a value, in which its number stands in the end, and what is under way.
+
+    That is up to six rows of parts and what the kernels need for them, as threads come to it; light alone is 4 bytes.
+    """
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
     detector = om.Detector(full_well_e=1e4, read_noise_e=4.0)
@@ -133,7 +136,7 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
         return readout.numbers(exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2))
 
     taken(sensor)  # what is prepared once
-    with most_bytes(3 * 3 * 2048**2):
+    with most_bytes(3.5 * 3 * 2048**2):
         taken(replace(sensor, imager=imager))
 
 
