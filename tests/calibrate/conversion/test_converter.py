@@ -270,6 +270,9 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
         ({"distance_mm": [0.0]}, "distance_mm = 0 is not a distance"),
         ({"distance_mm": "far"}, "distance_mm"),
         ({"field_deg": 200.0}, "field_deg = 200"),
+        ({"inner_deg": -1.0}, "inner_deg = -1"),
+        ({"inner_deg": 179.0, "tolerance_px": 1.0}, "inner_deg = 179 leaves nothing of the field, which is"),
+        ({"inner_deg": 50.0, "field_deg": 40.0}, "inner_deg = 50 with field_deg = 40 leaves nothing"),
         ({"rim_radius_px": 0.0}, "rim_radius_px = 0"),
         ({"image_size": (3,)}, "image_size"),
     ],
@@ -277,6 +280,46 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
 def test_what_is_asked_wrongly_is_refused(tmp_path, wrong, message):
     with pytest.raises(OmnimirrorError, match=message):
         convert(MIRROR, tmp_path / "a.what", **{"to": "kalibr-omni", **wrong})
+
+
+CALIBRATED = """
+[mirror]
+kind = "conic-asphere"
+vertex_radius_mm = 6.32
+conic = -8.91
+rim_radius_mm = 42.8
+coefficients = [0.904, -0.957, 0.701, -0.197]
+normalization_radius_mm = 40.0
+[lens]
+kind = "perspective"
+focal_length_mm = 14.19
+f_number = 8.0
+focus_distance_mm = 240.0
+[imager]
+width_px = 640
+height_px = 480
+pixel_pitch_um = 5.0
+[mount]
+mirror_distance_mm = 570.0
+"""
+"""As a camera with a mirror was calibrated that sees itself within 54 px, some 45 deg, of its picture's centre."""
+
+
+def test_what_the_camera_does_not_see_in_the_middle_may_be_left_out(tmp_path):
+    (tmp_path / "sensor.toml").write_text(CALIBRATED)
+    sensor = om.load_sensor(tmp_path / "sensor.toml")
+    whole, outside = (
+        convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=1e3, **more)
+        for more in ({}, {"inner_deg": 60.0})
+    )
+    assert whole.largest_px > 4 * outside.largest_px
+    assert all(cost.at_deg >= 60.0 for cost in outside.costs)
+    pixels = np.array([[320.0, 90.0], [490.0, 260.0], [230.0, 380.0]])
+    rays = sensor.backproject(pixels)
+    points = rays.origins + 3000.0 * rays.directions
+    found, seen = outside.camera.project(points - rays.origins.mean(axis=0))
+    assert seen.all()
+    assert np.linalg.norm(found - pixels, axis=1).max() <= 1.1 * outside.largest_px
 
 
 def test_a_near_distance_inside_the_sensor_is_refused(tmp_path):

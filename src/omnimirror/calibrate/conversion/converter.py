@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -32,6 +32,7 @@ FITTED = 8  # times fewer enter a fit
 ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
+_Field: TypeAlias = tuple[float | None, float | None]  # of field angles, deg: the largest and the least
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def convert(
     tolerance_px: float | None = None,
     distance_mm: Iterable[float] = DISTANCES_MM,
     field_deg: float | None = None,
+    inner_deg: float | None = None,
 ) -> Conversion:
     """Write a camera as another program's file.
 
@@ -127,6 +129,9 @@ def convert(
         Where the points of a camera without a single viewpoint are, from its origin; each counts the same.
     field_deg : deg, optional
         Fit no farther than this from what the centre of the picture sees.
+    inner_deg : deg, optional
+        Fit no nearer to it than this: in the middle of its picture a camera sees itself, and calibration had nothing to
+        go by.
 
     Returns
     -------
@@ -157,7 +162,10 @@ def convert(
     instance("flip", flip, bool, "true or false")
     reading = _reading(source, optics, mount, rim_radius_px, image_size)
     allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
-    field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
+    field = (
+        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
+        optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"),
+    )
     far = _far(distance_mm)
     targets = targets_of(target, to)
     source = source.sensor if isinstance(source, SensorModel) else source
@@ -255,12 +263,12 @@ def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
 
 
 def _fitted(
-    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: float | None
+    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: _Field
 ) -> _Made:
     """The target whose model comes closest, if it is close enough."""
     mount = getattr(camera, "mount", Mount())
-    seen = sample(camera, mount, PIXELS, field)
-    fitted = sample(camera, mount, PIXELS // FITTED, field).with_rim_of(seen)
+    seen = sample(camera, mount, PIXELS, *field)
+    fitted = sample(camera, mount, PIXELS // FITTED, *field).with_rim_of(seen)
     tried, reasons = [], []
     for target in targets:
         if target.layout.kind not in STARTS:

@@ -87,7 +87,9 @@ class Sample:
         )
 
 
-def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = None) -> Sample:
+def sample(
+    camera: Camera, mount: Mount, count: int, field_deg: float | None = None, inner_deg: float | None = None
+) -> Sample:
     """About so many pixels of a camera that see something, over the whole picture.
 
     Parameters
@@ -97,6 +99,8 @@ def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = N
         How many pixels a square picture's lattice has.
     field_deg : deg, optional
         Field angle beyond which nothing is taken.
+    inner_deg : deg, optional
+        Field angle within which nothing is taken.
 
     Raises
     ------
@@ -115,12 +119,17 @@ def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = N
         pixels[valid], turned(origins[valid], to_camera), turned(directions[valid], to_camera),
         _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)), mount,
     )  # fmt: skip
-    if field_deg is None:
+    asked = {"inner_deg": inner_deg, "field_deg": field_deg}
+    told = [f"{name} = {value:g}" for name, value in asked.items() if value is not None]
+    if not told:
         return found
-    inside = found.omega <= np.radians(field_deg)
+    low, high = (
+        np.radians(other if value is None else value) for value, other in ((inner_deg, 0.0), (field_deg, 180.0))
+    )
+    inside = (found.omega >= low) & (found.omega <= high)
     if inside.sum() < 20:
         raise InvalidParameter(
-            f"field_deg = {field_deg:g} leaves nothing of the field, which is {np.degrees(found.omega.min()):.4g} to "
+            f"{' with '.join(told)} leaves nothing of the field, which is {np.degrees(found.omega.min()):.4g} to "
             f"{np.degrees(found.omega.max()):.4g} deg from the axis"
         )
     return Sample(found.pixels[inside], found.origins[inside], found.directions[inside], found.looks_back, mount)

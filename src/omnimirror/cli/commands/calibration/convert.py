@@ -73,6 +73,9 @@ class CostOptions(Options):
         f"[default: {','.join(f'{d:g}' for d in DISTANCES_MM)}]",
     )  # fmt: skip
     field_deg: float | None = option(type=NUMBER, metavar="DEG", help="Fit no farther than this from the axis.")
+    inner_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Fit no nearer to the axis than this, where the camera sees itself."
+    )
 
 
 @click.command(
