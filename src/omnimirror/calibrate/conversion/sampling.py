@@ -123,10 +123,8 @@ def sample(
     told = [f"{name} = {value:g}" for name, value in asked.items() if value is not None]
     if not told:
         return found
-    low, high = (
-        np.radians(other if value is None else value) for value, other in ((inner_deg, 0.0), (field_deg, 180.0))
-    )
-    inside = (found.omega >= low) & (found.omega <= high)
+    low, high = 0.0 if inner_deg is None else inner_deg, 180.0 if field_deg is None else field_deg
+    inside = (found.omega >= np.radians(low)) & (found.omega <= np.radians(high))
     if inside.sum() < 20:
         raise InvalidParameter(
             f"{' with '.join(told)} leaves nothing of the field, which is {np.degrees(found.omega.min()):.4g} to "
