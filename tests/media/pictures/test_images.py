@@ -140,6 +140,8 @@ def test_a_jpeg_that_only_ends_its_thumbnail_is_cut_short(tmp_path):
         (b"", "is empty"),
         (b"hello, world" * 50, "not a picture"),
         (b"\xff\xd8\xff", "cut short"),
+        (b"\0\0\0\x24ftypheic\0\0\0\0mif1MiHBheic" + b"\0" * 90, "is an HEIC picture.*save it as JPEG"),
+        (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic" + b"\0" * 90, "is an HEIC picture"),
     ],
 )
 def test_what_is_no_picture_is_refused(tmp_path, content, message):
@@ -147,6 +149,14 @@ def test_what_is_no_picture_is_refused(tmp_path, content, message):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(MediaError, match=message):
+        om.read_image(path)
+
+
+@pytest.mark.parametrize("suffix", [".dng", ".NEF"])
+def test_a_raw_file_is_told_from_a_damaged_one(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"II*\0\x08\0\0\0" + b"\0" * 100)
+    with pytest.raises(MediaError, match="raw file, which is not read; develop it"):
         om.read_image(path)
 
 

@@ -57,6 +57,11 @@ FORMATS = {
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 """The value of an opaque alpha, by depth."""
 
+HEIC = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+"""Brands of ISO/IEC 23008-12 whose pictures are coded by HEVC, which OpenCV does not decode."""
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef")
+KINDS = ("PNG", "JPEG", "TIFF", "WebP", "AVIF", "JPEG 2000", "BMP", "GIF", "PPM", "HDR", "EXR")
+"""What can be read, in words."""
 LARGEST = 2 << 30
 """Bytes of a picture file."""
 
@@ -181,10 +186,21 @@ def decoded(path: str | Path, data: bytes) -> Image:
     except cv2.error as e:
         raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
     if image is None:
-        raise MediaError(f"{path} is not a picture that can be read, or is damaged or cut short")
+        raise MediaError(_why_unread(path, data))
     if image.dtype.name not in FULL:
         raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(FULL)}")
     return _red_and_blue_exchanged(image)
+
+
+def _why_unread(path: str | Path, data: bytes) -> str:
+    """Why nothing was seen in a file's bytes, and what to do of kinds that people have."""
+    if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC):
+        return (
+            f"{path} is an HEIC picture, which is not read; save it as JPEG (iPhones: Camera, Formats, Most Compatible)"
+        )
+    if Path(path).suffix.lower() in RAW:
+        return f"{path} is a camera's raw file, which is not read; develop it to .tif or .png"
+    return f"{path} is not a picture that can be read, or is damaged or cut short; valid are {', '.join(KINDS)}"
 
 
 def write_image(
