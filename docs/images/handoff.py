@@ -78,6 +78,52 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
     om.write_image(HERE / "handoff-maps.jpg", np.hstack([part for crop in crops for part in (crop, gap)][:-1]))
 
 
+def compositor() -> None:
+    """A view by OpenImageIO's st_warp, a word written on its wall, and that view bent back into the raw picture."""
+    import cv2
+    import OpenImageIO as oiio
+
+    from tests.handoff.maps.consumers import warped
+
+    sensor = om.load_sensor("paper-spherical")
+    picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
+    view = om.screens.Plane((640, 512), pan_deg=50.0, hfov_deg=95.0)
+    with tempfile.TemporaryDirectory() as folder:
+        (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
+        straight = warped(oiio, picture, done.paths[0])[..., :3]
+        painted = np.ascontiguousarray(np.clip(straight, 0, 255).astype(np.uint8))
+        cv2.putText(painted, "painted", (150, 110), cv2.FONT_HERSHEY_DUPLEX, 2.6, (200, 30, 30), 8, cv2.LINE_AA)
+        back = warped(oiio, painted, done.paths[1])[..., :3]
+        seen = oiio.ImageBuf(str(done.paths[1])).get_pixels("float")[..., 3]
+    on = cv2.erode(seen, np.ones((5, 5)))[..., None] > 0  # its filter mixes in what lies beyond the edge
+    raw = np.where(on, back, picture)[:512, 60:700].clip(0, 255).astype(np.uint8)
+    om.write_image(HERE / "handoff-compositor.jpg", np.hstack([painted, np.full((512, 16, 3), 255, np.uint8), raw]))
+
+
+def panorama(pixels: int = 360, width: int = 1440) -> None:
+    """The test's room as a panorama of any renderer, that bent by OpenImageIO, and ours."""
+    import cv2
+    import OpenImageIO as oiio
+
+    from omnimirror.handoff.colmap import rig_of
+    from tests.handoff.maps.consumers import warped
+    from tests.handoff.rays.box import Box, colours, first_hits
+    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+
+    sensor = small("paper-spherical", pixels, MISALIGNED)
+    view = om.views.sphere(sensor, (width, None))
+    (told,) = rig_of(sensor, size=width, is_panorama=True)
+    columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
+    rendered = colours(first_hits(told.position_mm, view.targets_at(columns, rows)))
+    with tempfile.TemporaryDirectory() as folder:
+        (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
+        bent = warped(oiio, rendered, done.paths[1])[..., :3]
+    small_one = cv2.resize(rendered.astype(np.float32), (2 * pixels, pixels), interpolation=cv2.INTER_AREA)
+    parts = [srgb_bytes(light.astype(np.float32)) for light in (small_one, bent, expose(sensor, Box(), samples=16))]
+    gap = np.full((pixels, 16, 3), 255, np.uint8)
+    om.write_image(HERE / "handoff-panorama.jpg", np.hstack([parts[0], gap, parts[1], gap, parts[2]]))
+
+
 def mitsuba(pixels: int = 240) -> None:
     """The same box by Mitsuba's plug-in, beside ours."""
     import mitsuba as mi
@@ -141,13 +187,16 @@ def vlc(side: int = 1024) -> None:
     om.write_image(HERE / "handoff-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), shown]))
 
 
+KEPT = {
+    "maps": maps, "compositor": compositor, "panorama": panorama, "mitsuba": mitsuba, "colmap": colmap, "vlc": vlc,
+}  # fmt: skip
+
 if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--blender", type=Path, default=Path(sys.prefix) / "blender" / "bin" / "python")
     options.add_argument("--newton", type=Path, default=Path(sys.prefix) / "newton" / "bin" / "python")
-    options.add_argument("--only", choices=("blender", "newton", "maps", "mitsuba", "colmap", "vlc"))
+    options.add_argument("--only", choices=("blender", "newton", *KEPT))
     given = options.parse_args()
-    kept = {"maps": maps, "mitsuba": mitsuba, "colmap": colmap, "vlc": vlc}
-    drawn = {"blender": lambda: blender(given.blender), "newton": lambda: newton(given.newton), **kept}
+    drawn = {"blender": lambda: blender(given.blender), "newton": lambda: newton(given.newton), **KEPT}
     for name in [given.only] if given.only else drawn:
         drawn[name]()

@@ -85,6 +85,21 @@ def test_pixels_are_bent_to_where_the_screen_shows_them(camera):
         assert np.abs(seen.pixels - np.stack([columns, rows], -1)[::40]).max() < 1e-5
 
 
+@pytest.mark.parametrize("width", [171, 200, 360, 428])
+@pytest.mark.parametrize("distance_mm", [np.inf, 900.0])
+def test_what_lies_below_is_bent_back_too(width, distance_mm):
+    """A pole of a panorama is one point of the picture: no hole about it, whatever its size."""
+    view = om.screens.Sphere((width, width // 2), distance_mm=distance_mm)
+    away, turn = np.meshgrid([0.02, 0.1, 0.3, 0.7, 1.5, 4.0], np.radians(np.arange(0.0, 360.0, 7.0)))
+    pixels = 63.5 + np.stack([away * np.cos(turn), away * np.sin(turn)], axis=-1).reshape(-1, 2)
+    rays = SMALL.backproject(pixels)
+    ends = ends_of(view, rays.origins, rays.directions)
+    assert np.isfinite(ends).all()
+    looked_at = view.targets_at(ends[:, 0], ends[:, 1]) - (0.0 if view.is_distant else rays.origins)
+    looked_at /= np.linalg.norm(looked_at, axis=-1, keepdims=True)
+    np.testing.assert_allclose(looked_at, rays.directions, atol=1e-7)
+
+
 def test_all_of_a_view_comes_back():
     """No holes: a panorama all around covers the whole ring of the picture, its seam too."""
     fixed = om.view_map(SMALL, om.views.panorama(SMALL, (360, None)))

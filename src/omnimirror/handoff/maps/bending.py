@@ -68,7 +68,7 @@ def _nearest_nodes(screen: Screen, origins: Array, directions: Array) -> tuple[A
     """
     width, height = screen.size
     step = max(width, height) / NODES
-    u, v = np.meshgrid(np.arange(0, width - 1 + step, step), np.arange(0, height - 1 + step, step))
+    u, v = np.meshgrid(*(np.linspace(0, side - 1, int(np.ceil((side - 1) / step)) + 1) for side in (width, height)))
     nodes = np.stack([u.ravel(), v.ravel()], axis=-1)
     targets, middle = _targets(screen, nodes), origins.mean(axis=0)
     if not screen.is_distant:
