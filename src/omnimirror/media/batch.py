@@ -19,6 +19,9 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", "
 """What is taken from a folder, by suffix."""
 READABLE = (*PICTURES, ".gif", ".pgm", ".ppm", ".pnm", ".jp2")
 """The same, where pictures are only looked at: of these, none is written."""
+VIDEOS_WRITTEN = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
+VIDEOS = (*VIDEOS_WRITTEN, ".avi", ".mpg", ".mpeg")
+"""What is taken for a video, by suffix."""
 
 
 class Job(NamedTuple):

@@ -22,10 +22,10 @@ from ..dewarp.contracts import Border
 from ..errors import InvalidParameter
 from ..files import is_same_file, name_of
 from ..media import GPano, write_image
-from ..media.batch import PICTURES, Job, Results, expand_inputs, outputs_for, run_parallel
+from ..media.batch import PICTURES, VIDEOS, Job, Results, expand_inputs, outputs_for, run_parallel
 from ..media.pictures.images import Image, can_be_panorama, check_size, format_of, read_picture
 from .depths import as_held
-from .request import VIDEOS, Size, Straightening
+from .request import Size, Straightening
 
 if TYPE_CHECKING:
     from ..sensor import Sensor

@@ -16,13 +16,13 @@ from ..dewarp.viewpoints import Viewpoint
 from ..errors import InvalidParameter
 from ..frames import Mount
 from ..media import GPano
+from ..media.batch import VIDEOS
 from ..media.video.sequences import is_sequence
 from .border import BorderColour
 
 C = TypeVar("C", bound=Camera)
 Size: TypeAlias = tuple[int, int]
 PipeFormat: TypeAlias = Literal["y4m", "rawvideo"]
-VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
 
 
 @dataclass(frozen=True)

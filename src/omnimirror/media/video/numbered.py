@@ -12,13 +12,13 @@ from av.audio.stream import AudioStream
 from av.packet import Packet
 
 from ...errors import MediaError
+from ..batch import VIDEOS_WRITTEN
 from ..pictures.images import PictureFormat, check_size, format_of, write_image
 from ..pictures.panorama import GPano
 from .formats import Kind
 from .frames import Colour, Image, Siting, converted
 from .reader import Item
 from .sequences import NUMBER, SEQUENCES, numbered, numbers_of
-from .writer import FILE_FORMATS
 
 EXACT = 2 | 0x2000 | 0x40000
 """FFmpeg's bilinear, full_chroma_int and accurate_rnd: without the last, white of ten bits is not white."""
@@ -153,7 +153,7 @@ def is_of_pictures(name: str | Path) -> bool:
     (True, True, True, False)
     """
     suffix = Path(name).suffix.lower()
-    return suffix in SEQUENCES or (bool(NUMBER.search(Path(name).name)) and suffix not in FILE_FORMATS)
+    return suffix in SEQUENCES or (bool(NUMBER.search(Path(name).name)) and suffix not in VIDEOS_WRITTEN)
 
 
 def check_pattern(pattern: str | Path) -> Path:

@@ -14,6 +14,7 @@ from av.packet import Packet
 
 from ...errors import MediaError
 from ...files import replacing
+from ..batch import VIDEOS_WRITTEN
 from ..pictures.panorama import GPano
 from .encoder import DEFAULT_CODEC, Encoder, sentences
 from .frames import Siting, siting_of
@@ -21,8 +22,6 @@ from .mp4.ending import show_to_the_last
 from .mp4.spherical import SUFFIXES, can_be_spherical, make_spherical
 from .reader import VideoReader
 
-FILE_FORMATS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
-"""What can be written, by suffix."""
 CODECS = {".webm": "libvpx-vp9"}
 """The default codec where it is not H.264, by suffix."""
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
@@ -76,7 +75,7 @@ class VideoWriter:
     Parameters
     ----------
     path
-        Its suffix names the format, one of :data:`FILE_FORMATS`.
+        Its suffix names the format, one of :data:`omnimirror.media.batch.VIDEOS_WRITTEN`.
     panorama
         What part of the full sphere the video shows, for players; MP4 and MOV can hold it.
     **encoding
@@ -249,7 +248,7 @@ def check_video_name(path: str | Path) -> str:
         For any other suffix.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in FILE_FORMATS:
+    if suffix not in VIDEOS_WRITTEN:
         what = f"videos of kind {suffix!r} are" if suffix else "a video without a suffix is"
-        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FILE_FORMATS)}")
+        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(VIDEOS_WRITTEN)}")
     return suffix

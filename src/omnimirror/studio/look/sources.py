@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ...media.batch import PICTURES
+from ...media.batch import PICTURES, VIDEOS
 from .messages import Source
 
-VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
 MOST_LISTED = 2000
 
 

@@ -14,6 +14,7 @@ from rich.text import Text
 from ....errors import OutsideField
 from ....files import name_of, write_json
 from ....media import write_image
+from ....media.batch import VIDEOS_WRITTEN
 from ....media.pictures.images import format_of
 from ....simulate.colour import Light
 from ....simulate.detector import Detector
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
 
 OF_PICTURES = ("bits", "bayer", "wavelengths_nm")
-VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 
 
 class Simulate(click.Group):
@@ -114,7 +114,7 @@ def picture(
         return
     if film.given:
         raise click.UsageError(f"{flag(next(iter(film.given)))} belongs to videos; give a --path")
-    if output.suffix.lower() in VIDEOS:
+    if output.suffix.lower() in VIDEOS_WRITTEN:
         raise click.UsageError(f"{output} is a video, which needs a --path of poses")
     posed = PosedScene(seen, stands or Pose())
     _photograph(camera, Distant(posed) if distant else posed, output, taking, panorama)
