@@ -61,6 +61,7 @@ def write_files(folder: Path) -> None:
     (folder / "views.toml").write_text("[door]\npan_deg = 40\nsize = [64, 48]\n")
     (folder / "tolerances.toml").write_text(om.tolerance_template(SENSOR))
     (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
+    (folder / "bodies.toml").write_text("[cart]\nsize_mm = [90, 80, 70]\nkeyframe = [{ time_s = 0, x_mm = 900 }]\n")
     (folder / "parts.toml").write_text(
         '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n[[lens]]\nname = "l"\n'
         "focal_length_mm = 8.0\nf_number_min = 1.4\nf_number_max = 16.0\nminimum_focus_mm = 100.0\n"
@@ -169,8 +170,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         "sensor": SENSOR, "folder": "set", "views": 1, "samples": 1, "blur": False, "detector": None, "seed": 0,
         "hall": None, "truth": False}),
     "load_path": (om.load_path, {"path": "poses.csv"}),
+    "load_bodies": (om.load_bodies, {"path": "bodies.toml"}),
     "write_video": (om.write_video, {"camera": SENSOR, "scene": ROOM, "path": MOVES, "output": "o.mp4",
-                                     "frame_rate": 5.0, "duration_s": 0.0, "samples": 1, "blur": False, "seed": 0}),
+                                     "bodies": (), "frame_rate": 5.0, "duration_s": 0.0, "samples": 1, "blur": False,
+                                     "seed": 0}),
     "MovingBox": (om.MovingBox, {"size_mm": (90.0, 80.0, 70.0), "path": MOVES, "colour": "#aabbcc", "name": "cart"}),
     "write_learning_set": (om.write_learning_set, {
         "camera": SENSOR, "scene": ROOM, "path": MOVES, "folder": "learn", "bodies": (), "frame_rate": 5.0,
@@ -188,7 +191,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                                    "viewpoint": "exact"}),
     "write_colmap": (om.write_colmap, {"camera": SENSOR, "pictures": ["a.png"], "folder": "colmap", "views_around": 2,
                                        "hfov_deg": 75.0, "tilt_deg": 0.0, "size": 16, "distance_mm": np.inf,
-                                       "is_panorama": False, "poses": [om.Pose()]}),
+                                       "is_panorama": False, "every": 1, "poses": [om.Pose()]}),
     "dewarp_pictures": (om.dewarp_pictures, {"sources": "a.png", "folder": "out", "camera": SENSOR, "view": VIEW,
                                              "border": None, "transparent": None, "restoration": None,
                                              "keep_lean": False, "wavelengths_nm": None, "skip_existing": False,

@@ -234,4 +234,4 @@ class SceneWithBodies:
 
 def with_bodies(scene: Scene, bodies: Sequence[MovingBox], time_s: float) -> Scene:
     """A scene at a moment (s), as it is where nothing moves in it."""
-    return SceneWithBodies(scene, tuple(bodies), time_s) if bodies else scene
+    return SceneWithBodies(scene, tuple(bodies), time_s) if len(bodies) else scene
