@@ -365,3 +365,30 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     if level:
         raise SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid")
     return data
+
+
+def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str, dict[str, Any]]:
+    """The tables of a TOML file that holds one for each of several things, by their names.
+
+    Parameters
+    ----------
+    path
+    each, all_of_them
+        What a table tells of, for messages: "view", "views".
+    most
+        How many there may be.
+
+    Raises
+    ------
+    SpecError
+        There is no such file, or it holds something else.
+    """
+    absent = f"there are no {all_of_them} {str(path)!r}"
+    tables = parse_toml(read_text(path, all_of_them, SpecError, absent), str(path))
+    if not 1 <= len(tables) <= most:
+        raise SpecError(f"{path} holds {len(tables)} {all_of_them}; it is valid with 1 to {most}")
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            found = shortened(repr(table))
+            raise SpecError(f"{path}: {name} = {found} is no {each}; valid are tables such as [{name}]")
+    return tables

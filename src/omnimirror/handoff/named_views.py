@@ -14,7 +14,7 @@ from ..cameras import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
 from ..errors import InvalidParameter, SpecError
-from ..files import parse_toml, read_text
+from ..files import read_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 """What names of topics, of frames and of addresses may all be."""
@@ -125,15 +125,10 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
     {'front': False, 'door': True}
     """
     path = file_name("path", path)
-    tables = parse_toml(read_text(path, "views", SpecError, f"there are no views {str(path)!r}"), str(path))
-    if not 1 <= len(tables) <= MOST:
-        raise SpecError(f"{path} holds {len(tables)} views; it is valid with 1 to {MOST}")
-    return {name: _view(name, table, str(path)) for name, table in tables.items()}
+    return {name: _view(name, table, str(path)) for name, table in read_tables(path, "view", "views", MOST).items()}
 
 
-def _view(name: str, table: Any, source: str) -> NamedView:
-    if not isinstance(table, dict):
-        raise SpecError(f"{source}: {name} = {table!r} is no view; valid are tables such as [{name}]")
+def _view(name: str, table: dict[str, Any], source: str) -> NamedView:
     options = {key: tuple(v) if key in (*PAIRS, "offset_mm") and isinstance(v, list) else v for key, v in table.items()}
     kind, steered = options.pop("view", STEERED), options.pop("steered", False)
     try:

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import tarfile
 import time
 from pathlib import Path
 
@@ -173,6 +174,21 @@ def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sk
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
     for path in folder.glob("*.png"):
         om.read_image(path)
+
+
+@needs_proc
+def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(sensor_file, sky_file, tmp_path):
+    (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
+    folder = tmp_path / "set"
+    words = ("simulate", "learning", sensor_file, "--scene", sky_file, "--spp", "1", "--per-shard", "1")
+    said = _terminated_when(
+        lambda: len([*folder.glob("set-*.tar")]) > 1, *words, "--path", tmp_path / "path.csv", "-o", folder
+    )
+    shards = sorted(folder.iterdir())
+    assert f"holds the {len(shards)} shards that were done" in said
+    for number, shard in enumerate(shards):
+        with tarfile.open(shard) as tar:
+            assert tar.getnames() == [f"{number:06d}.{ending}" for ending in ("png", "npz", "json")]
 
 
 @needs_proc

@@ -42,14 +42,16 @@ def pictures_of(sources: Iterable[str | Path] | str | Path, every: int = 1) -> W
         raise InvalidParameter(f"pictures has {len(given)} entries, a video among them; it is valid as one video alone")
     from ...media.video.reader import VideoReader
 
-    reader = VideoReader(given[0], with_sound=False)
-    return Walk(reader.expected_frames, _frames(reader, every))
+    with VideoReader(given[0], with_sound=False) as reader:
+        total = reader.expected_frames
+    return Walk(total, _frames(given[0], every))
 
 
-def _frames(reader: Any, every: int) -> Iterator[tuple[str, NDArray[Any]]]:
+def _frames(video: str | Path, every: int) -> Iterator[tuple[str, NDArray[Any]]]:
     from ...media.video.frames import image_of_frame
+    from ...media.video.reader import VideoReader
 
-    with reader:
+    with VideoReader(video, with_sound=False) as reader:
         for number, frame in enumerate(reader.frames()):
             if number % every == 0:
                 yield f"frame-{number:06d}.png", image_of_frame(frame)

@@ -92,7 +92,6 @@ def frame_at(
     radiometry: Radiometry | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-    bodies: Sequence[MovingBox] = (),
 ) -> Light:
     """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
 
@@ -101,7 +100,7 @@ def frame_at(
     InvalidParameter
         As :func:`~omnimirror.expose`, or if the path leads where a sensor cannot be.
     """
-    seen = PosedScene(with_bodies(scene, bodies, time_s), Pose(**path.at(time_s)))
+    seen = PosedScene(scene, Pose(**path.at(time_s)))
     return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)
 
 
@@ -196,7 +195,8 @@ def write_video(
 
     def pictures() -> Iterator[NDArray[Any]]:
         for i, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + i, bodies=bodies)
+            seen = with_bodies(scene, bodies, time)
+            light = frame_at(camera, seen, path, time, samples, blur, radiometry, seed + i)
             yield detector.read(light, seed + i)
             if written is not None:
                 written(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))

@@ -387,12 +387,16 @@ def learning(
         raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
     camera, path, bodies = housing.on(load_camera(sensor)), load_path(film.path), film.moving()
     with rows_bar("Taking frames") as progress:
-        shards = write_learning_set(
-            camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate,
-            duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
-            radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, progress=progress,
-            **stored.given,
-        )  # fmt: skip
+        try:
+            shards = write_learning_set(
+                camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate,
+                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
+                radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, progress=progress,
+                **stored.given,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, len([*output.glob("set-*.tar")]), "shards")
+            raise
     say(f"{output}: {shards[0].name} to {shards[-1].name}, sensor.toml and README.md")
 
 

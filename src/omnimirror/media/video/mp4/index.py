@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from ....errors import MediaError
 
@@ -20,7 +22,7 @@ def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
         The file cannot be written.
     """
     with path.open("r+b") as file:
-        at = _index_at(path)
+        at = _last_box(file)
         file.seek(at)
         kind, index = next(boxes(file.read()))
         if kind != b"moov":
@@ -32,20 +34,19 @@ def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
             file.truncate()
 
 
-def _index_at(path: Path) -> int:
+def _last_box(file: BinaryIO) -> int:
     """Where the last box of a file begins; only heads are read, since what they hold may be large."""
-    with path.open("rb") as file:
-        end = path.stat().st_size
-        at = last = 0
-        while at < end:
-            last = at
-            file.seek(at)
-            head = file.read(16)
-            size = int.from_bytes(head[:4], "big")
-            if size == 1:
-                size = int.from_bytes(head[8:16], "big")
-            at = at + size if size >= 8 else end
-        return last
+    end = file.seek(0, os.SEEK_END)
+    at = last = 0
+    while at < end:
+        last = at
+        file.seek(at)
+        head = file.read(16)
+        size = int.from_bytes(head[:4], "big")
+        if size == 1:
+            size = int.from_bytes(head[8:16], "big")
+        at = at + size if size >= 8 else end
+    return last
 
 
 def is_video(track: bytes) -> bool:

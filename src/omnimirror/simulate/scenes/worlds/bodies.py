@@ -10,9 +10,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ....arguments import check_fields, checked, file_name, finite, shown
+from ....arguments import check_fields, checked, file_name, finite
 from ....errors import InvalidParameter, MediaError, SpecError
-from ....files import parse_toml, read_text
+from ....files import read_tables
 from ....frames import turned
 from ....media.keyframes import Keyframes, keyframes_of
 from ...colour import Light, hex_colour
@@ -130,15 +130,10 @@ def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     [('cart', 1200.0)]
     """
     path = file_name("path", path)
-    tables = parse_toml(read_text(path, "bodies", SpecError, f"there are no bodies {str(path)!r}"), str(path))
-    if not 1 <= len(tables) <= MOST:
-        raise SpecError(f"{path} holds {len(tables)} bodies; it is valid with 1 to {MOST}")
-    return tuple(_body(name, table, path) for name, table in tables.items())
+    return tuple(_body(name, table, path) for name, table in read_tables(path, "body", "bodies", MOST).items())
 
 
-def _body(name: str, table: Any, source: Path) -> MovingBox:
-    if not isinstance(table, dict):
-        raise SpecError(f"{source}: {name} = {shown(table)} is no body; valid are tables such as [{name}]")
+def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
     where, rest = f"[{name}] of {source}", dict(table)
     size = rest.pop("size_mm", None)
     if not isinstance(size, list):
