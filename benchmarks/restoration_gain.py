@@ -49,7 +49,7 @@ CROPS = (
     ("paper-spherical", "hall", (20, 380)),
     ("paper-hyperboloidal", "dead leaves", (60, 250)),
 )
-COLUMNS = ("sensor", "scene", "blur alone, dB", "given, dB", "gain, dB", "worst tenth, dB", "core s")
+COLUMNS = ("sensor", "scene", "blur alone, dB", "given, dB", "gain, dB", "worst tenth, dB", "core s", "first, core s")
 
 
 def dead_leaves(width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.53, seed: int = 3) -> om.Environment:
@@ -181,12 +181,15 @@ def table(
         sensor = om.load_sensor(name)
         restorer = Restorer(faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px))
         others = [Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong]
-        _ = restorer.problem.deblurring
+        plain = np.full((*restorer.camera.image_size[::-1], 3), 128, np.uint8)
+        start = time.process_time()
+        restorer(plain, NOISE)
+        first = time.process_time() - start
         for scene, seen in scenes.items():
             found = gains(restorer, seen, told=told)
             pairs = (f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db))
             won, best = (f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db))
-            cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}"]
+            cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}", f"{first:.1f}"]
             cells += [best][: len(told)] + [f"{gains(other, seen).tenths_db.min():+.2f}" for other in others]
             cells += [f"{gains(restorer, seen, quality=q).tenths_db.min():+.2f}" for q in qualities]
             yield f"| {' | '.join(cells)} |"
@@ -212,7 +215,8 @@ def circumstances(pixels: int) -> str:
         f"`restoration_gain.py`: one picture of {pixels} x {pixels} px in colour, {backend.threads} threads on "
         f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load was {load:.0f} before. "
-        "*Core s* are the seconds of all cores together. Pairs are the inner two thirds of the radius / the outer "
+        "*Core s* are the seconds of all cores together, *first* for the first picture of a sensor, with all that is "
+        "prepared for it. Pairs are the inner two thirds of the radius / the outer "
         "third.\n"
     )
 

@@ -1,10 +1,12 @@
-"""What a ray costs in PyTorch, forward and backward, in processor time of one core.
+"""What a ray costs in PyTorch, forward and backward, in processor time of one core or on a graphics card.
 
 A million rays each, in double precision: pixels into rays, and points half a metre to five metres away into pixels; of
 the paper's spherical sensor in line and out of line, with and without parameters that learn. Forward is without
-gradients; backward is of sums of all that came out, beside the forward pass that records for it.
+gradients; backward is of sums of all that came out, beside the forward pass that records for it. On a card, 16 million
+rays at once, in both precisions, by the card's own clock.
 
     python benchmarks/torch_rate.py --out out/benchmarks
+    python benchmarks/torch_rate.py --device cuda --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,65 +28,93 @@ from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.torch import TorchCamera, differentiable
 
-RAYS = 1 << 20
+RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
+RATES = {"cpu": "rays/s and core", "cuda": "rays/s"}
 POSES = {"in line": MirrorPose(), "out of line": MirrorPose(1.0, 0.0, 0.0, 1.0, 1.0)}
 LEARNED = {"": (), "focal length, tilt, shape": ("focal", "tilt", "shape")}
 
 
-def asked() -> dict[str, torch.Tensor]:
+def asked(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
     rng = np.random.default_rng(1)
-    away = rng.normal(size=(RAYS, 3))
+    count = RAYS[device]
+    away = rng.normal(size=(count, 3))
     away[:, 2] = -np.abs(away[:, 2])
-    away *= rng.uniform(500, 5000, (RAYS, 1)) / np.linalg.norm(away, axis=1)[:, None]
-    return {"backproject": torch.from_numpy(rng.uniform(170, 850, (RAYS, 2))), "project": torch.from_numpy(away)}
+    away *= rng.uniform(500, 5000, (count, 1)) / np.linalg.norm(away, axis=1)[:, None]
+    what = {"backproject": rng.uniform(170, 850, (count, 2)), "project": away}
+    return {method: torch.from_numpy(rows).to(device, dtype) for method, rows in what.items()}
 
 
-def nanoseconds(function: Callable[[], object], runs: int) -> float:
-    function()
-    times = []
-    for _ in range(runs):
+def seconds_of(function: Callable[[], object], device: str) -> float:
+    """Processor time of one core, or the card's time."""
+    if device == "cpu":
         start = time.process_time()
         function()
-        times.append(time.process_time() - start)
-    return statistics.median(times) / RAYS * 1e9
+        return time.process_time() - start
+    start, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+    start.record()
+    function()
+    end.record()
+    torch.cuda.synchronize()
+    return float(start.elapsed_time(end)) * 1e-3
+
+
+def nanoseconds(function: Callable[[], object], what: torch.Tensor, runs: int) -> float:
+    """Of a ray, the median."""
+    function()
+    times = [seconds_of(function, what.device.type) for _ in range(runs)]
+    return statistics.median(times) / len(what) * 1e9
 
 
 def measured(camera: TorchCamera, method: str, what: torch.Tensor, runs: int) -> tuple[float, float, float]:
     ask, leaf = getattr(camera, method), what.clone().requires_grad_()
     with torch.no_grad():
-        forward = nanoseconds(lambda: ask(what), runs)
-    recorded = nanoseconds(lambda: ask(leaf), runs)
-    both = nanoseconds(lambda: sum(part.sum() for part in ask(leaf)[:-1]).backward(), runs)
+        forward = nanoseconds(lambda: ask(what), what, runs)
+    recorded = nanoseconds(lambda: ask(leaf), what, runs)
+    both = nanoseconds(lambda: sum(part.sum() for part in ask(leaf)[:-1]).backward(), what, runs)
     return forward, recorded, both - recorded
+
+
+def rows(device: str, dtype: torch.dtype, runs: int) -> Iterator[str]:
+    """The table's, by what is asked, where the mirror sits and what is learned."""
+    digits = 0 if device == "cpu" else 2
+    for method, what in asked(device, dtype).items():
+        for place, pose in POSES.items():
+            sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
+            for learned, free in LEARNED.items():
+                camera = differentiable(sensor, free, dtype=dtype, device=device)
+                forward, recorded, backward = measured(camera, method, what, runs)
+                yield (
+                    f"| {method} | {place} | {learned} | {forward:.{digits}f} | {1e3 / forward:.1f} million "
+                    f"| {recorded:.{digits}f} | {backward:.{digits}f} | {backward / forward:.1f} |"
+                )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--device", choices=tuple(RAYS), default="cpu")
     arguments = parser.parse_args()
+    device, runs = arguments.device, arguments.runs
     torch.set_num_threads(1)
     backend.set_threads(1)
-    lines = [
-        "# Rays in PyTorch",
-        "",
-        f"{RAYS} rays in float64, PyTorch {torch.__version__}, one core. {circumstances(arguments.runs)}",
-        "",
-        "| | mirror | learned | forward, ns | rays/s and core | recorded, ns | backward, ns | of forward |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for method, what in asked().items():
-        for place, pose in POSES.items():
-            sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
-            for learned, free in LEARNED.items():
-                forward, recorded, backward = measured(differentiable(sensor, free), method, what, arguments.runs)
-                lines.append(
-                    f"| {method} | {place} | {learned} | {forward:.0f} | {1e3 / forward:.1f} million "
-                    f"| {recorded:.0f} | {backward:.0f} | {backward / forward:.1f} |"
-                )
-                print(lines[-1], flush=True)
+    lines, where = ["# Rays in PyTorch"], "one core" if device == "cpu" else torch.cuda.get_device_name()
+    for dtype in (torch.float64,) if device == "cpu" else (torch.float64, torch.float32):
+        about = f"{RAYS[device]} rays in {str(dtype)[6:]}, PyTorch {torch.__version__}, {where}. {circumstances(runs)}"
+        rate = "rays/s and core" if device == "cpu" else "rays/s"
+        lines += [
+            "",
+            about,
+            "",
+            f"| | mirror | learned | forward, ns | {rate} | recorded, ns | backward, ns | of forward |",
+        ]
+        lines.append("|---|---|---|---|---|---|---|---|")
+        for line in rows(device, dtype, runs):
+            lines.append(line)
+            print(line, flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "torch_rate.md", "\n".join(lines) + "\n")
+    name = "torch_rate.md" if device == "cpu" else "torch_rate_card.md"
+    write_text(arguments.out / name, "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

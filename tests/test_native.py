@@ -10,8 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from omnimirror import native
 from omnimirror.errors import InvalidParameter
-from omnimirror.native import INTERFACE, Backend, backend
+from omnimirror.native import INTERFACE, Backend, backend, usable_cores
 
 NAME = "from omnimirror.native import backend; print(backend.name)"
 
@@ -63,3 +64,25 @@ def test_the_number_of_threads_is_checked():
     for count in (0, -1, 1025):
         with pytest.raises(InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"):
             backend.set_threads(count)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here")
+def test_as_many_threads_as_the_process_may_use_cores():
+    """Kept to one core, as by taskset, a process starts no second thread that would wait for the first."""
+    script = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
+        "from omnimirror.native import backend, usable_cores; print(usable_cores(), backend.threads)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["1", "1"]
+
+
+@pytest.mark.parametrize(
+    ("said", "least"),
+    [("max 100000\n", 10**6), ("150000 100000\n", 2), ("20000 100000\n", 1), ("", 10**6), ("0 0", 10**6)],
+)
+def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
+    monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
+    without = usable_cores()  # there is no such file
+    (tmp_path / "cpu.max").write_text(said, encoding="ascii")
+    assert usable_cores() == max(1, min(without, least))

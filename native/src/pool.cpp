@@ -99,7 +99,7 @@ class Pool {
 };
 
 int cores() {
-    const unsigned count = std::thread::hardware_concurrency();  // those this process may use, on Linux
+    const unsigned count = std::thread::hardware_concurrency();  // of the machine; who loads the module knows better
     return count ? static_cast<int>(count) : 1;
 }
 

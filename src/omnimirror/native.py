@@ -8,9 +8,11 @@ compiled, from which formulas and how it is tested, is told in native/README.md.
 from __future__ import annotations
 
 import logging
+import math
 import os
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 from numpy.typing import NDArray
@@ -19,9 +21,27 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 8  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
+INTERFACE = 9  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
+
+
+def usable_cores() -> int:
+    """How many cores this process may use: of the machine's those that its affinity and its container leave it.
+
+    Examples
+    --------
+    >>> 1 <= usable_cores() <= os.cpu_count()
+    True
+    """
+    affinity = getattr(os, "sched_getaffinity", None)  # of Linux
+    count = len(affinity(0)) if affinity else os.cpu_count() or 1
+    try:
+        quota, period = QUOTA.read_text(encoding="ascii").split()
+        return max(1, min(count, math.ceil(int(quota) / int(period))))
+    except (OSError, ValueError, ZeroDivisionError):  # there is no such file, or its first word is "max"
+        return count
 
 
 class Backend:
@@ -61,6 +81,7 @@ class Backend:
                 "slower; install omnimirror again to have them"
             )
             return None
+        module.set_threads(usable_cores())
         if wanted:
             try:
                 module.use_instructions(wanted)
@@ -172,7 +193,7 @@ class Kernels(Protocol):
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
         pixels: Array, block: int, kernels: Array, tiles: Array,
     ) -> object: ...  # fmt: skip
-    def Sharpening(self, kernels: object, roots: Array) -> Sharpening: ...
+    def Sharpening(self, kernels: object, roots: Array, guess: Array) -> Sharpening: ...
     def expose_environment(
         self, optics: object, environment: object, points: Array, shifted: bool, seed: int, left: int, top: int,
         light: Array,

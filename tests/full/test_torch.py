@@ -11,6 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras import Camera
+from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 from omnimirror.housing import Housing, Tube
 from omnimirror.imagers import ImagerPose
@@ -252,6 +253,33 @@ def test_batches_keep_their_shape_and_small_numbers_are_enough_for_learning():
     assert both.sum() > 0.99 * right.valid.sum()
     np.testing.assert_allclose(found.pixels.numpy()[both], right.pixels[both], atol=2e-3)
     assert camera.project(points[:0]).pixels.shape == (0, 50, 10, 2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda: differentiable(SPH, device="quark"), "device = 'quark' is none that PyTorch can use here"),
+        (lambda: differentiable(SPH, device="meta"), "device = 'meta' is none"),
+        (lambda: differentiable(SPH, dtype=torch.float16), "dtype = torch.float16; valid are torch.float64 and"),
+        (lambda: differentiable(SPH, dtype="float"), "dtype = 'float'; valid are"),
+        (lambda: differentiable(SPH).project([1.0, 2.0, 3.0]), r"points_mm = \[1.0, 2.0, 3.0\]; valid is a tensor"),
+        (lambda: differentiable(SPH).project(torch.zeros(4, 2)), r"points_mm = torch.float32 \(4, 2\); valid is a"),
+        (lambda: differentiable(SPH).project_directions(torch.tensor(1.0)), r"directions = torch.float32 \(\); valid"),
+        (lambda: differentiable(SPH).backproject(torch.zeros(4, 2, dtype=torch.int32)), "pixels = torch.int32"),
+        (
+            lambda: differentiable(others()[1]).project(np.zeros((4, 3))),
+            r"valid is a tensor \(.., 3\) of torch.float64",
+        ),
+        (lambda: differentiable(SPH).project(torch.zeros(4, 3, device="meta")), "on meta and the camera is on cpu"),
+        (lambda: differentiable(SPH).view_grid(3), "screen = 3 is not a screen"),
+        (lambda: differentiable(SPH).grid([3.0, 4.0]), r"pixels = \[3.0, 4.0\]; valid"),
+        (lambda: differentiable(SPH).sample(torch.zeros(3, 8, 8, dtype=torch.uint8), torch.zeros(5, 2)), "torch.uint8"),
+        (lambda: differentiable(SPH).sample(torch.zeros(8), torch.zeros(5, 2)), "do not belong together"),
+    ],
+)
+def test_what_is_no_argument_is_refused_in_a_sentence(wrong, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        wrong()
 
 
 def test_the_recipe_of_the_docs_runs(capsys):

@@ -37,11 +37,11 @@ void refine(const Sharpening& s, const float* roots, float* fine) {
 
 }  // namespace
 
-Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots)
+Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots, const float* guess)
     : blur(blur), channels(channels), stride(stride_of(blur.width + 1)) {
     const int f = blur.fineness;
     fine.resize(static_cast<size_t>(stride * f * channels * f * blur.height));
-    refine(*this, roots, fine.data());
+    refine(*this, guess, fine.data());
     for (int row = 0; row < f * blur.height; ++row)
         for (int c = 0; c < channels; ++c)
             fine[place(row, c, 0) + blur.width] = fine[place(row, c, f - 1) + blur.width - 1];
@@ -89,7 +89,7 @@ void Sharpening::give_back(Plane memory) {
 // The samplers choose the instructions; those without a kernel here take the plain one.
 const SharpeningKernel& sharpening_kernel() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_sharpening;
+    if (kernels().level >= Level::AVX2) return avx2_sharpening;
 #endif
     return plain_sharpening;
 }

@@ -58,7 +58,8 @@ struct PlacedTap {
 // A sharp picture that is looked for.
 class Sharpening {
   public:
-    Sharpening(const BlurKernels& blur, int channels, const float* roots);
+    // Of a blurred picture of such roots (height, width, channels), begun at a guess of the sharp one's.
+    Sharpening(const BlurKernels& blur, int channels, const float* roots, const float* guess);
 
     // Where values begin of a row of the fine grid, of a channel, and of one of the columns within the pixels.
     int64_t place(int row, int channel, int within) const {

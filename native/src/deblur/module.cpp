@@ -80,12 +80,14 @@ BlurKernels* make_kernels(int width, int height, int fineness, const Ints& first
     return k.release();
 }
 
-void start(Sharpening* sharp, const BlurKernels& k, const Floats& roots) {
-    require(roots.ndim() == 3 && roots.shape(0) == static_cast<size_t>(k.height) &&
-                roots.shape(1) == static_cast<size_t>(k.width) && (roots.shape(2) == 1 || roots.shape(2) == 3),
-            "roots are (height, width, 1 or 3)");
+void start(Sharpening* sharp, const BlurKernels& k, const Floats& roots, const Floats& guess) {
+    for (const Floats* values : {&roots, &guess})
+        require(values->ndim() == 3 && values->shape(0) == static_cast<size_t>(k.height) &&
+                    values->shape(1) == static_cast<size_t>(k.width) &&
+                    (values->shape(2) == 1 || values->shape(2) == 3) && values->shape(2) == roots.shape(2),
+                "roots are (height, width, 1 or 3)");
     nb::gil_scoped_release released;
-    new (sharp) Sharpening(k, static_cast<int>(roots.shape(2)), roots.data());
+    new (sharp) Sharpening(k, static_cast<int>(roots.shape(2)), roots.data(), guess.data());
 }
 
 template <class A>
@@ -134,7 +136,7 @@ void add_deblurring(nb::module_& m) {
         .def(nb::new_(&make_kernels), "width"_a, "height"_a, "fineness"_a, "firsts"_a, "offsets"_a, "weights"_a,
              "pixels"_a, "block"_a, "kernels"_a, "tiles"_a);
     nb::class_<Sharpening>(m, "Sharpening")
-        .def("__init__", &start, "kernels"_a, "roots"_a, nb::keep_alive<1, 2>())
+        .def("__init__", &start, "kernels"_a, "roots"_a, "guess"_a, nb::keep_alive<1, 2>())
         .def("improve", &improve_sharp, "costs"_a, "steps"_a)
         .def("log_steepness", &log_steepness_of, "logarithms"_a)
         .def("blurred", &blurred_of, "light"_a)

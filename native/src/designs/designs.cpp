@@ -11,8 +11,11 @@ constexpr int DESIGNS_A_PIECE = 32;
 
 // The samplers choose the instructions; those without a kernel here take the plain one.
 DesignKernel design_kernel() {
+#if defined(OMNIMIRROR_AVX512)
+    if (kernels().level >= Level::AVX512) return avx512_designs;
+#endif
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_designs;
+    if (kernels().level >= Level::AVX2) return avx2_designs;
 #endif
     return plain_designs;
 }

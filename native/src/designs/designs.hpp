@@ -72,6 +72,7 @@ using DesignKernel = void (*)(const DesignJob& job, int first, int count);
 extern const DesignKernel plain_designs;
 #if defined(OMNIMIRROR_AVX2)
 extern const DesignKernel avx2_designs;
+extern const DesignKernel avx512_designs;
 #endif
 
 }  // namespace omnimirror

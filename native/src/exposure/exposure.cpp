@@ -11,7 +11,7 @@ namespace {
 // The samplers choose the instructions; those without kernels here take the plain ones.
 const ExposureKernels& exposure_kernels() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_exposure;
+    if (kernels().level >= Level::AVX2) return avx2_exposure;
 #endif
     return plain_exposure;
 }

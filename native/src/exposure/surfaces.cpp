@@ -52,7 +52,7 @@ void look(void* context, int portion) {
 // The samplers choose the instructions; those without kernels here take the plain ones.
 const PacketKernels& packet_kernels() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_packets;
+    if (kernels().level >= Level::AVX2) return avx2_packets;
 #endif
     return plain_packets;
 }

@@ -11,7 +11,7 @@ constexpr int RAYS_A_PIECE = 4096;
 // The samplers choose the instructions; those without a kernel here take the plain one.
 const ReflectionKernel& reflection_kernel() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_reflections;
+    if (kernels().level >= Level::AVX2) return avx2_reflections;
 #endif
     return plain_reflections;
 }

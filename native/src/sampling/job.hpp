@@ -146,10 +146,12 @@ struct Packing {
 inline bool is_deep(Depth depth) { return depth != Depth::u8; }
 inline int size_of(Depth depth) { return depth == Depth::u8 ? 1 : depth == Depth::u16 ? 2 : 4; }
 
+enum class Level { PLAIN, AVX2, AVX512 };
+
 // What each instruction set implements, in a translation unit of its own.
 struct Kernels {
     const char* name;
-    bool has_avx2;  // that much at least: what rooms without wider kernels go by
+    Level level;  // that much at least: what the other rooms go by
     void (*sample)(const Job&, const Tile&);
     void (*average)(const Job&, const Tile&);  // the same where there are footprints
     void (*pack)(const Packing&, int top, int bottom);

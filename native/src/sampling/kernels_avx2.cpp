@@ -4,6 +4,6 @@
 
 namespace omnimirror {
 
-const Kernels avx2_kernels{"avx2", true, &sample<Avx2>, &average<Avx2, Avx2Sums>, &pack<Avx2>, &project_targets};
+const Kernels avx2_kernels{"avx2", Level::AVX2, &sample<Avx2>, &average<Avx2, Avx2Sums>, &pack<Avx2>, &project_targets};
 
 }  // namespace omnimirror

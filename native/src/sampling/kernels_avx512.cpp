@@ -59,11 +59,11 @@ struct Avx512 : Avx2 {
 
 }  // namespace
 
-const Kernels avx512_kernels{"avx512",      true, &sample<Avx512<Loaded>>, &average<Avx512<Loaded>, Avx2Sums>,
+const Kernels avx512_kernels{"avx512", Level::AVX512, &sample<Avx512<Loaded>>, &average<Avx512<Loaded>, Avx2Sums>,
                              &pack<Avx512<Loaded>>, &project_targets};
 // They differ in what samples alone.
 const Kernels avx512_gather_kernels{"avx512-gather",
-                                    true,
+                                    Level::AVX512,
                                     &sample<Avx512<Gathered>>,
                                     &average<Avx512<Loaded>, Avx2Sums>,
                                     &pack<Avx512<Loaded>>,

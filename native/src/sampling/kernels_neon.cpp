@@ -187,6 +187,6 @@ struct NeonSums : PlainSums {
 
 }  // namespace
 
-const Kernels neon_kernels{"neon", false, &sample<Neon>, &average<Neon, NeonSums>, &pack<Neon>, &project_targets};
+const Kernels neon_kernels{"neon", Level::PLAIN, &sample<Neon>, &average<Neon, NeonSums>, &pack<Neon>, &project_targets};
 
 }  // namespace omnimirror

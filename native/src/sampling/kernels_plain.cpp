@@ -4,6 +4,6 @@
 
 namespace omnimirror {
 
-const Kernels plain_kernels{"plain", false, &sample<Plain>, &average<Plain, PlainSums>, &pack<Plain>, &project_targets};
+const Kernels plain_kernels{"plain", Level::PLAIN, &sample<Plain>, &average<Plain, PlainSums>, &pack<Plain>, &project_targets};
 
 }  // namespace omnimirror

@@ -12,7 +12,7 @@ constexpr int TRIALS_A_PIECE = 64;
 // The samplers choose the instructions; those without a kernel here take the plain one.
 TrialKernel trial_kernel() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().has_avx2) return avx2_trials;
+    if (kernels().level >= Level::AVX2) return avx2_trials;
 #endif
     return plain_trials;
 }

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import choice
+from ..arguments import choice, coordinates, number
 from ..errors import InvalidParameter
 from ..numerics.lazy import cached_property
 from .base import BLUR_MODES, Array, BlurMode, DepthOfField, Lens, ThroughFocus
@@ -79,7 +79,7 @@ class GaussianLens(Lens):
 
     def hyperfocal_distance(self, tolerance: float) -> float:
         """L_inf = f^2 / (delta F), mm, for a permissible blur delta in mm."""
-        return self.focal_length_mm**2 / (tolerance * self.f_number)
+        return self.focal_length_mm**2 / (number("tolerance", tolerance, above=0, unit="mm") * self.f_number)
 
     def ideal_height(self, x: Array, w: Array) -> Array:
         return self.principal_distance * x / w
@@ -105,11 +105,11 @@ class GaussianLens(Lens):
     def focus_coordinate(self, L: ArrayLike) -> Array:
         """The vergence at the entrance pupil."""
         with np.errstate(divide="ignore"):
-            return np.asarray(1 / (np.asarray(L, dtype=float) - self.pupil.at_mm))
+            return np.asarray(1 / (coordinates("L", L) - self.pupil.at_mm))
 
     def distance_of(self, coordinate: ArrayLike) -> Array:
         with np.errstate(divide="ignore"):
-            return np.asarray(1 / np.asarray(coordinate, dtype=float) + self.pupil.at_mm)
+            return np.asarray(1 / coordinates("coordinate", coordinate) + self.pupil.at_mm)
 
     def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
         choice("mode", mode, BLUR_MODES)
@@ -121,6 +121,6 @@ class GaussianLens(Lens):
         choice("mode", mode, BLUR_MODES)
         f, s0, at = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
         dropped = f - self.pupil_from_principal if mode == "exact" else 0.0
-        spread = tolerance * self.f_number * (s0 - dropped)
+        spread = number("tolerance", tolerance, low=0, unit="mm") * self.f_number * (s0 - dropped)
         far = f**2 * s0 / (f**2 - spread) + at if spread < f**2 else np.inf
         return DepthOfField(f**2 * s0 / (f**2 + spread) + at, far)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import choice
+from ..arguments import choice, coordinates, number
 from ..parameters import Parameter
 from .base import BLUR_MODES, F_NUMBER, Array, BlurMode, DepthOfField, Lens, ThroughFocus, crossing
 
@@ -75,10 +75,10 @@ class Orthographic(Lens):
 
     def focus_coordinate(self, L: ArrayLike) -> Array:
         """The distance L itself."""
-        return np.asarray(L, dtype=float)
+        return coordinates("L", L)
 
     def distance_of(self, coordinate: ArrayLike) -> Array:
-        return np.asarray(coordinate, dtype=float)
+        return coordinates("coordinate", coordinate)
 
     def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
         choice("mode", mode, BLUR_MODES)
@@ -87,5 +87,5 @@ class Orthographic(Lens):
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         choice("mode", mode, BLUR_MODES)
-        reach = tolerance * self.working_f_number / self.magnification**2
+        reach = number("tolerance", tolerance, low=0, unit="mm") * self.working_f_number / self.magnification**2
         return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)

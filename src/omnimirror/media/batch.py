@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from typing import NamedTuple
 from ..arguments import file_name
 from ..errors import MediaError, OmnimirrorError
 from ..files import is_same_file
+from ..native import usable_cores
 from . import interrupts
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
@@ -125,12 +125,12 @@ def run_parallel(
     ----------
     jobs
     workers
-        Threads; as many as there are processor cores where not given.
+        Threads; as many as this process may use cores where not given.
     progress
         Told how many are done or failed, and of how many, in the caller's thread.
     """
     results = Results()
-    count = max(1, min(workers or os.cpu_count() or 1, len(jobs) or 1))
+    count = max(1, min(workers or usable_cores(), len(jobs) or 1))
 
     def begin(job: Job) -> bool:
         if interrupts.is_pending():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import choice
+from ..arguments import choice, instance, shown
 from ..dewarp.screens import Screen
 from ..errors import InvalidParameter
 from .library import Tensor, torch
@@ -56,17 +56,35 @@ class TorchCamera(ABC):
     device: object
     dtype: object
 
-    @abstractmethod
     def project(self, points_mm: Tensor) -> TorchProjection:
-        """Pixels of points (.., 3) mm of the world frame."""
+        """Pixels of points (.., 3) mm of the world frame; InvalidParameter for what is no such tensor here."""
+        return self._projected(self._rows("points_mm", points_mm, 3), points_mm.shape[:-1], distant=False)
 
-    @abstractmethod
     def project_directions(self, directions: Tensor) -> TorchProjection:
-        """Pixels of infinitely distant points in directions (.., 3) of any length."""
+        """Pixels of infinitely distant points in directions (.., 3) of any length; refused as by ``project``."""
+        return self._projected(self._rows("directions", directions, 3), directions.shape[:-1], distant=True)
+
+    def backproject(self, pixels: Tensor) -> TorchRays:
+        """Rays of pixels (.., 2) into the world; refused as by ``project``."""
+        return self._rays(self._rows("pixels", pixels, 2), pixels.shape[:-1])
 
     @abstractmethod
-    def backproject(self, pixels: Tensor) -> TorchRays:
-        """Rays of pixels (.., 2) into the world."""
+    def _projected(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+        """Pixels of points or directions (n, 3), in a shape."""
+
+    @abstractmethod
+    def _rays(self, pixels: Tensor, shape: Sequence[int]) -> TorchRays:
+        """Rays of pixels (n, 2), in a shape."""
+
+    def _rows(self, name: str, what: Tensor, columns: int) -> Tensor:
+        """What is asked for, as rows (n, columns)."""
+        check_tensor(name, what, f"(.., {columns})")
+        if what.device != self.device:
+            raise InvalidParameter(
+                f"{name} are on {what.device} and the camera is on {self.device}; both have to be on one device: "
+                f"differentiable(.., device={str(what.device)!r}) or .to({str(self.device)!r})"
+            )
+        return what.reshape(-1, columns)
 
     def grid(self, pixels: Tensor) -> Tensor:
         """Pixels as :func:`torch.nn.functional.grid_sample` takes them with ``align_corners=False``.
@@ -89,6 +107,7 @@ class TorchCamera(ABC):
         >>> camera.grid(torch.tensor([[511.5, -0.5]])).tolist()
         [[0.0, -1.0]]
         """
+        check_tensor("pixels", pixels, "(.., 2)")
         size = torch.tensor(self.image_size, dtype=pixels.dtype, device=pixels.device)
         return (2 * pixels + 1) / size - 1
 
@@ -113,7 +132,7 @@ class TorchCamera(ABC):
         >>> differentiable(om.load_sensor("paper-spherical")).view_grid(ahead).shape
         torch.Size([24, 32, 2])
         """
-        width, height = screen.size
+        width, height = instance("screen", screen, Screen, "a screen of omnimirror.screens").size
         targets = screen.targets_at(*np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)))
         xyz = torch.as_tensor(targets, dtype=self.dtype, device=self.device)
         seen = self.project_directions(xyz) if screen.is_distant else self.project(xyz)
@@ -125,7 +144,7 @@ class TorchCamera(ABC):
         Parameters
         ----------
         pictures : (n, channels, height, width) or (channels, height, width)
-            Of the camera, of a floating-point type.
+            Of the camera.
         pixels : (n, .., 2) or (.., 2)
             Pixels (u, v): for each of n pictures its own.
         mode
@@ -139,7 +158,8 @@ class TorchCamera(ABC):
         Raises
         ------
         InvalidParameter
-            For another mode, or pictures and pixels that do not belong together.
+            For another mode, what is no tensor of ``torch.float64`` or ``torch.float32``, or pictures and pixels that
+            do not belong together.
 
         Examples
         --------
@@ -151,6 +171,8 @@ class TorchCamera(ABC):
         tensor([[100.2500]])
         """
         choice("mode", mode, ("bilinear", "bicubic", "nearest"))
+        check_tensor("pictures", pictures, "(.., channels, height, width)")
+        check_tensor("pixels", pixels, "(.., 2)")
         if pictures.ndim == 3:
             return self.sample(pictures[None], pixels[None], mode=mode)[0]
         if pictures.ndim != 4 or pixels.shape[0] != len(pictures) or pixels.shape[-1] != 2:
@@ -161,6 +183,20 @@ class TorchCamera(ABC):
         grid = self.grid(pixels).reshape(len(pixels), 1, -1, 2).to(pictures.dtype)
         found = torch.nn.functional.grid_sample(pictures, grid, mode=mode, align_corners=False)
         return found.reshape(*pictures.shape[:2], *pixels.shape[1:-1])
+
+
+def precisions() -> tuple[object, ...]:
+    """Types of numbers that a camera can be asked in."""
+    return torch.float64, torch.float32
+
+
+def check_tensor(name: str, value: Any, shape: str) -> None:
+    """Refuse what is no tensor of such numbers; ``shape`` says its axes in words, the last by its length or a name."""
+    last, is_tensor = shape.strip("()").split(", ")[-1], isinstance(value, torch.Tensor)
+    if is_tensor and value.dtype in precisions() and (not last.isdigit() or value.shape[-1:] == (int(last),)):
+        return
+    found = f"{value.dtype} {tuple(value.shape)}" if is_tensor else shown(value)
+    raise InvalidParameter(f"{name} = {found}; valid is a tensor {shape} of torch.float64 or torch.float32")
 
 
 def pieces_of(count: int, device: str) -> Iterator[slice]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..arguments import instance
+from ..arguments import instance, shown
 from ..calibrate.physical.names import place_of, value_of
 from ..calibrate.physical.tolerances import free_names
 from ..cameras import Camera
 from ..errors import InvalidParameter
 from ..lenses import Orthographic, Perspective
 from ..sensor import Sensor
-from .cameras import TorchCamera
+from .cameras import TorchCamera, precisions
 from .library import torch
 from .mirror_camera import MirrorCamera
 from .other_cameras import OtherCamera
@@ -35,9 +35,10 @@ def differentiable(
         Parameters of a sensor that shall have gradients, by the names of its file or in groups: ``"shape"``,
         ``"focal"``, ``"centre"``, ``"distortion"``, ``"distance"``, ``"decentre"``, ``"tilt"``.
     dtype
-        Of the tables and parameters; ``torch.float64`` by default. What is asked should be of the same.
+        Of the tables and parameters: ``torch.float64`` by default, or ``torch.float32``. What is asked should be of
+        the same.
     device
-        Where the tables and parameters are.
+        Where the tables and parameters are, and what is asked has to be: ``"cpu"``, ``"cuda"``, ``"cuda:1"``, ..
 
     Returns
     -------
@@ -47,7 +48,8 @@ def differentiable(
     Raises
     ------
     InvalidParameter
-        A parameter that the sensor does not have, or one of a camera that is no sensor.
+        A parameter that the sensor does not have, or one of a camera that is no sensor; another ``dtype``; a device
+        that PyTorch does not find here.
     OmnimirrorError
         PyTorch is not installed.
 
@@ -65,7 +67,8 @@ def differentiable(
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     words = (free,) if isinstance(free, str) else tuple(free)
-    dtype = torch.float64 if dtype is None else dtype
+    dtype = _precision(dtype)
+    device = _found(device, dtype)
     if words and not isinstance(camera, Sensor):
         raise InvalidParameter(f"free = {words!r} is valid for sensors; a {type(camera).__name__} is taken as it is")
     parameters = {}
@@ -75,6 +78,25 @@ def differentiable(
             parameters[name] = torch.tensor(value, dtype=dtype, device=device, requires_grad=True)
     kind = MirrorCamera if isinstance(camera, Sensor) and _is_plain(camera) else OtherCamera
     return kind(camera, parameters, dtype, device)  # type: ignore[arg-type]  # a sensor, as was just found
+
+
+def _precision(dtype: object) -> object:
+    if dtype is not None and dtype not in precisions():
+        raise InvalidParameter(f"dtype = {shown(dtype)}; valid are torch.float64 and torch.float32")
+    return torch.float64 if dtype is None else dtype
+
+
+def _found(device: object, dtype: object) -> object:
+    """A device with its number, as tensors on it say it; one that computes in such numbers."""
+    try:
+        tried = torch.zeros(1, dtype=dtype, device=device)
+        tried.item()
+        return tried.device
+    except (RuntimeError, AssertionError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InvalidParameter(
+            f"device = {shown(device)} is none that PyTorch can use here ({reason}); 'cpu' always is"
+        ) from None
 
 
 def _is_plain(sensor: Sensor) -> bool:

@@ -32,24 +32,17 @@ class MirrorCamera(TorchCamera):
         """The sensor with its parameters as they are now."""
         return self.numbers.present()
 
-    def project(self, points_mm: Tensor) -> TorchProjection:
-        return self._projected(points_mm, distant=False)
-
-    def project_directions(self, directions: Tensor) -> TorchProjection:
-        return self._projected(directions, distant=True)
-
-    def backproject(self, pixels: Tensor) -> TorchRays:
-        flat, surface = pixels.reshape(-1, 2), self._present_surface()
-        parts = [self._rays(surface, flat[piece]) for piece in pieces_of(len(flat), flat.device.type)]
+    def _rays(self, pixels: Tensor, shape: Sequence[int]) -> TorchRays:
+        surface = self._present_surface()
+        parts = [self._reflected(surface, pixels[piece]) for piece in pieces_of(len(pixels), pixels.device.type)]
         origins, directions, valid = (torch.cat(part, dim=-1) for part in zip(*parts, strict=True))
-        shape = pixels.shape[:-1]
         return TorchRays(origins.T.reshape(*shape, 3), directions.T.reshape(*shape, 3), valid.reshape(shape))
 
-    def _projected(self, targets: Tensor, distant: bool) -> TorchProjection:
-        flat, surface = targets.reshape(-1, 3), self._present_surface()
-        parts = [self._image(surface, flat[piece], distant) for piece in pieces_of(len(flat), flat.device.type)]
+    def _projected(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+        surface, pieces = self._present_surface(), pieces_of(len(targets), targets.device.type)
+        parts = [self._image(surface, targets[piece], distant) for piece in pieces]
         pixels, valid = (torch.cat(part, dim=-1) for part in zip(*parts, strict=True))
-        return TorchProjection(pixels.T.reshape(*targets.shape[:-1], 2), valid.reshape(targets.shape[:-1]))
+        return TorchProjection(pixels.T.reshape(*shape, 2), valid.reshape(shape))
 
     def _present_surface(self) -> SurfaceTable:
         """Tables of the mirror as it is now: made again only after its parameters have changed."""
@@ -70,7 +63,7 @@ class MirrorCamera(TorchCamera):
 
     # -- from pixels to rays -----------------------------------------------------------------------
 
-    def _rays(self, surface: SurfaceTable, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _reflected(self, surface: SurfaceTable, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Origins (3, n), directions (3, n) and valid (n,) of pixels (n, 2)."""
         u, v = pixels.unbind(-1)
         valid = self._in_picture(u, v)

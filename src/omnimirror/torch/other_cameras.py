@@ -6,7 +6,7 @@ and right to eight digits or so instead of all.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -34,24 +34,30 @@ class OtherCamera(TorchCamera):
         self.camera, self.parameters = camera, free
         self.image_size, self.dtype, self.device = camera.image_size, dtype, device
 
-    def project(self, points_mm: Tensor) -> TorchProjection:
-        return TorchProjection(*self._asked(lambda camera, xyz: camera.project(xyz), points_mm, 2))
+    def _projected(self, targets: Tensor, shape: Sequence[int], distant: bool) -> TorchProjection:
+        pixels, valid = self._asked(_directions if distant else _points, targets)
+        return TorchProjection(pixels.reshape(*shape, 2), valid.reshape(shape))
 
-    def project_directions(self, directions: Tensor) -> TorchProjection:
-        return TorchProjection(*self._asked(lambda camera, xyz: camera.project_directions(xyz), directions, 2))
+    def _rays(self, pixels: Tensor, shape: Sequence[int]) -> TorchRays:
+        rays, valid = self._asked(_rays, pixels)
+        rays = rays.reshape(*shape, 6)
+        return TorchRays(rays[..., :3], rays[..., 3:], valid.reshape(shape))
 
-    def backproject(self, pixels: Tensor) -> TorchRays:
-        rays, valid = self._asked(_rays, pixels, 6)
-        return TorchRays(rays[..., :3], rays[..., 3:], valid)
-
-    def _asked(self, answer: Answer, what: Tensor, columns: int) -> tuple[Tensor, Tensor]:
-        flat = what.reshape(-1, what.shape[-1])
-        values, valid = _function().apply(self, answer, flat, *self.parameters.values())
-        return values.reshape(*what.shape[:-1], columns), valid.reshape(what.shape[:-1])
+    def _asked(self, answer: Answer, what: Tensor) -> tuple[Tensor, Tensor]:
+        values: tuple[Tensor, Tensor] = _function().apply(self, answer, what, *self.parameters.values())
+        return values
 
     def present(self) -> Camera:
         """The camera with its parameters as they are now."""
         return Numbers(self.camera, self.parameters).present() if isinstance(self.camera, Sensor) else self.camera
+
+
+def _points(camera: Camera, xyz: Array) -> tuple[Array, NDArray[np.bool_]]:
+    return camera.project(xyz)
+
+
+def _directions(camera: Camera, xyz: Array) -> tuple[Array, NDArray[np.bool_]]:
+    return camera.project_directions(xyz)
 
 
 def _rays(camera: Camera, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:

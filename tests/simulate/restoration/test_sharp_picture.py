@@ -11,8 +11,8 @@ from omnimirror.imagers import Imager
 from omnimirror.native import backend
 from omnimirror.simulate.restoration import blurring
 from omnimirror.simulate.restoration.blur_problem import BlurProblem
-from omnimirror.simulate.restoration.blurring import Blur, whole_groups
-from omnimirror.simulate.restoration.deconvolution import solve
+from omnimirror.simulate.restoration.blurring import Blur, blur_kernels, whole_groups
+from omnimirror.simulate.restoration.deconvolution import Effort, solve
 from omnimirror.simulate.restoration.round_blur import round_blur_of
 from omnimirror.simulate.restoration.sharp_picture import CompiledDeblurring, SparseDeblurring
 
@@ -26,12 +26,22 @@ def small_tiles(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(blurring, "TILE_PX", 40)
 
 
-@pytest.fixture(scope="module")
-def blur() -> Blur:
+def blur_of(fineness: int) -> Blur:
     """Of a sensor whose picture is cut off, so that kernels reach beyond its edge."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
-    return BlurProblem(round_blur_of(sensor)).blur
+    known = round_blur_of(sensor)
+    return blur_kernels(known.offsets, known.whole_radius_px, known.sizes, fineness)
+
+
+@pytest.fixture(scope="module")
+def blur() -> Blur:
+    return blur_of(2)
+
+
+@pytest.fixture(scope="module")
+def coarse_blur() -> Blur:
+    return blur_of(1)
 
 
 def random_roots(blur: Blur, channels: int = 3, seed: int = 4):
@@ -89,7 +99,7 @@ def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: B
     fine = np.repeat(np.repeat(roots, 2, axis=0), 2, axis=1)
     padded = np.pad(fine, ((1, 0), (1, 0), (0, 0)), "edge")
     fine = (padded[1:, 1:] + padded[:-1, 1:] + padded[1:, :-1] + padded[:-1, :-1]) / 4
-    sharp = kind(blur).start(roots)
+    sharp = kind(blur).start(roots, roots)
     light = (fine**2).reshape(blur.size[1], 2, blur.size[0], 2, channels).mean(axis=(1, 3))
     np.testing.assert_allclose(sharp.light(), light, atol=1e-5)
     blurred = sharp.blurred()
@@ -111,7 +121,7 @@ def test_every_round_explains_the_picture_better(blur: Blur, kind):
     squares = np.kron(np.random.default_rng(6).random((height // 5, width // 5)), np.ones((10, 10)))[..., None]
     roots = np.full((height, width, 1), 0.5, np.float32)
     roots.reshape(-1, 1)[blur.pixels] = np.sqrt(blur.matrix() @ (squares**2).reshape(-1, 1))
-    sharp = kind(blur).start(roots)
+    sharp = kind(blur).start(roots, roots)
     seen, left = roots.reshape(-1, 1)[blur.pixels], []
     for _ in range(4):
         blurred = sharp.blurred().reshape(-1, 1)[blur.pixels]
@@ -124,7 +134,7 @@ def test_every_round_explains_the_picture_better(blur: Blur, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_differences_cost_much_the_picture_becomes_even(blur: Blur, kind):
     roots = 0.4 + 0.2 * random_roots(blur)
-    sharp = kind(blur).start(roots)
+    sharp = kind(blur).start(roots, roots)
     for _ in range(3):
         sharp.improve(np.full(roots.shape[:2], 10, np.float32), 30)
     known = np.sqrt(sharp.light()).reshape(-1, 3)[blur.pixels]
@@ -139,7 +149,7 @@ def test_what_lies_far_from_known_pixels_stays(kind):
     imager = Imager(130, 140, sensor.imager.pixel_pitch_um, centre_px=(40.0, 50.0))
     blur = BlurProblem(round_blur_of(replace(sensor, imager=imager))).blur
     roots = random_roots(blur)
-    sharp = kind(blur).start(roots)
+    sharp = kind(blur).start(roots, roots)
     before = sharp.light()
     sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), 4)
     moved = np.abs(sharp.light() - before).max(axis=2) > 0
@@ -160,7 +170,7 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
     monkeypatch.setattr(blurring, "_block_px", lambda sizes, whole_radius_px: block)
     blur = BlurProblem(round_blur_of(faster(om.load_sensor("paper-spherical"), 100, 0.4))).blur
     roots = random_roots(blur, channels)
-    one, other = (kind(blur).start(roots) for kind in (CompiledDeblurring, SparseDeblurring))
+    one, other = (kind(blur).start(roots, roots) for kind in (CompiledDeblurring, SparseDeblurring))
     for sharp in (one, other):
         sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), 3)
     np.testing.assert_allclose(one.light(), other.light(), atol=2e-5)
@@ -173,14 +183,19 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
 # bit 1.1e-3, 1.6e-5).
 @needs_compiled
 @pytest.mark.parametrize(
-    ("tile_px", "schedule", "most", "most_rms"),
-    [(128, (1, 3), 2.2e-5, 4.8e-7), (40, (3, 3), 2.2e-5, 8.6e-7), (128, (6, 8), 1.2e-2, 1.1e-4)],
+    ("tile_px", "effort", "most", "most_rms"),
+    [
+        (128, Effort(0, 1, 3), 2.2e-5, 4.8e-7),
+        (40, Effort(0, 3, 3), 2.2e-5, 8.6e-7),
+        (40, Effort(2, 2, 3), 2.2e-5, 8.6e-7),
+        (128, Effort(0, 6, 8), 1.2e-2, 1.1e-4),
+    ],
 )
 @pytest.mark.parametrize("instructions", ["plain", "best"])
 @pytest.mark.parametrize("channels", [1, 3])
 def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
-    monkeypatch: pytest.MonkeyPatch, blur: Blur, channels: int, instructions: str, tile_px: int,
-    schedule: tuple[int, int], most: float, most_rms: float,
+    monkeypatch: pytest.MonkeyPatch, blur: Blur, coarse_blur: Blur, channels: int, instructions: str, tile_px: int,
+    effort: Effort, most: float, most_rms: float,
 ):  # fmt: skip
     monkeypatch.setattr(blurring, "TILE_PX", tile_px)
     roots = random_roots(blur, channels)
@@ -190,7 +205,9 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
         backend.kernels.use_instructions("plain")
     try:
         one, other = (
-            solve(kind(blur), widening, roots, noise, noise, *schedule)
+            solve(
+                (kind(coarse_blur) if effort.coarse_rounds else None, kind(blur)), widening, roots, noise, noise, effort
+            )
             for kind in (CompiledDeblurring, SparseDeblurring)
         )
         for got, wanted in ((one.light(), other.light()), (one.blurred(), other.blurred())):
@@ -214,7 +231,7 @@ def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.Monkey
     noise, errors = np.full(roots.shape[:2], 0.01, np.float32), []
     for tile_px in (160, 56):
         monkeypatch.setattr(blurring, "TILE_PX", tile_px)
-        sharp = solve(CompiledDeblurring(problem.blur), problem.widening, roots, noise, noise, 5, 6)
+        sharp = solve((None, CompiledDeblurring(problem.blur)), problem.widening, roots, noise, noise, Effort(0, 5, 6))
         errors.append((sharp.light() - light)[..., 0] ** 2)
     edges = np.isin(np.arange(160), [n + at for n in (56, 112) for at in range(-4, 4)])
     assert {int(kept[1]) for kept, _ in problem.blur.tiles} == {56, 112, 160}
@@ -227,9 +244,12 @@ def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.Monkey
 def test_arrays_that_do_not_fit_are_refused(blur: Blur):
     deblurring = CompiledDeblurring(blur)
     with pytest.raises(ValueError, match="roots are"):
-        deblurring.start(np.zeros((5, 4, 3), np.float32))
+        deblurring.start(*2 * [np.zeros((5, 4, 3), np.float32)])
+    for guess in (np.zeros((5, 4, 3), np.float32), random_roots(blur, 1)):
+        with pytest.raises(ValueError, match="roots are"):
+            deblurring.start(random_roots(blur), guess)
     with pytest.raises(ValueError, match="values are"):
-        deblurring.start(random_roots(blur)).improve(np.zeros((5, 4), np.float32), 1)
+        deblurring.start(*2 * [random_roots(blur)]).improve(np.zeros((5, 4), np.float32), 1)
     with pytest.raises(ValueError, match="there is no such kernel"):
         CompiledDeblurring(blur._replace(kernels=blur.kernels + 10**6))
     with pytest.raises(ValueError, match="every known pixel has a kernel"):

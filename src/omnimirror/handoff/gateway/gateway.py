@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -17,6 +16,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...media.live.playing import Playing
 from ...media.live.sources import TICKS, named
 from ...media.video.frames import planar
+from ...native import usable_cores
 from ..named_views import NamedView
 from .live_view import LiveView
 from .publishing import publish
@@ -64,7 +64,7 @@ class Gateway:
         self.state = f"nobody watches {named(source)}"
         self.received = 0
         """Frames that came from the source."""
-        self._pool = ThreadPoolExecutor(workers or os.cpu_count(), "drawing")
+        self._pool = ThreadPoolExecutor(workers or usable_cores(), "drawing")
         self._camera = camera
         self._playing: Playing | None = None
         self._begun, self._is_checking = float("-inf"), False

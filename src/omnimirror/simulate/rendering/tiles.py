@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ...native import usable_cores
 from ..colour import Light, srgb_bytes
 
 Progress = Callable[[int, int], None]
@@ -75,7 +75,7 @@ def picture_of_tiles(
     progress
         Called in this thread.
     workers
-        Number of threads; as many as there are processors by default.
+        Number of threads; as many as this process may use cores by default.
     medium
         What the light falls on.
     """
@@ -83,7 +83,7 @@ def picture_of_tiles(
     picture = medium.empty(size)
 
     light_of((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
-    workers = workers or os.cpu_count() or 1
+    workers = workers or usable_cores()
     fill = _row_by_row if medium.in_order else _as_they_come
     for done in fill(picture, light_of, _tiles(width, height, samples), medium, workers):
         if progress is not None:

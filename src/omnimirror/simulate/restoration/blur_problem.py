@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
-from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, solve, texture_of
+from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, Effort, solve, texture_of
 from .noise import Noise
 from .round_blur import RoundBlur
 from .sharp_picture import DARK, SATURATED, Deblurring, SharpPicture, deblurring_of
@@ -38,7 +38,7 @@ class BlurProblem:
     @cached_property
     def blur(self) -> Blur:
         """The blur of every pixel."""
-        return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, FINENESS)
+        return self._blur(FINENESS)
 
     @cached_property
     def known_pixels(self) -> NDArray[np.bool_]:
@@ -50,15 +50,23 @@ class BlurProblem:
         """What takes it out."""
         return deblurring_of(self.blur)
 
+    @cached_property
+    def coarse_deblurring(self) -> Deblurring:
+        """The same on the grid of the pixels, where it begins."""
+        return deblurring_of(self._blur(1))
+
+    def _blur(self, fineness: int) -> Blur:
+        return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, fineness)
+
     @property
-    def effort(self) -> tuple[int, int]:
+    def effort(self) -> Effort:
         """Rounds, and steps in each, that pay."""
         return LARGE if self.widening.ravel()[self.blur.pixels].max(initial=0) > LARGE_PX else SMALL
 
     def sharp_roots(self, roots: Values, noise: Noise) -> Values:
         """Roots (h, w, channels) of the light of the sharp picture."""
         roots = self.within(roots)
-        found = self.solved(roots, noise, *self.effort)
+        found = self.solved(roots, noise, self.effort)
         sharp = np.sqrt(found.light())
         left = self.left_over(roots, found)
         share = self._texture(left, noise) / (1 + self.widening)
@@ -66,13 +74,14 @@ class BlurProblem:
         counts = (1 - _saturated(roots)) * (1 - self._given_share(found, sharp - roots + left, left, noise))
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
-    def solved(self, roots: Values, noise: Noise, rounds: int, steps: int) -> SharpPicture:
+    def solved(self, roots: Values, noise: Noise, effort: Effort) -> SharpPicture:
         """The sharp picture on the fine grid."""
         deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
         visible = noise.visible_share * deviation
-        return solve(self.deblurring, self.widening, roots, deviation, visible, rounds, steps)
+        deblurrings = self.coarse_deblurring if effort.coarse_rounds else None, self.deblurring
+        return solve(deblurrings, self.widening, roots, deviation, visible, effort)
 
     def left_over(self, roots: Values, sharp: SharpPicture) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""

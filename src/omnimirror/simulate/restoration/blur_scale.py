@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blur_problem import BlurProblem
+from .deconvolution import Effort
 from .noise import Noise
 from .round_blur import RoundBlur
 
@@ -28,7 +29,7 @@ SPREAD = 0.018  # of both second differences together, where neither is plain: t
 LEAST_SHARE = 0.3
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
-ROUNDS, STEPS = 2, 4
+FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
 BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half its width, of the picture; what ends at its edge does not count
@@ -85,7 +86,7 @@ class BlurScale:
                 continue
             here = problem.within(roots[strip])
             of_strip = noise.window(*strip)
-            left = problem.left_over(here, problem.solved(here, of_strip, ROUNDS, STEPS)) / of_strip.by_pixel[..., None]
+            left = problem.left_over(here, problem.solved(here, of_strip, FEW)) / of_strip.by_pixel[..., None]
             whole = problem.known_pixels & (np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX)
             band = np.minimum(BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1).astype(int)[whole]
             squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)

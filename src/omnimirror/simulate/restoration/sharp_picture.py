@@ -52,8 +52,8 @@ class SharpPicture(Protocol):
 class Deblurring(Protocol):
     """What is prepared once for a blur."""
 
-    def start(self, roots: Values) -> SharpPicture:
-        """A sharp picture to begin with, from roots (h, w, 1 or 3) of the light of the blurred one."""
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        """A sharp picture whose blurred one has light of such roots (h, w, 1 or 3), begun at a guess (h, w, 1 or 3)."""
 
 
 def deblurring_of(blur: Blur) -> Deblurring:
@@ -77,15 +77,15 @@ class CompiledDeblurring:
             blur.tiles,
         )
 
-    def start(self, roots: Values) -> SharpPicture:
-        return CompiledPicture(self._kernels, roots)
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        return CompiledPicture(self._kernels, roots, guess)
 
 
 class CompiledPicture:
     """In C++, on several threads."""
 
-    def __init__(self, kernels: object, roots: Values) -> None:
-        self._sharp = backend.kernels.Sharpening(kernels, np.ascontiguousarray(roots))
+    def __init__(self, kernels: object, roots: Values, guess: Values) -> None:
+        self._sharp = backend.kernels.Sharpening(kernels, np.ascontiguousarray(roots), np.ascontiguousarray(guess))
         self._shape = roots.shape
 
     def improve(self, costs: Values, steps: int) -> None:
@@ -165,18 +165,18 @@ class SparseDeblurring:
         self._blur, self._matrix = blur, blur.matrix()
         self._tiles = [_tile(blur, self._matrix, *boxes) for boxes in blur.tiles]
 
-    def start(self, roots: Values) -> SharpPicture:
-        return SparsePicture(self._blur, self._matrix, self._tiles, roots)
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        return SparsePicture(self._blur, self._matrix, self._tiles, roots, guess)
 
 
 class SparsePicture:
     """By SciPy's sparse matrices and NumPy, on one thread."""
 
-    def __init__(self, blur: Blur, matrix: Any, tiles: Sequence[Tile], roots: Values) -> None:
+    def __init__(self, blur: Blur, matrix: Any, tiles: Sequence[Tile], roots: Values, guess: Values) -> None:
         self._blur, self._matrix, self._tiles = blur, matrix, tiles
         self._shape = roots.shape
         self._seen = roots.reshape(-1, roots.shape[2])[blur.pixels]
-        self._fine = _refined(roots, blur.fineness)
+        self._fine = _refined(guess, blur.fineness)
 
     def improve(self, costs: Values, steps: int) -> None:
         improved = self._fine.copy()

@@ -1,0 +1,145 @@
+"""Differentiable cameras on a graphics card, beside the processor's answers; skipped where PyTorch finds none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.torch import differentiable
+from tests.conftest import sensor_of
+from tests.full.test_torch import FREE, LENS, PAIRS, POSE, SPH, asked, others
+
+pytestmark = pytest.mark.full
+torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")
+
+on_card = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no graphics card here")
+CARD = "cuda"
+
+
+def compare(sensor, px: float = 1e-6, dtype=torch.float64, share: float = 1.0) -> None:
+    """Of a card with NumPy, which knows nothing of PyTorch."""
+    camera = differentiable(sensor, dtype=dtype, device=CARD)
+    for name, what in asked(sensor).items():
+        right, found = getattr(sensor, name)(what), getattr(camera, name)(torch.from_numpy(what).to(CARD, dtype))
+        assert all(part.is_cuda for part in found)
+        both = found.valid.cpu().numpy() & right.valid
+        assert both.sum() >= share * max(right.valid.sum(), found.valid.sum().item()) > 100
+        for tensor, array in zip(found[:-1], right[:-1], strict=True):
+            np.testing.assert_allclose(tensor.detach().cpu().numpy()[both], array[both], rtol=0, atol=px)
+            assert not tensor[~found.valid].any()
+
+
+@on_card
+@pytest.mark.parametrize("sensor", PAIRS)
+@pytest.mark.parametrize("pose", [MirrorPose(), POSE], ids=["aligned", "misaligned"])
+def test_a_card_finds_what_numpy_traces(sensor, pose):
+    compare(replace(sensor, mirror_pose=pose))
+
+
+@on_card
+def test_so_it_does_in_single_precision_and_through_a_lens_that_distorts():
+    compare(replace(SPH, mirror_pose=POSE), px=2e-3, dtype=torch.float32, share=0.99)
+    compare(replace(SPH, lens=LENS, mirror_pose=POSE))
+
+
+@on_card
+@pytest.mark.parametrize("index", range(4), ids=["tube", "two mirrors", "leaning imager", "unified"])
+def test_cameras_that_numpy_traces_answer_where_they_were_asked(index):
+    compare(others()[index], 1e-12)
+
+
+@on_card
+@pytest.mark.parametrize("kind", sorted(FREE))
+def test_gradients_are_the_processors(kind):
+    """By what is asked and by every parameter; the processor's are held to differences by ``test_torch``."""
+    sensor = replace(sensor_of(kind), mirror_pose=POSE)
+    free = (FREE[kind], "focal", "centre", "distortion", "distance", "decentre", "tilt")
+    for name, what in asked(sensor, 400).items():
+        there = what[getattr(sensor, name)(what).valid][:150]
+        pulled = []
+        for device in ("cpu", CARD):
+            camera = differentiable(sensor, free, device=device)
+            leaf = torch.from_numpy(there).to(device).requires_grad_()
+            values = torch.cat(getattr(camera, name)(leaf)[:-1], dim=-1)
+            weights = torch.linspace(0.5, 1.5, values.numel(), dtype=torch.float64).reshape(values.shape).to(device)
+            (values * weights).sum().backward()
+            numbers = [leaf.grad, *(number.grad for number in camera.parameters.values())]
+            pulled.append([0.0 if number is None else number.cpu().numpy() for number in numbers])
+        for ours, theirs in zip(*pulled, strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-8 * max(np.abs(theirs).max(), 1.0))
+
+
+@on_card
+def test_cameras_without_gradients_of_their_own_have_them_on_a_card_too():
+    camera, sensor = (differentiable(others()[1], ("focal",), device=device) for device in ("cpu", CARD)), others()[1]
+    what = asked(sensor, 60)["project"]
+    there = what[sensor.project(what).valid][:8]
+    rates = []
+    for one in camera:
+        leaf = torch.from_numpy(there).to(one.device).requires_grad_()
+        one.project(leaf).pixels.sum().backward()
+        rates.append([leaf.grad.cpu().numpy(), *(float(number.grad) for number in one.parameters.values())])
+    for ours, theirs in zip(*rates, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+
+
+@on_card
+def test_what_is_out_of_view_does_not_spoil_gradients_on_a_card():
+    camera = differentiable(replace(SPH, lens=LENS), ("shape", "tilt", "distortion"), device=CARD)
+    far = [[1e3, 0, 0], [0, 0, 500.0], [0, 0, 20.0], [np.nan, 0, 0], [np.inf, 1, 1], [0, 0, 1], [0, 0, -1e3]]
+    points = torch.tensor(far, dtype=torch.float64, device=CARD, requires_grad=True)
+    pixels = torch.tensor([[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64, device=CARD)
+    found, rays = camera.project(points), camera.backproject(pixels.requires_grad_())
+    assert found.valid.tolist() == [True, False, False, False, False, False, True]
+    assert rays.valid.tolist() == [False, True, False, False]
+    (found.pixels.sum() + rays.origins.sum() + rays.directions.sum()).backward()
+    assert all(torch.isfinite(leaf.grad).all() for leaf in (points, pixels, *camera.parameters.values()))
+    assert not points.grad[1:6].any()
+
+
+@on_card
+def test_a_view_on_a_card_is_the_straightened_picture():
+    picture = om.take_picture(SPH, om.Room(texel_mm=20.0), samples=1)
+    ahead = om.screens.Plane((160, 120), hfov_deg=70.0, tilt_deg=-10.0)
+    tensor = torch.from_numpy(picture.copy()).permute(2, 0, 1).to(CARD, torch.float64)[None]
+    camera = differentiable(SPH, device=CARD)
+    view = torch.nn.functional.grid_sample(tensor, camera.view_grid(ahead)[None], align_corners=False)
+    assert np.abs(view[0].permute(1, 2, 0).cpu().numpy() - om.Dewarper(SPH, ahead, "linear")(picture)).max() <= 1.01
+
+
+@on_card
+def test_a_sensor_is_learned_on_a_card():
+    drawn = om.load_sensor("paper-equidistant")
+    built = replace(drawn, mirror_pose=MirrorPose(0.4, -0.3, 0.0, 0.5, -0.7))
+    camera = differentiable(drawn, ("decentre", "tilt"), device=CARD)
+    points = asked(drawn, 400)["project"]
+    truth = built.project(points)
+    inside = truth.valid & (np.linalg.norm(truth.pixels - 511.5, axis=1) < 470)
+    points, pixels = (torch.from_numpy(array[inside]).to(CARD) for array in (points, truth.pixels))
+    search = torch.optim.LBFGS(camera.parameters.values(), max_iter=200, line_search_fn="strong_wolfe", history_size=30)
+
+    def missed():
+        search.zero_grad()
+        found = camera.project(points)
+        loss = ((found.pixels - pixels)[found.valid] ** 2).mean()
+        loss.backward()
+        return loss
+
+    for _ in range(2):
+        search.step(missed)
+    assert camera.sensor.mirror_pose.tilt_y_deg == pytest.approx(-0.7, abs=2e-3)
+
+
+@on_card
+def test_what_is_asked_from_elsewhere_is_refused_in_a_sentence():
+    points = torch.ones(3, 3, dtype=torch.float64)
+    for asks, camera in ((points.to(CARD), differentiable(SPH)), (points, differentiable(SPH, device=CARD))):
+        with pytest.raises(InvalidParameter, match=r"both have to be on one device: differentiable\(\.\., device="):
+            camera.project(asks)
+    with pytest.raises(InvalidParameter, match="'cuda:99' is none that PyTorch can use here"):
+        differentiable(SPH, device="cuda:99")
