@@ -20,15 +20,14 @@ from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
 from ..sensor import Sensor
 from .sensor_file import (
-    BUNDLED,
-    bundled_sensors,
+    find,
     format_sensor,
     mount_table,
     sensor_of,
     uncertainty_of,
     uncertainty_table,
 )
-from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, validated
+from .tables import Places, StandTable, Table, check_entries, class_of, validated
 
 AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
@@ -68,14 +67,7 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     ...     om.load_camera(f"{folder}/mine.toml") == camera
     True
     """
-    path = file_name("name_or_path", name_or_path)
-    if not path.is_file() and str(name_or_path) in bundled_sensors():
-        path = BUNDLED / f"{name_or_path}.toml"
-    hint = did_you_mean(str(name_or_path), bundled_sensors())
-    absent = (
-        f"there is no sensor file, camera file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
-        f"{', '.join(bundled_sensors())}"
-    )
+    path, absent = find("sensor file, camera file", name_or_path)
     return parse_camera(read_text(path, "camera file", SpecError, absent), str(path), path.parent)
 
 

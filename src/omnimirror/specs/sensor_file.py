@@ -77,16 +77,23 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     >>> sensor.mirror.KIND, round(sensor.field_deg[1], 3)
     ('sphere', 135.005)
     """
-    path = file_name("name_or_path", name_or_path)
-    if not path.is_file() and str(name_or_path) in bundled_sensors():
-        path = BUNDLED / f"{name_or_path}.toml"
-    hint = did_you_mean(str(name_or_path), bundled_sensors())
-    absent = (
-        f"there is no sensor file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
-        f"{', '.join(bundled_sensors())}"
-    )
+    path, absent = find("sensor file", name_or_path)
     text = read_text(path, "sensor file", SpecError, absent)
     return parse_sensor(text, source=str(path), folder=path.parent)
+
+
+def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
+    """Where a file of such kinds or a bundled sensor is, and what is said if there is none.
+
+    >>> find("sensor file", "paper-spherical")[0].name
+    'paper-spherical.toml'
+    """
+    path, bundled = file_name("name_or_path", name_or_path), bundled_sensors()
+    if not path.is_file() and str(name_or_path) in bundled:
+        path = BUNDLED / f"{name_or_path}.toml"
+    hint = did_you_mean(str(name_or_path), bundled)
+    others = f"{hint} Bundled are" if hint else "; bundled are"
+    return path, f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}"
 
 
 @checked
