@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,9 +155,9 @@ def test_without_pytorch_one_is_told_what_to_install(monkeypatch):
 def test_only_sensors_have_free_parameters():
     camera = om.Unified(0.9, (30.0, 30.0), (31.5, 23.5), (64, 48))
     with pytest.raises(InvalidParameter, match="a Unified is taken as it is"):
-        differentiable(camera, "focal", dtype=float)
+        differentiable(camera, "focal")
     with pytest.raises(InvalidParameter, match="is no parameter"):
-        differentiable(replace(om.load_sensor("paper-spherical")), "radius", dtype=float)
+        differentiable(om.load_sensor("paper-spherical"), "radius")
 
 
 def _library():

@@ -12,10 +12,11 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.torch import differentiable
 from tests.conftest import sensor_of
-from tests.full.test_torch import FREE, LENS, PAIRS, POSE, SPH, asked, others
+
+torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")
+from tests.full.test_torch import FREE, LENS, PAIRS, POSE, SPH, asked, others  # noqa: E402
 
 pytestmark = pytest.mark.full
-torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")
 
 on_card = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no graphics card here")
 CARD = "cuda"

@@ -67,15 +67,15 @@ def differentiable(
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     words = (free,) if isinstance(free, str) else tuple(free)
-    dtype = _precision(dtype)
-    device = _found(device, dtype)
     if words and not isinstance(camera, Sensor):
         raise InvalidParameter(f"free = {words!r} is valid for sensors; a {type(camera).__name__} is taken as it is")
+    names = free_names(camera, words) if isinstance(camera, Sensor) and words else ()
+    dtype = _precision(dtype)
+    device = _found(device, dtype)
     parameters = {}
-    if isinstance(camera, Sensor) and words:
-        for name in free_names(camera, words):
-            value = value_of(camera, place_of(camera, name))
-            parameters[name] = torch.tensor(value, dtype=dtype, device=device, requires_grad=True)
+    for name in names:
+        value = value_of(camera, place_of(camera, name))  # type: ignore[arg-type]  # a sensor, as was just found
+        parameters[name] = torch.tensor(value, dtype=dtype, device=device, requires_grad=True)
     kind = MirrorCamera if isinstance(camera, Sensor) and _is_plain(camera) else OtherCamera
     return kind(camera, parameters, dtype, device)  # type: ignore[arg-type]  # a sensor, as was just found
 
