@@ -31,6 +31,8 @@ PAIRS = [
     if lens == "perspective" or kind in ("sphere", "paraboloid", "even-polynomial")
 ]
 LENS = replace(SPH.lens, k1=-0.8, k2=3.0, p1=0.004, p2=-0.003)
+on_card = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no graphics card here")
+DEVICES = ["cpu", pytest.param("cuda", marks=on_card)]
 FREE = {
     "sphere": "shape",
     "hyperboloid": "shape",
@@ -198,16 +200,17 @@ def ahead_targets(screen) -> np.ndarray:
     return screen.targets_at(*np.meshgrid(np.arange(screen.size[0], dtype=float), np.arange(float(screen.size[1]))))
 
 
-def test_a_sensor_is_learned_from_where_points_appear():
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_sensor_is_learned_from_where_points_appear(device):
     """As a network would: by steps along gradients, from a wrong sensor to the one that took the pictures."""
     drawn = om.load_sensor("paper-equidistant")  # a tilted ball would be one that is decentred
     lens = replace(drawn.lens, focal_length_mm=11.68)
     built = replace(drawn, lens=lens, mirror_pose=MirrorPose(0.4, -0.3, 0.0, 0.5, -0.7))
-    camera = differentiable(drawn, ("focal", "decentre", "tilt"))
+    camera = differentiable(drawn, ("focal", "decentre", "tilt"), device=device)
     points = asked(drawn, 400)["project"]
     truth = built.project(points)
     inside = truth.valid & (np.linalg.norm(truth.pixels - 511.5, axis=1) < 470)
-    points, pixels = torch.from_numpy(points[inside]), torch.from_numpy(truth.pixels[inside])
+    points, pixels = (torch.from_numpy(rows[inside]).to(device) for rows in (points, truth.pixels))
     search = torch.optim.LBFGS(camera.parameters.values(), max_iter=200, line_search_fn="strong_wolfe", history_size=30)
 
     def missed():
@@ -224,16 +227,18 @@ def test_a_sensor_is_learned_from_where_points_appear():
     assert camera.sensor.lens.focal_length_mm == pytest.approx(11.68, abs=2e-3)
 
 
-def test_what_is_out_of_view_does_not_spoil_gradients():
-    camera = differentiable(replace(SPH, lens=LENS), ("shape", "tilt", "distortion"))
+@pytest.mark.parametrize("device", DEVICES)
+def test_what_is_out_of_view_does_not_spoil_gradients(device):
+    camera = differentiable(replace(SPH, lens=LENS), ("shape", "tilt", "distortion"), device=device)
     points = torch.tensor(
         [[1e3, 0, 0], [0, 0, 500.0], [0, 0, 20.0], [np.nan, 0, 0], [np.inf, 1, 1], [0, 0, 1], [0, 0, -1e3]],
         dtype=torch.float64,
+        device=device,
         requires_grad=True,
     )
     found = camera.project(points)
     assert found.valid.tolist() == [True, False, False, False, False, False, True]
-    pixels = torch.tensor([[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64)
+    pixels = torch.tensor([[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64, device=device)
     rays = camera.backproject(pixels.requires_grad_())
     assert rays.valid.tolist() == [False, True, False, False]
     (found.pixels.sum() + rays.origins.sum() + rays.directions.sum()).backward()

@@ -14,11 +14,10 @@ from omnimirror.torch import differentiable
 from tests.conftest import sensor_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")
-from tests.full.test_torch import FREE, LENS, PAIRS, POSE, SPH, asked, others  # noqa: E402
+from tests.full.test_torch import FREE, LENS, PAIRS, POSE, SPH, asked, on_card, others  # noqa: E402
 
 pytestmark = pytest.mark.full
 
-on_card = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no graphics card here")
 CARD = "cuda"
 
 
@@ -90,20 +89,6 @@ def test_cameras_without_gradients_of_their_own_have_them_on_a_card_too():
 
 
 @on_card
-def test_what_is_out_of_view_does_not_spoil_gradients_on_a_card():
-    camera = differentiable(replace(SPH, lens=LENS), ("shape", "tilt", "distortion"), device=CARD)
-    far = [[1e3, 0, 0], [0, 0, 500.0], [0, 0, 20.0], [np.nan, 0, 0], [np.inf, 1, 1], [0, 0, 1], [0, 0, -1e3]]
-    points = torch.tensor(far, dtype=torch.float64, device=CARD, requires_grad=True)
-    pixels = torch.tensor([[0.0, 0.0], [300.0, 500.0], [np.nan, 1.0], [5e6, 0.0]], dtype=torch.float64, device=CARD)
-    found, rays = camera.project(points), camera.backproject(pixels.requires_grad_())
-    assert found.valid.tolist() == [True, False, False, False, False, False, True]
-    assert rays.valid.tolist() == [False, True, False, False]
-    (found.pixels.sum() + rays.origins.sum() + rays.directions.sum()).backward()
-    assert all(torch.isfinite(leaf.grad).all() for leaf in (points, pixels, *camera.parameters.values()))
-    assert not points.grad[1:6].any()
-
-
-@on_card
 def test_a_view_on_a_card_is_the_straightened_picture():
     picture = om.take_picture(SPH, om.Room(texel_mm=20.0), samples=1)
     ahead = om.screens.Plane((160, 120), hfov_deg=70.0, tilt_deg=-10.0)
@@ -111,29 +96,6 @@ def test_a_view_on_a_card_is_the_straightened_picture():
     camera = differentiable(SPH, device=CARD)
     view = torch.nn.functional.grid_sample(tensor, camera.view_grid(ahead)[None], align_corners=False)
     assert np.abs(view[0].permute(1, 2, 0).cpu().numpy() - om.Dewarper(SPH, ahead, "linear")(picture)).max() <= 1.01
-
-
-@on_card
-def test_a_sensor_is_learned_on_a_card():
-    drawn = om.load_sensor("paper-equidistant")
-    built = replace(drawn, mirror_pose=MirrorPose(0.4, -0.3, 0.0, 0.5, -0.7))
-    camera = differentiable(drawn, ("decentre", "tilt"), device=CARD)
-    points = asked(drawn, 400)["project"]
-    truth = built.project(points)
-    inside = truth.valid & (np.linalg.norm(truth.pixels - 511.5, axis=1) < 470)
-    points, pixels = (torch.from_numpy(array[inside]).to(CARD) for array in (points, truth.pixels))
-    search = torch.optim.LBFGS(camera.parameters.values(), max_iter=200, line_search_fn="strong_wolfe", history_size=30)
-
-    def missed():
-        search.zero_grad()
-        found = camera.project(points)
-        loss = ((found.pixels - pixels)[found.valid] ** 2).mean()
-        loss.backward()
-        return loss
-
-    for _ in range(2):
-        search.step(missed)
-    assert camera.sensor.mirror_pose.tilt_y_deg == pytest.approx(-0.7, abs=2e-3)
 
 
 @on_card
