@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omnimirror import files
 from omnimirror.errors import OmnimirrorError
 from omnimirror.files import LARGEST_TEXT, read_bytes, read_text, replacing, write_text
 
@@ -31,6 +32,43 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
         stop_half_way()
     assert path.read_text() == "first"
     assert [p.name for p in path.parent.iterdir()] == ["table.csv"]
+
+
+class _Stop:
+    """Raises at the so many-th line that is run in the room of files, as a signal's handler may."""
+
+    def __init__(self, moment: int) -> None:
+        self.left = moment
+
+    def __call__(self, frame, event, _):
+        if frame.f_code.co_filename != files.__file__:
+            return None
+        if event == "line":
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+        return self
+
+
+def test_a_signal_at_any_moment_leaves_one_whole_file_and_nothing_beside_it(tmp_path):
+    path = tmp_path / "table.csv"
+    moments = []
+    for moment in range(1, 1000):
+        path.write_text("first")
+        stop, before = _Stop(moment), sys.gettrace()
+        sys.settrace(stop)
+        try:
+            write_text(path, "second")
+        except KeyboardInterrupt:
+            moments.append(path.read_text())
+        finally:
+            sys.settrace(before)
+        assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
+        if stop.left > 0:
+            break
+    assert path.read_text() == "second"
+    assert len(moments) > 30
+    assert set(moments) == {"first", "second"}  # before the new one took its place, and after that
 
 
 def test_permissions_are_those_of_any_new_file(tmp_path):

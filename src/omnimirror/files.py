@@ -146,8 +146,10 @@ def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> It
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a folder, and a file name is needed")
     _remove_leftovers(target, rescue or (lambda leftover: None))
-    handle, temporary = _new_beside(target)
-    try:
+    temporary = target.with_name(f"{_prefix(target)}{os.urandom(4).hex()}{target.suffix}")
+    handle = None
+    try:  # from before it is there: a signal may come at any moment, and is raised as an exception
+        handle = _made_and_locked(temporary)
         yield temporary
         os.chmod(temporary, _permissions(target))
         os.replace(temporary, target)
@@ -156,7 +158,8 @@ def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> It
             temporary.unlink()
         raise
     finally:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
 
 
 @contextmanager
@@ -224,16 +227,17 @@ def _prefix(target: Path) -> str:
     return f".{target.stem.encode('ascii', 'ignore').decode()[:60]}{MARK}"
 
 
-def _new_beside(target: Path) -> tuple[int, Path]:
-    """A new file beside a target, locked for as long as its handle is open."""
+def _made_and_locked(temporary: Path) -> int | None:
+    """Make a file that only its owner reads; it is locked for as long as the handle is open."""
     while True:
-        handle, name = tempfile.mkstemp(prefix=_prefix(target), suffix=target.suffix, dir=target.parent)
-        if sys.platform == "win32":
-            return handle, Path(name)
+        handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        if sys.platform == "win32":  # where a file that is open cannot be renamed
+            os.close(handle)
+            return None
         with suppress(OSError):  # a file system without locks: see _remove_leftovers
             fcntl.flock(handle, fcntl.LOCK_EX)
-        if os.path.exists(name):
-            return handle, Path(name)
+        if os.path.exists(temporary):
+            return handle
         os.close(handle)  # another run took it for a leftover before it was locked
 
 
