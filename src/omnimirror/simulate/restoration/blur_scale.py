@@ -4,6 +4,10 @@ Told too little blur, restoring gains less; told too much, it harms. Too much sh
 unexplained grows evenly with the blur that is taken out, up to that of the picture, and faster beyond. So a few shares
 of the blur are tried, on two strips through the axis and with few steps.
 
+Large blur on few pixels, which show little of its shape, leaves over more at some radii as if it were told too large:
+the bend counts that half of the radii have, once the mean of all says that there is one. And where all shares are too
+large, it grows evenly again, but much.
+
 Where it hardly grows at all and is more than noise, there is little to be seen but noise and texture as faint: such a
 picture would not show that its blur was told too large, gains little by the right one, and is harmed by more. There
 less is taken out. A plain picture does not show it either, but what is left is its noise: no texture could be harmed.
@@ -14,8 +18,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.lazy import cached_property
 from .blur_problem import BlurProblem
-from .deconvolution import Effort
+from .deconvolution import LARGE, Effort
 from .noise import Noise
 from .round_blur import RoundBlur
 
@@ -27,10 +32,12 @@ BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of 
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
 LEAST_SHARE = 0.3
+MUCH = 1.3  # times what the least share of large blur leaves over, by the most: all are too large
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
+LEAST = 1e-4  # of what is left over
 BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half its width, of the picture; what ends at its edge does not count
 
@@ -56,8 +63,8 @@ class BlurScale:
 
         Notes
         -----
-        Right to a tenth or two where there are edges; blur told up to a tenth too large is not seen. For a picture full
-        of texture that hides it, 0.85.
+        Right to a tenth or two where there are edges; blur told up to a fifth too large is not always seen. For a
+        picture full of texture that hides it, 0.85.
         """
         noise = noise.at_least(LEAST_NOISE)
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
@@ -67,16 +74,32 @@ class BlurScale:
             seen = (left > 0).all(axis=0)
             if not seen.any():
                 return share
-            grown = (left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1)
-            first, second = np.diff(grown, 2)
-            bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
-            is_spread = share < 1 and min(first, second) > 0 and first + second > SPREAD
-            if bends.max() < limit and not is_spread:
-                is_unseen = grown[-1] < 1 + GROWTH and (noise.kind == "JPEG" or left[0, seen].mean() > EXPLAINED)
+            grown = (left / np.maximum(left[:1], LEAST))[:, seen]
+            bend = self._bend(grown, limit, is_lowered=share < 1)
+            if bend is None:
+                is_faint = grown[-1].mean() < 1 + GROWTH
+                is_unseen = is_faint and (noise.kind == "JPEG" or left[0, seen].mean() > EXPLAINED)
                 return UNSEEN_SHARE if share == 1 and is_unseen else share
-            share *= SHARES[1 + int(np.argmax(bends))]
+            share *= SHARES[1 + bend]
             limit = max(limit, BEND_AGAIN)
         return share
+
+    def _bend(self, grown: Array, limit: float, *, is_lowered: bool) -> int | None:
+        """Which of the middle shares what is left over, (shares, bands), bends at, if it does."""
+        of_mean = _bend_of(grown.mean(axis=1), limit, is_lowered)
+        if not self._is_large:
+            return of_mean
+        most = np.median(grown, axis=1)
+        of_most = _bend_of(most, limit, is_lowered)
+        if is_lowered:
+            return 0 if of_most is None and most[-1] > MUCH else of_most
+        if of_mean is None:
+            return 0 if grown[-1].mean() > MUCH else None
+        return len(SHARES) - 2 if of_most is None else max(of_mean, of_most)
+
+    @cached_property
+    def _is_large(self) -> bool:
+        return any(problem.effort is LARGE for problem in self._problems(SHARES[-1]))
 
     def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
         """Root of the mean square (bands,) of what is left over, over noise, by the radius; 0 where none is seen."""
@@ -101,6 +124,14 @@ class BlurScale:
             if share in SHARES:
                 self._prepared[share] = found
         return found
+
+
+def _bend_of(grown: Array, limit: float, is_lowered: bool) -> int | None:
+    """The same of one value for each share."""
+    first, second = np.diff(grown, 2)
+    bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
+    is_spread = is_lowered and min(first, second) > 0 and first + second > SPREAD
+    return int(np.argmax(bends)) if bends.max() >= limit or is_spread else None
 
 
 def _strips(known: RoundBlur, half: int) -> list[tuple[slice, slice]]:
