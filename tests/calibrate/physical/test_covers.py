@@ -26,14 +26,16 @@ def test_images_are_projections_and_derivatives_are_differences(shell, distant):
     world = points @ sensor.mount.rotation().T
     shown = (sensor.project_directions if distant else sensor.project)(world)
     np.testing.assert_allclose(image.pixels[shown.valid], shown.pixels[shown.valid], atol=1e-9)
+    points = points[image.valid]  # where the others are seen is looked for in vain, for long
+    image = model.image(points, distant=distant)
     values = np.array([p.value for p in model.parameters])
     for k, parameter in enumerate(model.parameters):
         step = 1e-3 * parameter.scale * np.eye(len(values))[k]
         up, down = (model.with_parameters(values + s * step).image(points, distant=distant) for s in (1, -1))
         rate = (up.pixels - down.pixels) / (2e-3 * parameter.scale)
-        error = np.abs(rate - image.d_parameters[:, :, k])[image.valid] * parameter.scale
+        error = np.abs(rate - image.d_parameters[:, :, k]) * parameter.scale
         assert np.nanmax(error) < 1e-7, parameter.name
     for k, axis in enumerate(np.eye(3)):
         up, down = (model.image(points + s * 0.01 * axis, distant=distant) for s in (1, -1))
-        error = np.abs((up.pixels - down.pixels) / 0.02 - image.d_points[:, :, k])[image.valid]
+        error = np.abs((up.pixels - down.pixels) / 0.02 - image.d_points[:, :, k])
         assert np.nanmax(error) < 1e-6

@@ -56,6 +56,11 @@ def middle(names):
     return names[len(names) // 2 : len(names) // 2 + 3]
 
 
+def shown(model, points, distant):
+    """Those that the sensor shows; where the others are seen on a cone is looked for in vain, for long."""
+    return points[model.image(points, distant=distant).valid]
+
+
 @pytest.mark.parametrize("distant", [False, True])
 def test_it_shows_what_the_sensor_shows(sensor, distant):
     points = some_points()
@@ -73,7 +78,8 @@ DERIVED = ["conic-asphere", "equidistant", "ellipsoid", "even-polynomial", "slop
 @pytest.mark.parametrize("distant", [False, True])
 @pytest.mark.parametrize("name", [f"{kind}-misaligned" for kind in DERIVED] + ["distorted", "flipped", "telecentric"])
 def test_derivatives_by_parameters_are_differences(name, distant):
-    model, points = all_free(SENSORS[name]), some_points(24)
+    model = all_free(SENSORS[name])
+    points = shown(model, some_points(24), distant)
     image = model.image(points, distant=distant)
     values = np.array([p.value for p in model.parameters])
     for k, parameter in enumerate(model.parameters):
@@ -94,7 +100,7 @@ def test_derivatives_by_parameters_are_differences(name, distant):
 def test_derivatives_by_points_are_differences(name, distant):
     sensor = SENSORS[name]
     model = om.SensorModel(sensor)
-    points = some_points(24) * (1e-3 if distant else 1.0)  # directions of lengths about 1
+    points = shown(model, some_points(24) * (1e-3 if distant else 1.0), distant)  # directions of lengths about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3
     for axis in np.eye(3):
         after, before = (model.image(points + s * h * axis, distant=distant) for s in (1, -1))
