@@ -92,6 +92,7 @@ def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_th
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
 
+@pytest.mark.full  # those of a known one, above, have their sigmas the same way
 def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     """Its distance and focal length were made up; what pictures do not say of them is told, and its sigma holds it."""
     design = om.load_sensor("paper-spherical")
@@ -115,6 +116,7 @@ def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     assert " mm (one standard deviation) shows nearly the same." in note
 
 
+@pytest.mark.full  # test_surveys has an unknown mirror found from fewer points
 def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
     pose = MirrorPose(1.0, -1.2, 0.0, 1.5, -0.8)
     truth = replace(om.load_sensor("paraboloid-telecentric"), mirror_pose=pose)

@@ -19,7 +19,10 @@ def moved(seen, numbers, shift):
     return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
 
 
-@pytest.mark.parametrize(("count", "numbers"), [(8, (4, 5, 6, 7)), (8, (1, 3, 4, 6)), (6, (0, 1, 2))])
+@pytest.mark.parametrize(
+    ("count", "numbers"),
+    [pytest.param(8, (4, 5, 6, 7), marks=pytest.mark.full), (8, (1, 3, 4, 6)), (6, (0, 1, 2))],
+)
 def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
     """A camera and poses take up nearly all of it, and the fit is hardly worse than the noise. One may be misjudged."""
     with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
@@ -34,7 +37,7 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
     assert min(len(told[0] ^ group) for group in groups) <= 1
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full)])
 def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
     """A ball has no one viewpoint: of a model that has, the centres of pictures scatter far beyond the noise."""
     seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 6 + 2 * seed, noise_px=NOISE_PX, seed=seed)

@@ -15,7 +15,11 @@ from tests.conftest import SHARED
 
 ENVIRONMENTS = SHARED / "environments" if SHARED.is_dir() else None
 KAIDAN = [f"KaidanOmni{k}.jpg" for k in range(1, 18)]
-FEW = ("KaidanOmni4.jpg", "KaidanOmni16.jpg")
+
+
+def few(every_day, of):
+    """All of them, of which the others are for the long run."""
+    return [pytest.param(one, marks=() if one in every_day else pytest.mark.full) for one in of]
 
 
 @cache
@@ -23,29 +27,34 @@ def composed(seed: int, mirror: bool = True) -> Photograph:
     return compose(seed, ENVIRONMENTS, mirror=mirror)
 
 
+@cache
+def found_in_kaidan(name: str) -> om.FoundRim:
+    return om.find_rim(om.read_image(SHARED / "kaidan_omni" / name))
+
+
 def is_rim_of_kaidan(rim: om.FoundRim) -> bool:
     """The ring of the mirror measures 222.6 to 224.3 px, its housing's 255 and 333."""
     return 222.0 < rim.radius_px < 225.0 and bool(np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in FEW else pytest.mark.full) for n in KAIDAN])
+@pytest.mark.parametrize("name", few(["KaidanOmni7.jpg"], KAIDAN))
 def test_the_mirror_in_its_housing(shared_data, name):
-    rim = om.find_rim(om.read_image(shared_data / "kaidan_omni" / name))
+    rim = found_in_kaidan(name)
     assert is_rim_of_kaidan(rim)
     assert rim.is_sure
 
 
 def test_several_pictures_of_one_sensor_agree(shared_data):
-    pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 9, 13)]
+    pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
     rim = om.find_rim(pictures)
     assert is_rim_of_kaidan(rim)
     assert rim.confidence > 0.9
-    assert len(rim.pictures) == 3
+    assert len(rim.pictures) == 2
 
 
 def test_the_camera_is_found_in_the_middle(shared_data):
     """It is black there, 53 px in radius about 325, 246, measured by hand."""
-    rim = om.find_rim(om.read_image(shared_data / "kaidan_omni" / "KaidanOmni7.jpg"))
+    rim = found_in_kaidan("KaidanOmni7.jpg")
     assert rim.inner is not None
     assert rim.inner.radius_px == pytest.approx(53, abs=3)
     assert rim.inner.centre_px == (pytest.approx(325, abs=3), pytest.approx(246, abs=3))
@@ -75,7 +84,7 @@ def test_a_picture_without_a_rim_is_not_sure(shared_data):
     assert not om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")).is_sure
 
 
-@pytest.mark.parametrize("seed", range(2000, 2008))
+@pytest.mark.parametrize("seed", few([2002, 2005], range(2000, 2008)))
 def test_composed_pictures(seed):
     """Never confidently wrong; how many are right the benchmark counts, over two hundred."""
     photograph = composed(seed)
@@ -84,12 +93,12 @@ def test_composed_pictures(seed):
     assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
 
 
-@pytest.mark.parametrize("seed", range(2000, 2004))
+@pytest.mark.parametrize("seed", few([2001, 2003], range(2000, 2004)))
 def test_what_is_behind_mirrors_is_none(seed):
     assert not om.find_rim(composed(seed, mirror=False).picture).is_sure
 
 
-@pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
+@pytest.mark.parametrize("way", few(["ball"], ["bare", "ball", "enclosed", "outdoors"]))
 def test_mirrors_in_surroundings_of_other_kinds(way):
     """Never confidently wrong; of seeds that were not learned from."""
     photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
@@ -97,7 +106,7 @@ def test_mirrors_in_surroundings_of_other_kinds(way):
     assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
 
 
-@pytest.mark.parametrize("seed", [3000, 3001])
+@pytest.mark.parametrize("seed", few([3001], [3000, 3001]))
 def test_plates_and_frames_are_no_mirrors(seed):
     assert not om.find_rim(rings(seed, ENVIRONMENTS).picture).is_sure
 

@@ -28,8 +28,8 @@ def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
 @pytest.mark.parametrize(
     ("name", "pose"),
     [
-        ("paper-spherical", MirrorPose(1.5, -1.0)),
-        ("paper-spherical", MirrorPose(1.5, -1.0, 0.0, 3.0, 4.0)),
+        pytest.param("paper-spherical", MirrorPose(1.5, -1.0), marks=pytest.mark.full),
+        pytest.param("paper-spherical", MirrorPose(1.5, -1.0, 0.0, 3.0, 4.0), marks=pytest.mark.full),
         ("prototype-hyperboloidal", MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0)),
     ],
 )

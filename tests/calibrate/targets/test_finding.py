@@ -71,7 +71,7 @@ def test_corners_run_clockwise_from_a_black_square(photograph):
     assert brightness[0] < 70 < brightness[1]
 
 
-@pytest.mark.parametrize("turns", range(4))
+@pytest.mark.parametrize("turns", [1, *(pytest.param(n, marks=pytest.mark.full) for n in (0, 2, 3))])
 def test_corners_are_the_same_however_the_picture_is_turned(turns):
     """10 x 7 squares can be told apart: by their colours, not by where they are."""
     picture = cv2.GaussianBlur(np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8)
@@ -141,11 +141,14 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
     assert om.find_board(margin, BOARD).used
 
 
-def test_a_checked_cloth_is_no_board(shared_data):
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "turn", [np.asarray, *(pytest.param(f, marks=pytest.mark.full) for f in (np.rot90, np.fliplr))]
+)
+def test_a_checked_cloth_is_no_board(turn, shared_data):
     """A mirror ball above it shows 11 x 7 of its corners whole, with others beside them."""
     picture = cv2.imread(str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4)
-    for turned in (picture, np.rot90(picture), picture[:, ::-1]):
-        assert not om.find_board(np.ascontiguousarray(turned), om.Board("chessboard", 11, 7)).used
+    assert not om.find_board(np.ascontiguousarray(turn(picture)), om.Board("chessboard", 11, 7)).used
 
 
 def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
