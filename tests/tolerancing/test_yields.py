@@ -34,7 +34,7 @@ def sensor():
 @pytest.fixture(scope="module")
 def judge(sensor):
     """Of few objects: the laws below hold for any."""
-    return Judge.of(sensor, angles=3, azimuths=6)
+    return Judge.of(sensor, angles=2, azimuths=3)
 
 
 def of(sensor, errors, correlations=None, distribution="normal"):

@@ -65,10 +65,10 @@ def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
     for name, asked in (("theta_max_deg", "12"), ("focal_length_mm", "14.0")):
         needed = alone[name].needed  # at which the imager is filled, and not beyond
         tried = [
-            design_sensor(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}")))
+            best(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}")))
             for value in (needed, needed * 1.005)
         ]
-        assert [design.is_met for design in tried] == [True, False]
+        assert [verdict.is_met for verdict in tried] == [True, False]
     far_px = 14.0 * np.tan(np.radians(12)) / (design.sensor.imager.pixel_pitch_um * 1e-3)  # focused at infinity
     assert far_px < alone["image_radius_px"].needed <= image.reached
 
@@ -204,7 +204,7 @@ def test_the_camera_hides_what_real_rays_show():
 def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
     """Its cap hides the last degrees: the field that is asked for is not reached, and limits end where it begins."""
     limit = '[[limit]]\nquantity = "total_blur_px"\nat_most = 100.0\n'
-    design = design_sensor(parse_requirements(COMMON + limit + "[housing.tube]\ndiameter_mm = 130.0\n"))
+    design = best(parse_requirements(COMMON + limit + "[housing.tube]\ndiameter_mm = 130.0\n"))
     sensor = design.sensor
     assert sensor.housing == Housing(shell=Tube(130.0))
     begins = next(ring.omega_deg[0] for ring in sensor.obscurations if ring.part == "tube's cap")

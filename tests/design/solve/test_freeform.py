@@ -124,18 +124,16 @@ def keeps_all(requirements):
     return solve(requirements, problem_of(requirements), starts=1)[1].verdict.is_met
 
 
-def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
+@pytest.mark.parametrize("most", [1, pytest.param(9, marks=pytest.mark.full)])
+def test_what_gives_alone_is_enough_and_no_more_than_needed(missed, most):
     """Each answer put into the requirements: kept with it, missed with a little less of it."""
     assert not missed.is_met
-    tried = 0
-    for r in missed.conflict.alone:
-        if r.needed is None or r.needed == r.asked:
-            continue
-        tried += 1
+    helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.asked)]
+    assert len(helpful) >= 3
+    for r in helpful[:most]:
         for share, keeps in ((1.01, True), (0.97, False)):
             changed = with_change(missed.requirements, r.name, r.asked + share * (r.needed - r.asked))
             assert keeps_all(changed) == keeps, (r, share)
-    assert tried >= 3
 
 
 def test_what_gives_jointly_is_enough(missed):
@@ -147,6 +145,7 @@ def test_what_gives_jointly_is_enough(missed):
     assert keeps_all(changed)
 
 
+@pytest.mark.full  # as of mirrors that are not optimised, of which each day has one
 def test_what_gives_jointly_has_to(missed):
     """Each put back to what was asked, the others as told: something is missed."""
     joint = missed.conflict.joint
