@@ -18,7 +18,11 @@ from tests.conftest import sensor_of
 
 NAMES = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal", "folded-spherical", "paraboloid-telecentric")
 SENSORS = [om.load_sensor(n) for n in NAMES]
-TABLE = om.compare(SENSORS)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return om.compare(SENSORS)
 
 
 @pytest.mark.parametrize(
@@ -34,27 +38,27 @@ TABLE = om.compare(SENSORS)
         ("length_mm", {"folded-spherical": pytest.approx(86 + 49.9582 - np.sqrt(49.9582**2 - 43.905**2))}),
     ],
 )
-def test_known_numbers_are_there(key, known):
-    row = dict(zip(NAMES, TABLE[key].values, strict=True))
+def test_known_numbers_are_there(table, key, known):
+    row = dict(zip(NAMES, table[key].values, strict=True))
     assert {name: row[name] for name in known} == known
 
 
-def test_the_worst_is_no_better_than_any_angle_of_the_evaluation():
+def test_the_worst_is_no_better_than_any_angle_of_the_evaluation(table):
     for i, sensor in enumerate(SENSORS):
         angles = om.evaluate(sensor, np.linspace(*sensor.field_deg, 50))
         for key in ("blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2"):
             worst = np.abs(getattr(angles, key)).max()
-            assert worst * (1 - 1e-12) <= TABLE[f"worst_{key}"].values[i] <= worst * 1.01
-        assert TABLE["best_focus_mm"].values[i] == om.best_focus(sensor).focus_mm
-        assert TABLE["best_focus_worst_floored_area_deg2"].values[i] <= TABLE["worst_floored_area_deg2"].values[i]
+            assert worst * (1 - 1e-12) <= table[f"worst_{key}"].values[i] <= worst * 1.01
+        assert table["best_focus_mm"].values[i] == om.best_focus(sensor).focus_mm
+        assert table["best_focus_worst_floored_area_deg2"].values[i] <= table["worst_floored_area_deg2"].values[i]
 
 
-def test_the_best_of_a_row_is_marked_and_nothing_where_none_is_better():
-    assert TABLE["field_to_deg"].best == [True, True, True, True, False]  # they read 135.0, and one 105.0
-    assert TABLE["length_mm"].best == [False, False, False, True, False]  # a telecentric lens stands anywhere
-    assert TABLE["length_mm"].texts[-1] == "–"
-    assert TABLE["dh_domega_ratio"].best == [False, True, False, False, False]
-    assert not any(TABLE["focus_mm"].best)
+def test_the_best_of_a_row_is_marked_and_nothing_where_none_is_better(table):
+    assert table["field_to_deg"].best == [True, True, True, True, False]  # they read 135.0, and one 105.0
+    assert table["length_mm"].best == [False, False, False, True, False]  # a telecentric lens stands anywhere
+    assert table["length_mm"].texts[-1] == "–"
+    assert table["dh_domega_ratio"].best == [False, True, False, False, False]
+    assert not any(table["focus_mm"].best)
     assert not any(om.compare([SENSORS[0]])["field_to_deg"].best)
 
 
@@ -63,14 +67,14 @@ def test_every_kind_of_mirror_can_be_compared(any_sensor):
     assert np.isnan(values).sum() == any_sensor.lens.TELECENTRIC
 
 
-def test_files_hold_every_number_exactly(tmp_path):
-    TABLE.to_csv(tmp_path / "t.csv")
-    TABLE.to_json(tmp_path / "t.json")
+def test_files_hold_every_number_exactly(table, tmp_path):
+    table.to_csv(tmp_path / "t.csv")
+    table.to_json(tmp_path / "t.json")
     header, *lines = csv.reader((tmp_path / "t.csv").read_text(encoding="utf-8").splitlines())
     assert header == ["quantity", *NAMES]
     sensors = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
     assert [s["name"] for s in sensors] == list(NAMES)
-    for row, line in zip(TABLE.rows, lines, strict=True):
+    for row, line in zip(table.rows, lines, strict=True):
         assert line[0] == row.name
         for value, cell, sensor in zip(row.values, line[1:], sensors, strict=True):
             if isinstance(value, str):
@@ -86,7 +90,12 @@ def test_sensors_of_one_name_are_told_apart():
 
 
 @pytest.mark.parametrize(
-    "name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant", "paraboloid-telecentric"]
+    "name",
+    [
+        "paper-hyperboloidal",
+        "paraboloid-telecentric",
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("paper-spherical", "paper-equidistant")),
+    ],
 )
 def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
     """Of a mirror that is out of place by a nanometre: rays in space against the closed formulas of one meridian."""
@@ -149,10 +158,14 @@ def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
     assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
 
 
+def test_what_is_on_the_axis_still_has_no_note():
+    assert om.compare([replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))]).notes == ()
+
+
+@pytest.mark.full  # rays in space over a mirror with a form error; the notes above and below are made the same way
 def test_a_note_says_what_is_out_of_order_and_nothing_else():
     bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
-    forward = replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))  # is on the axis still
-    assert om.compare([bent, forward]).notes == (
+    assert om.compare([bent]).notes == (
         "bent: its mirror has a form error; it is compared over its whole picture, at all azimuths.",
     )
 
@@ -165,10 +178,10 @@ def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_th
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
-def test_too_many_or_unknown_is_refused():
+def test_too_many_or_unknown_is_refused(table):
     with pytest.raises(InvalidParameter, match="7 sensors do not fit side by side; 1 to 6 are valid"):
         om.compare([SENSORS[0]] * 7)
     with pytest.raises(InvalidParameter, match="0 sensors"):
         om.compare([])
     with pytest.raises(InvalidParameter, match="'speed' is not compared; valid are mirror, "):
-        TABLE["speed"]
+        table["speed"]

@@ -17,6 +17,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.numerics.minimisation import lowest
+from omnimirror.specs import bundled_sensors
 from tests.conftest import sensor_of
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
@@ -183,8 +184,15 @@ def test_the_tip_of_a_cone_has_no_best_focus():
         om.best_focus(cone, "worst_blur_deg", omega_deg=[cone.field_deg[0], cone.field_deg[1]])
 
 
-def test_no_focus_on_a_fine_grid_is_better_than_the_best(bundled):
+EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()]
+)
+def test_no_focus_on_a_fine_grid_is_better_than_the_best(name):
     """The search for each merit against plain enumeration of evaluations."""
+    bundled = om.load_sensor(name)
     angles = np.linspace(*bundled.field_deg, 1001)
     shares = cap_shares(np.radians(angles))
 

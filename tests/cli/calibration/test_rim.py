@@ -14,13 +14,17 @@ from tests.commands import fails, omnimirror
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Two pictures of one sensor, and one of nothing."""
+    """Two pictures of one sensor, a small one of a rim that is found at once, and one of nothing."""
     folder = tmp_path_factory.mktemp("rims")
     for turn in (0.0, 90.0):
         scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
         om.write_image(
             folder / f"room{turn:.0f}.png", om.take_picture(om.load_sensor("paper-spherical"), scene, samples=1)
         )
+    v, u = np.mgrid[:200, :260]
+    away, turn = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
+    disc = np.clip(80.5 - away, 0, 1) * (110 + 80 * np.tanh(6 * np.sin(11 * turn))) + 12
+    om.write_image(folder / "disc.png", disc.astype(np.uint8))
     om.write_image(folder / "nothing.png", np.full((200, 300, 3), 90, np.uint8))
     return folder
 
@@ -75,7 +79,7 @@ def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
 
 
 def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
-    run = omnimirror("dewarp", folder / "room0.png", "--auto", "-o", tmp_path / "view.png")
+    run = omnimirror("dewarp", folder / "disc.png", "--auto", "-o", tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
     assert "taken for one-shot" in run.stderr
     assert "name another with --mirror" in run.stderr
@@ -104,7 +108,7 @@ def test_what_auto_refuses(folder, tmp_path):
     assert "--ball tells it" in fails("dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view)
     assert "--mirror belongs to --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
     assert "presets of common mirrors are one-shot" in fails(
-        "dewarp", folder / "room0.png", "--auto", "--mirror", "bal", "-o", view
+        "dewarp", folder / "disc.png", "--auto", "--mirror", "bal", "-o", view
     )
 
 
@@ -119,6 +123,6 @@ def test_what_auto_refuses(folder, tmp_path):
 )
 def test_what_auto_refuses_of_other_options_is_all_that_it_says(options, sentence, folder, tmp_path):
     output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
-    said = fails("dewarp", folder / "room0.png", "--auto", *options, *output)
+    said = fails("dewarp", folder / "disc.png", "--auto", *options, *output)
     assert sentence in said
     assert "rim of" not in said
