@@ -254,6 +254,20 @@ def workers_at(address):
         return len(client.nthreads())
 
 
+def test_a_cluster_counts_what_one_run_in_memory_counts(plan, expected, tmp_path):
+    from distributed import LocalCluster
+
+    quiet = {"processes": False, "n_workers": 0, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(**quiet) as cluster:
+        with pytest.raises(OmnimirrorError, match="has no workers"):
+            counted(plan, tmp_path, scheduler=cluster.scheduler_address)
+        cluster.scale(1)
+        cluster.wait_for_workers(1)
+        assert_same(counted(plan, tmp_path, scheduler=cluster.scheduler_address), expected)
+    assert len(stamps(tmp_path)) == 5
+
+
+@pytest.mark.full  # four processes that import everything
 @pytest.mark.long
 def test_a_cluster_whose_processes_are_killed_loses_and_doubles_nothing(plan, expected, tmp_path, gates):
     folder = tmp_path / "trials"
