@@ -98,7 +98,7 @@ EVERY_DAY = ("viewpoint-spline", "a fisheye", "sensor")
     "name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in CALIBRATED]
 )
 def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
-    """Its picture of far things, straightened, beside the scene itself in each direction of the view."""
+    """Its picture of far things, straightened, beside the scene itself in each direction of the view, one in nine."""
     camera, room = CALIBRATED[name], Distant(ROOM)
     sizes = {"ground": (200, 200), "perspective": (320, 180)}
     taken = om.take_picture(camera, room, samples=4)
@@ -106,8 +106,8 @@ def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
         options = {"height_mm": 800.0} if kind == "ground" else {}
         options |= {"size": sizes[kind]} if kind in sizes else {}
         screen = om.views.VIEWS[kind](camera, **options)
-        shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)
-        u, v = np.meshgrid(*(np.arange(n, dtype=float) for n in screen.size))
+        shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)[::3, ::3]
+        u, v = np.meshgrid(*(np.arange(0.0, n, 3.0) for n in screen.size))
         seen = np.isfinite(camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0])
         if kind == "ground" and not screen.is_distant:  # points, which a mirror of several viewpoints sees elsewhere
             seen &= name not in ("viewpoint-spline", "sensor")

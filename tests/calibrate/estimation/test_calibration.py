@@ -23,7 +23,7 @@ def calibrated(seen, **more):
 
 
 def test_the_camera_is_found_without_a_guess():
-    found = calibrated(detections())
+    found = calibrated(detections(count=8))
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
     assert all(p.used and p.reason is None for p in found.pictures)
@@ -80,7 +80,7 @@ def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
 
 def test_a_fisheye_is_chosen_among_models_without_a_mirror():
     truth = om.KannalaBrandt((150.0, 150.0), (322.0, 238.0), SIZE, k1=0.02, k2=-0.004)
-    found = calibrated(detections(truth, 7), model="auto", optics="fisheye", board_shape=False)
+    found = calibrated(detections(truth, 5), model="auto", optics="fisheye", board_shape=False)
     assert "sensor" not in {tried.kind for tried in found.candidates}
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
 
