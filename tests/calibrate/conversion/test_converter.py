@@ -127,7 +127,9 @@ def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
     assert (exact.target, exact.exact) == ("kalibr-equi", True)
 
 
-@pytest.mark.parametrize("to", ["opencv-omnidir", "kalibr-ds", "ocamcalib"])
+@pytest.mark.parametrize(
+    "to", ["ocamcalib", *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds"))]
+)
 def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
     """The real rays of the sensor at each distance, against the file's one viewpoint where it was put."""
     far = (500, 3000, np.inf)

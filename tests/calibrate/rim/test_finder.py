@@ -84,7 +84,7 @@ def test_a_picture_without_a_rim_is_not_sure(shared_data):
     assert not om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")).is_sure
 
 
-@pytest.mark.parametrize("seed", few([2002, 2005], range(2000, 2008)))
+@pytest.mark.parametrize("seed", few([2005], range(2000, 2008)))
 def test_composed_pictures(seed):
     """Never confidently wrong; how many are right the benchmark counts, over two hundred."""
     photograph = composed(seed)
@@ -93,7 +93,7 @@ def test_composed_pictures(seed):
     assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
 
 
-@pytest.mark.parametrize("seed", few([2001, 2003], range(2000, 2004)))
+@pytest.mark.parametrize("seed", few([2003], range(2000, 2004)))
 def test_what_is_behind_mirrors_is_none(seed):
     assert not om.find_rim(composed(seed, mirror=False).picture).is_sure
 
@@ -150,7 +150,7 @@ def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
     assert not (~right & sure).any()
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("kind", [pytest.param(np.uint8, marks=pytest.mark.full), np.uint16, np.float32])
 def test_every_depth_and_grey_alike(kind):
     """A disc with spokes, known exactly, to a tenth of a pixel."""
     v, u = np.mgrid[:480, :640]

@@ -24,7 +24,7 @@ BOARDS = {
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_corners_are_found_where_they_were_drawn(name):
-    board, scale = BOARDS[name], 5.0
+    board, scale = BOARDS[name], 3.0
     sheet = sheet_of(board)
     found = om.find_board(cv2.GaussianBlur(om.draw_board(board, px_per_mm=scale), (0, 0), 0.8), board)
     flat = board.points_mm[found.ids, :2] * ([1, -1] if board.kind == "aprilgrid" else [1, 1])

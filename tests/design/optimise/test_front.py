@@ -87,7 +87,7 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
 
 def test_three_merits_and_a_limit():
     limited = replace(REQUIREMENTS, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
-    front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=20)
+    front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=10)
     assert front.values.shape[1] == 3
     for i in range(0, len(front), 5):
         assert looked_at_again(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001

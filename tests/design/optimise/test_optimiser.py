@@ -171,15 +171,15 @@ def test_the_camera_in_the_middle_need_not_be_sharp():
 
 def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path):
     problem, file = DesignProblem(family="even-polynomial", terms=4), tmp_path / "search.json"
-    straight = optimise(problem, starts=3, seed=7)
+    straight = optimise(problem, starts=2, seed=7)
     optimise(problem, starts=1, seed=7, resume=file)
     told = []
-    resumed = optimise(problem, starts=3, seed=7, resume=file, on_progress=told.append)
+    resumed = optimise(problem, starts=2, seed=7, resume=file, on_progress=told.append)
     assert resumed.runs == straight.runs
     assert resumed.sensor == straight.sensor
-    assert {p.run for p in told} == {1, 2}  # the first start was not done again
+    assert {p.run for p in told} == {1}  # the first start was not done again
     with pytest.raises(OmnimirrorError, match="another search \\(seed"):
-        optimise(problem, starts=3, seed=8, resume=file)
+        optimise(problem, starts=2, seed=8, resume=file)
     file.write_text("{}")
     with pytest.raises(OmnimirrorError, match="not a search"):
         optimise(problem, starts=1, resume=file)

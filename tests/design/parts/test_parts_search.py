@@ -89,7 +89,8 @@ SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
 @pytest.mark.parametrize(
     ("wanted", "shelf"),
     [
-        pytest.param(WANTED[0], SHELF, id="blur"),
+        pytest.param(WANTED[0], Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2]), id="few"),
+        pytest.param(WANTED[0], SHELF, id="blur", marks=pytest.mark.full),
         pytest.param(WANTED[1], SMALL, id="contrast", marks=pytest.mark.full),
         pytest.param(WANTED[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full),
     ],

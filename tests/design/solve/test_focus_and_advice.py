@@ -382,6 +382,7 @@ at_most = 2.533
 """
 
 
+@pytest.mark.full  # test_designer has what is no more than needed, of searches that go to their ends
 def test_a_number_gives_no_more_than_it_has_to_where_the_search_ends_early():
     """Beyond 98 deg of the least field angle everything is met; 104.6 deg were asked for."""
     wanted = parse_requirements(BENT)
