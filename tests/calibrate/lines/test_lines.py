@@ -138,7 +138,7 @@ def test_the_rim_is_found_where_it_is_not_given(tmp_path):
     truth, picture = scene()
     om.save_sensor(replace(truth, mount=Mount("up")), tmp_path / "drawn.toml")
     om.write_image(tmp_path / "room.png", picture)
-    om.write_image(tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, picture.shape, np.uint8))
+    om.write_image(tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8))
     model, out = ("--camera", tmp_path / "drawn.toml"), ("-o", tmp_path / "built.toml")
     run = omnimirror("lines", tmp_path / "room.png", *model, *out)
     assert run.returncode == 0, run.stderr
