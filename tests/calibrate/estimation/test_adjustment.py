@@ -161,6 +161,7 @@ def test_what_nothing_determines_is_named():
     assert not {"cx", "cy"} & named
 
 
+@pytest.mark.long
 def test_the_shape_of_a_board_is_found():
     bent = BoardShape.flat(BOARD.points_mm).with_values([0.002, -0.001, 1.5, 0.8, -0.7])
     seen = detections(count=8, noise_px=0.05, points_mm=bent.applied(BOARD.points_mm))

@@ -44,6 +44,7 @@ def test_the_mirror_in_its_housing(shared_data, name):
     assert rim.is_sure
 
 
+@pytest.mark.long
 def test_several_pictures_of_one_sensor_agree(shared_data):
     pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
     rim = om.find_rim(pictures)

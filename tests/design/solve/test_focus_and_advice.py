@@ -319,6 +319,7 @@ def conflict_in(text):
     return design_sensor(parse_requirements(text)).conflict
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     [
