@@ -18,8 +18,9 @@ from tests.serving import served
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first takes half of the others' time
-FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2", "--use-fake-ui-for-media-stream"]  # granted
+FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2,fps=5", "--use-fake-ui-for-media-stream"]  # granted
 REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]
+COARSE = {"device_scale_factor": 0.5}  # half as many dots a side: software draws a page in a quarter of the time
 PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {
   let text = "";
@@ -43,10 +44,15 @@ def chromium() -> str:
     return found
 
 
-def open_page(browser, url: str, width: int = 400, height: int = 400, **options):
-    """A page that has drawn something, if its address says what; its errors fail the test that closes it."""
+def open_page(browser, url: str, width: int = 400, height: int = 400, script: str = "", **options):
+    """A page that has drawn something, if its address says what; its errors fail the test that closes it.
+
+    ``script`` runs before those of the page, after every reload too.
+    """
     # Waiting for functions is eval, which the page's policy forbids; another test keeps the policy.
-    context = browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options)
+    viewport = {"width": width, "height": height}
+    context = browser.new_context(viewport=viewport, bypass_csp=True, **COARSE | options)
+    context.add_init_script(script)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.problems = []

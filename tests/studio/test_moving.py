@@ -169,6 +169,7 @@ def test_what_is_recorded_is_a_video_of_the_view(browser, server, film, tmp_path
     page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380)
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
+    page.evaluate("window.omnimirror.look.feed.video.playbackRate = 4")
     page.get_by_role("button", name="Record").click()
     page.evaluate(COUNT_CHANGES)
     page.wait_for_function("window.changes > 8")

@@ -128,14 +128,23 @@ export class Look {
     requestAnimationFrame(() => {
       this.isDirty = false;
       this.draw();
-      if (this.feed?.moves) this.refresh(true);
-      else if (this.recorder.isRunning) this.refresh();
+      if (this.recorder.isRunning) this.refresh();
     });
   }
 
   private sourceChanged(): void {
-    if (this.feed) this.refresh(true);
-    else this.circle.clear();
+    if (!this.feed) return this.circle.clear();
+    this.refresh(true);
+    this.follow(this.feed);
+  }
+
+  /** Draw every picture of what moves, as long as it is looked at; a video that is stopped is not drawn again. */
+  private follow(feed: Feed): void {
+    feed.next?.(() => {
+      if (feed !== this.feed) return;
+      this.refresh(true);
+      this.follow(feed);
+    });
   }
 
   /** Hand the camera and the picture to the renderer; null where there is nothing that can be shown. */

@@ -13,6 +13,8 @@ export interface Feed {
   height: number;
   /** Whether there may be a new picture at any time. */
   moves: boolean;
+  /** Of one that moves: calls once, when there is. */
+  next?: (then: () => void) => void;
   /** A video that can be stopped. */
   video?: HTMLVideoElement;
   /** Its file, of a picture that was made here and lies nowhere yet. */
@@ -65,6 +67,7 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
   return new Promise((resolve, reject) => {
     let feed: Feed | null = null;
     let closed = false;
+    let isNew = (): void => {};
     let last = ""; // what the server said of its end
     let socket: WebSocket;
     const connect = (): void => {
@@ -87,7 +90,8 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
         if (feed) (feed.picture as ImageBitmap).close();
         const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
         if (feed) Object.assign(feed, shown);
-        else resolve((feed = { ...shown, name, source: name, moves: true, close }));
+        else resolve((feed = { ...shown, name, source: name, moves: true, next: (then) => (isNew = then), close }));
+        isNew();
         requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
       };
     };
@@ -118,5 +122,9 @@ function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed
     video.pause();
     after();
   };
-  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, close };
+  const next = (then: () => void): void => {
+    if ("requestVideoFrameCallback" in video) video.requestVideoFrameCallback(then);
+    else requestAnimationFrame(then); // in older browsers, which do not tell
+  };
+  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, next, close };
 }
