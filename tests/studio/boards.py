@@ -19,6 +19,8 @@ PLACES = (
     (0, 5, 360, 15, 0, 0), (70, -8, 330, 0, 22, 10), (140, 12, 380, -18, 10, 0), (205, 0, 340, 12, -20, -8),
     (260, -12, 400, 0, 15, 30), (310, 8, 350, -15, -12, 0), (30, 25, 380, 10, 18, -15),
 )  # fmt: skip
+WHOLE = 6
+"""So many photographs, the first, show the whole board; the last shows all but a few corners, and takes long."""
 
 
 @cache

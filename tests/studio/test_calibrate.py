@@ -24,11 +24,11 @@ from omnimirror.studio.calibrate.looking import Lookers
 from omnimirror.studio.calibrate.messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
 from omnimirror.studio.calibrate.work import perform
 
-from .boards import ASKED, BLANK, BOARD, CAMERA, PLACES, photograph, png
+from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
 
 LOCAL = "http://127.0.0.1"
 ASK = {
-    "board": ASKED, "pictures": len(PLACES), "model": "unified", "optics": "mirror", "camera_looks": "up",
+    "board": ASKED, "pictures": WHOLE, "model": "unified", "optics": "mirror", "camera_looks": "up",
     "image_flipped": False, "centre_px": None, "rim_radius_px": None, "flat_board": True,
     "command": "omnimirror <here>",
 }  # fmt: skip
@@ -42,7 +42,7 @@ def client():
 
 @pytest.fixture(scope="module")
 def seen() -> list[BoardSeen]:
-    return [told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(len(PLACES))]
+    return [told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +72,14 @@ def test_a_picture_that_is_handed_up_shows_its_corners(client):
     assert off.max() < 0.3
     quick = look(client, png(0), quick=True).json()
     np.testing.assert_allclose(quick["corners_px"], found["corners_px"])
+
+
+@pytest.mark.full
+def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(client):
+    found = look(client, png(WHOLE)).json()
+    off = np.nanmin(np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0)
+    assert BOARD.corner_count / 2 < len(off) < BOARD.corner_count
+    assert off.max() < 0.5
 
 
 @pytest.mark.parametrize("kind", ["GIF", "PPM"])
@@ -143,7 +151,7 @@ def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
     assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
     assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
     assert answer.not_new == "it shows the board much as 2.png does"
-    assert answer.advice[0].startswith("Take more pictures: 7 are used")
+    assert answer.advice[0].startswith("Take more pictures: 6 are used")
     few = together(ask.model_copy(update={"pictures": tuple(seen[:2])}))
     assert few.not_new is None
     empty = np.sum(np.array(few.coverage.counts) < few.coverage.enough)
