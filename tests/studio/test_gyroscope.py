@@ -39,10 +39,8 @@ def phone(browser, server, folder):  # noqa: F811
     pages = []
 
     def opened(prepare: str = ASKED):
-        page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&pan=30", 390, 760, has_touch=True)
-        page.add_init_script(prepare)
-        page.reload()
-        page.wait_for_function("window.omnimirror?.look.sensor.camera")
+        address = f"{server}#sensor=ball:280&mode=perspective&pan=30"
+        page = open_page(browser, address, 390, 760, prepare, has_touch=True)
         drop(page, folder / "picture.png")
         pages.append(page)
         return page
@@ -84,7 +82,11 @@ def test_safari_is_asked_and_may_refuse(phone):
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
+        pytest.param(
+            "delete window.DeviceOrientationEvent;",
+            "This device does not tell how it is turned.",
+            marks=pytest.mark.full,
+        ),
         ("Object.defineProperty(window, 'isSecureContext', { value: false });", "or over https, only."),
     ],
 )

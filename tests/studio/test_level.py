@@ -22,7 +22,7 @@ LEAN = {"pitch": 6.0, "roll": -4.0}
 @pytest.fixture
 def page(browser, server, tmp_path):
     write_image(tmp_path / "picture.png", pattern((1024, 1024)))
-    page = open_page(browser, server, 1100, 700, reduced_motion="reduce")
+    page = open_page(browser, server, 920, 500, reduced_motion="reduce")
     drop(page, tmp_path / "picture.png")
     page.wait_for_selector("#view:visible")
     yield page
@@ -62,7 +62,7 @@ def place_of(page, pan: float, tilt: float) -> list[float]:
     )
 
 
-@pytest.mark.parametrize("mode", ["panorama", "perspective"])
+@pytest.mark.parametrize("mode", [pytest.param("panorama", marks=pytest.mark.full), "perspective"])
 def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, tmp_path):
     look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
     settled(page)

@@ -65,8 +65,20 @@ def settled(page, states: int = 1) -> None:
     )
 
 
-@pytest.mark.parametrize("size", [(150, 80), (60, 110)], ids=["wide", "upright"])
-@pytest.mark.parametrize("mode", ["panorama", "planet", "ground"])
+WIDE, UPRIGHT = (150, 80), (60, 110)
+
+
+@pytest.mark.parametrize(
+    ("mode", "size"),
+    [
+        ("panorama", UPRIGHT),
+        ("planet", WIDE),
+        *(
+            pytest.param(*case, marks=pytest.mark.full)
+            for case in (("panorama", WIDE), ("planet", UPRIGHT), ("ground", WIDE), ("ground", UPRIGHT))
+        ),
+    ],
+)
 def test_a_view_that_fills_the_stage_is_that_of_its_command(mode, size, page, folder):
     look(page, mode=mode, fit="fill", pan=35, tilt=-12, zoom=1.2)
     line = command(page, *size)
@@ -155,7 +167,8 @@ def check_cell(page, folder, index: int) -> None:
       const { look } = window.omnimirror;
       const { left, top, view } = look.laid.places[index];
       const values = look.renderer.coordinates(look.laid.view);
-      const at = (x, y) => { const i = 4 * ((Math.round(top) + y) * look.laid.view.width + Math.round(left) + x); return [...values.slice(i, i + 3)]; };
+      const [column, row] = [left, top].map((at) => Math.round(at * devicePixelRatio));
+      const at = (x, y) => { const i = 4 * ((row + y) * look.laid.view.width + column + x); return [...values.slice(i, i + 3)]; };
       const places = [0.1, 0.5, 0.9].flatMap((a) => [0.2, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
       return { line: look.commands().split("\\n")[index], places, found: places.map(([x, y]) => at(x, y)) };
     }"""  # noqa: E501
@@ -184,9 +197,12 @@ def test_where_none_is_kept_all_around_is_shown(page):
     settled(page)
 
 
-@pytest.mark.parametrize("size", [(390, 844), (844, 390)], ids=["upright", "across"])
+@pytest.mark.parametrize(
+    "size",
+    [pytest.param((390, 844), id="upright", marks=pytest.mark.full), pytest.param((844, 390), id="across")],
+)
 def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: F811
-    page = open_page(browser, rooms, *size, has_touch=True)
+    page = open_page(browser, rooms, *size, has_touch=True, device_scale_factor=1)
     page.get_by_role("button", name="Try the demo room").tap()  # one of three
     page.wait_for_function("window.omnimirror.look.feed")
     page.wait_for_selector("#view:visible")
