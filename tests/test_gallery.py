@@ -15,9 +15,14 @@ from omnimirror.media import read_image
 ROOT = Path(__file__).parents[1]
 GALLERY = runpy.run_path(str(ROOT / "docs" / "gallery.py"))
 EXAMPLES = GALLERY["examples"]()
+LONG = ("a_lens_wide_open", "camera_and_rod", "folded_in_half", "yield_before_and_after")
+"""Take some seconds each, and are run by ``make test-full``."""
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(path, id=path.stem, marks=[pytest.mark.full] * (path.stem in LONG)) for path in EXAMPLES],
+)
 def test_an_example_writes_the_picture_it_is_named_after(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")
@@ -45,5 +50,6 @@ def test_the_page_shows_every_example_as_it_stands():
 
 def test_there_are_two_dozen_examples_and_each_is_short():
     assert len(EXAMPLES) >= 24
+    assert {path.stem for path in EXAMPLES}.issuperset(LONG)
     long = [path.stem for path in EXAMPLES if len(path.read_text(encoding="utf-8").splitlines()) >= 30]
     assert not long

@@ -34,7 +34,7 @@ def test_a_surface_is_indicated_as_iso_10110_does():
     assert rows["conic constant"] == "± 0.005"
 
 
-@pytest.mark.parametrize("wanted", [None, 0.9])
+@pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
 def test_the_page_says_what_the_report_found(tmp_path, wanted):
     found = om.tolerance(SENSOR, PLAN, trials=500, wanted_yield=wanted)
     page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
