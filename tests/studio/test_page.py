@@ -106,7 +106,7 @@ def in_the_loupe(page, x: int, y: int) -> np.ndarray:
 
 def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
-    page = open_page(browser, server, 1000, 900)
+    page = open_page(browser, server, 1000, 900, device_scale_factor=1)
     drop(page, tmp_path / "other.png")
     page.get_by_role("button", name="Fit the circle").click()
     page.wait_for_selector("#overlay .handle")
@@ -226,7 +226,7 @@ def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown
         page.context.close()
 
 
-@pytest.mark.parametrize("distance", [None, 400])
+@pytest.mark.parametrize("distance", [None, pytest.param(400, marks=pytest.mark.full)])
 def test_a_view_that_shrinks_the_picture_is_that_of_the_command_line(distance, browser, server, room, tmp_path):
     page = open_page(browser, server)
     drop(page, room)
@@ -332,7 +332,7 @@ def test_the_page_keeps_its_own_policy(browser, server):
 
 
 def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
-    page = open_page(browser, server, 360, 740)
+    page = open_page(browser, server, 360, 740, device_scale_factor=1)
     header = page.locator("header")
     for mode in ("panorama", "perspective", "ground", "mosaic"):
         look(page, mode=mode)
@@ -355,8 +355,15 @@ def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
     page.context.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("is_empty", [True, False], ids=["empty", "with a picture"])
+@pytest.mark.parametrize(
+    ("is_empty", "scheme"),
+    [
+        pytest.param(True, "light", id="empty, light"),
+        pytest.param(True, "dark", id="empty, dark", marks=pytest.mark.full),
+        pytest.param(False, "light", id="with a picture, light", marks=pytest.mark.full),
+        pytest.param(False, "dark", id="with a picture, dark"),
+    ],
+)
 def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
