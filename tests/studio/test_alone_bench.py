@@ -174,11 +174,11 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
     page.context.close()
 
 
-@pytest.mark.parametrize("width", [360, 1280])
+@pytest.mark.parametrize("width", [360, pytest.param(1280, marks=pytest.mark.full)])
 def test_axe_finds_nothing_serious_on_it(browser, address, width):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
-    page = open_page(browser, f"{address}#tab=design", width, 800, reduced_motion="reduce")
+    page = open_page(browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1)
     page.wait_for_function(f"{BENCH}?.found?.[0]")
     page.add_script_tag(path=AXE)
     serious = {v["id"]: v["nodes"][0]["html"] for v in page.evaluate(ASK) if v["impact"] in ("serious", "critical")}

@@ -13,9 +13,12 @@ import tomli_w
 import omnimirror as om
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import parse_sensor, save_sensor
+from omnimirror.studio.look import routes
 from omnimirror.studio.studio import Studio
+from omnimirror.studio.uploads import encoded
 
 from .browser import PATIENCE_MS, serving
+from .pictures import pattern
 from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "studio" / "page"
@@ -103,7 +106,9 @@ def enter(page, name: str, value: str) -> None:
     settled(page)
 
 
-@pytest.mark.parametrize("mirror", ["sphere", "equidistant", "even polynomial"])
+@pytest.mark.parametrize(
+    "mirror", ["equidistant", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial"))]
+)
 def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
     if mirror != "sphere":
         bench.get_by_label("Kind of mirror").select_option(mirror)
@@ -358,7 +363,8 @@ def test_designs_are_told_apart_without_their_colours(bench):
     assert sorted(drawn_with) == sorted(styles)
 
 
-def test_a_design_is_looked_through(bench):
+def test_a_design_is_looked_through(bench, monkeypatch):
+    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
     slide(bench, "Radius", 0.55)
     mine = sensor_on(bench)
     bench.get_by_role("button", name="Look through it").click()
@@ -404,7 +410,7 @@ def test_the_bench_keeps_the_policy_of_the_page(browser, server):
     context.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
 def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")

@@ -213,7 +213,7 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
         page.wait_for_function("!location.hash.includes('errors')")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.full), "dark"])
 def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")

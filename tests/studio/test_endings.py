@@ -31,7 +31,13 @@ def until_it_listens(port: int) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.parametrize("before", [signal.SIG_DFL, signal.SIG_IGN], ids=["in the foreground", "as a job of a script"])
+@pytest.mark.parametrize(
+    "before",
+    [
+        pytest.param(signal.SIG_DFL, id="in the foreground", marks=pytest.mark.full),
+        pytest.param(signal.SIG_IGN, id="as a job of a script"),
+    ],
+)
 def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
     from websockets.sync.client import connect
 

@@ -28,7 +28,14 @@ def page(tmp_path_factory):
         assert page.problems == []
 
 
-@pytest.mark.parametrize(("mode", "name"), [("panorama", "a.png"), ("perspective", "b.jpg"), ("dome", "c.png")])
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [
+        pytest.param("panorama", "a.png", marks=pytest.mark.full),
+        ("perspective", "b.jpg"),
+        pytest.param("dome", "c.png", marks=pytest.mark.full),
+    ],
+)
 def test_views_are_those_of_the_command_line(page, server, tmp_path, mode, name):
     sensor = om.load_sensor("paper-spherical")
     write_image(tmp_path / name, pattern(sensor.image_size))

@@ -336,12 +336,13 @@ def test_a_broken_video_ends_with_a_sentence(tmp_path):
 
 
 @pytest.mark.long
-def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(tmp_path):
+@pytest.mark.parametrize("phases", ["fuzzing", pytest.param("coverage,fuzzing", marks=pytest.mark.full)])
+def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phases, tmp_path):
     program = Path(sys.executable).with_name("schemathesis")
     if not program.exists():
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
-        words = f"run {address}openapi.json --phases coverage,fuzzing --max-examples 4 --seed 1 --request-timeout 600"
+        words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
         files = (
             "--no-color --exclude-checks positive_data_acceptance"  # no schema tells what a picture or sensor file is
         )

@@ -11,7 +11,7 @@ from omnimirror.media import write_image
 
 from .browser import command, coordinates, drop, look, open_page
 from .pictures import pattern, python_view
-from .test_addresses import rooms  # noqa: F401
+from .test_addresses import no_rooms, rooms  # noqa: F401
 
 NEAR = 0.02  # px
 HALVES = """() => {
