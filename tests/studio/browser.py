@@ -15,8 +15,11 @@ from omnimirror.studio.app import create_app
 from omnimirror.studio.studio import Studio
 from tests.serving import served
 
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
+# Pages are put together without WebGL, which views alone are drawn by: software takes half of the time for most.
+FLAGS = [
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",
+]  # fmt: skip
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first takes half of the others' time
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2,fps=5", "--use-fake-ui-for-media-stream"]  # granted
 REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]

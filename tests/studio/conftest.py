@@ -6,20 +6,12 @@ import pytest
 
 from omnimirror.studio.studio import Studio
 
-from .browser import FLAGS, REFUSED_CAMERA, WITHOUT_VIEWS, serving
+from .browser import FLAGS, REFUSED_CAMERA, serving
 
 
 @pytest.fixture(scope="session")
 def browser(launched):
     browser = launched(FLAGS)
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(scope="session")
-def browser_without_views(launched):
-    """For pages that show no view: modules take it for their ``browser``."""
-    browser = launched(WITHOUT_VIEWS)
     yield browser
     browser.close()
 

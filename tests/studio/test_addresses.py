@@ -37,12 +37,6 @@ def banner(page) -> str:
     return page.locator("#banner").inner_text()
 
 
-@pytest.fixture(scope="session")
-def browser(browser_without_views):
-    """Views are drawn here too, but few."""
-    return browser_without_views
-
-
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
     """Two pictures of one size that are not the same."""

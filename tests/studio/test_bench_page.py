@@ -39,11 +39,6 @@ new MutationObserver((_, observer) => {
 """  # words of a step stand for some milliseconds only: who presses the button must be on the page
 
 
-@pytest.fixture(scope="session")
-def browser(browser_without_views):
-    return browser_without_views
-
-
 @pytest.fixture
 def bench(browser, server):
     """The bench with the paper's sphere on it; errors of the page fail the test."""

@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 
-from .test_bench_page import bench, browser, enter, plotted, sensor_on, settled  # noqa: F401
+from .test_bench_page import bench, enter, plotted, sensor_on, settled  # noqa: F401
 
 
 def saved(page, name: str) -> str:
@@ -115,7 +115,7 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
 
 
-@pytest.mark.parametrize("pins", [0, 1, 4])
+@pytest.mark.parametrize("pins", [*(pytest.param(few, marks=pytest.mark.full) for few in (0, 1)), 4])
 def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
     for number in range(pins):
         bench.get_by_role("button", name="Pin", exact=True).click()

@@ -22,7 +22,7 @@ from omnimirror.tolerancing.trials.judge import Judge
 from omnimirror.tolerancing.trials.merits import after
 
 from .browser import PATIENCE_MS
-from .test_bench_page import AXE, WITHOUT_PICTURES, bench, browser  # noqa: F401 - fixtures
+from .test_bench_page import AXE, WITHOUT_PICTURES, bench  # noqa: F401 - a fixture
 
 LOCAL = "http://127.0.0.1"
 SPH = om.load_sensor("paper-spherical")

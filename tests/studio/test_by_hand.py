@@ -24,11 +24,6 @@ STRAIGHT = [name for name in bundled_sensors() if why_not_optimised(om.load_sens
 ASKED = {"field": {"omega_max_deg": 130.0}, "limit": [{"quantity": "total_blur_px", "at_most": 8.5}]}
 
 
-@pytest.fixture(scope="session")
-def browser(browser_without_views):
-    return browser_without_views
-
-
 @pytest.mark.parametrize("name", STRAIGHT)
 def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
     sensor = om.load_sensor(name)

@@ -36,11 +36,6 @@ CAMERA_OF_PICTURES = """
 """
 
 
-@pytest.fixture(scope="session")
-def browser(browser_without_views):
-    return browser_without_views
-
-
 @pytest.fixture
 def files(tmp_path) -> list[Path]:
     """Some of the photographs, as files."""
@@ -102,7 +97,7 @@ def downloaded(page, name: str) -> str:
     return Path(download.value.path()).read_text()
 
 
-def test_from_pictures_to_a_camera_that_is_looked_through(page, files):
+def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(page, files):
     add(page, files)
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == len(files)
@@ -117,6 +112,9 @@ def test_from_pictures_to_a_camera_that_is_looked_through(page, files):
     camera = parse_camera(downloaded(page, "Camera file"))
     assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
     assert "Calibration: unified" in downloaded(page, "Report")
+    page.reload()
+    page.locator("#calibrate .headline").wait_for()
+    assert page.evaluate(f"{TAB}.found") == found
     page.locator("#calibrate .shots button").nth(2).click()
     page.get_by_text("straightened: its corners lie at most").wait_for()
     assert (
@@ -133,6 +131,7 @@ def test_from_pictures_to_a_camera_that_is_looked_through(page, files):
     np.testing.assert_allclose(centre, camera.centre_px, atol=0.01)
 
 
+@pytest.mark.full
 def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(page, files):
     add(page, files[:3])
     found = calibrate(page)

@@ -13,11 +13,6 @@ from .pictures import pattern
 CIRCLE = [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
 
 
-@pytest.fixture(scope="session")
-def browser(browser_without_views):
-    return browser_without_views
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A mirror off the middle of its picture, the same in other light, and no mirror."""

@@ -136,8 +136,16 @@ def test_videos_that_browsers_do_not_play_are_refused(film, tmp_path):
     assert not (tmp_path / "v.html").exists()
 
 
+SMALL_CAMERA = """
+const asked = MediaDevices.prototype.getUserMedia;
+MediaDevices.prototype.getUserMedia = function ({ video }) {
+  return asked.call(this, { video: { ...video, width: 320, height: 240 } });
+};
+"""  # software is slow with pictures of full size
+
+
 def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, server):
-    page = open_page(browser, f"{server}#sensor=ball:280", permissions=["camera"])
+    page = open_page(browser, f"{server}#sensor=ball:280", script=SMALL_CAMERA, permissions=["camera"])
     page.get_by_role("button", name="Webcam").click()
     page.wait_for_selector("#webcams:visible")
     first = page.evaluate("window.omnimirror.look.feed.device")

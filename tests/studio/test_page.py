@@ -12,8 +12,10 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media import read_image, write_image
+from omnimirror.studio.look import routes
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.studio import Studio
+from omnimirror.studio.uploads import encoded
 from tests.commands import fails, omnimirror
 
 from .browser import command, drawn, drop, look, open_page, serving
@@ -31,11 +33,18 @@ def room(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.fixture
+def coarse_room(monkeypatch) -> None:
+    """The demo room is simulated with one sample a pixel."""
+    taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
+    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(taken(known), ".png"))
+
+
 def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(browser, server, room):
+def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(browser, server, room, coarse_room):
     page = open_page(browser, server)
     assert page.get_by_text("Drop a picture or video here").is_visible()
     page.get_by_role("button", name="Try the demo room").click()
@@ -175,7 +184,7 @@ def test_the_first_key_leads_past_the_header(browser, server, room):
     page.context.close()
 
 
-def test_the_files_that_a_command_names_are_there_or_offered(browser, server, tmp_path):
+def test_the_files_that_a_command_names_are_there_or_offered(browser, server, coarse_room, tmp_path):
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
     assert "once circle.png is saved" in page.locator("#command-title").inner_text()
@@ -358,7 +367,7 @@ def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
 @pytest.mark.parametrize(
     ("is_empty", "scheme"),
     [
-        pytest.param(True, "light", id="empty, light"),
+        pytest.param(True, "light", id="empty, light", marks=pytest.mark.full),
         pytest.param(True, "dark", id="empty, dark", marks=pytest.mark.full),
         pytest.param(False, "light", id="with a picture, light", marks=pytest.mark.full),
         pytest.param(False, "dark", id="with a picture, dark"),

@@ -100,7 +100,8 @@ def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, page, tm
     check(page, tmp_path, om.load_sensor(sensor).image_size)
 
 
-@pytest.mark.parametrize("looks", [pytest.param("down", marks=pytest.mark.full), "forward"])
+@pytest.mark.full
+@pytest.mark.parametrize("looks", ["down", "forward"])
 def test_views_of_a_camera_that_stands_otherwise_in_a_reversed_picture_are_those_of_the_command_line(
     looks, page, tmp_path
 ):
