@@ -119,15 +119,17 @@ def _completed(nodes: Array, values: Array, step: int) -> Array:
 
 def _curves(shape: tuple[int, int], values: Array, step: int, missing: NDArray[np.bool_]) -> tuple[Any, Array]:
     """The weights of nodes (pixels, nodes) at pixels that have values and need a missing node, and these values."""
+    windows = np.lib.stride_tricks.sliding_window_view(missing.reshape(shape), (4, 4))
+    reach = np.asarray(windows.any(axis=(2, 3)))
     rows, columns = np.nonzero(np.isfinite(values[..., 0]))
+    needs = reach[rows // step, columns // step]
+    rows, columns = rows[needs], columns[needs]
     cells = (rows // step)[:, None, None] + np.arange(4)[:, None], (columns // step)[:, None, None] + np.arange(4)
-    numbers = (cells[0] * shape[1] + cells[1]).reshape(len(rows), 16)
-    needs = missing[numbers].any(axis=1)
+    numbers = (cells[0] * shape[1] + cells[1]).ravel()
     shares = weights(step)[rows % step][:, :, None] * weights(step)[columns % step][:, None, :]
-    count = int(needs.sum())
-    places = np.repeat(np.arange(count), 16), numbers[needs].ravel()
-    found = sparse.csr_matrix((shares.reshape(-1, 16)[needs].ravel(), places), (count, len(missing)))
-    return found, values[rows[needs], columns[needs]]
+    places = np.repeat(np.arange(len(rows)), 16), numbers
+    found = sparse.csr_matrix((shares.ravel(), places), (len(rows), len(missing)))
+    return found, values[rows, columns]
 
 
 def _third_differences(shape: tuple[int, int]) -> Any:
