@@ -46,6 +46,8 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
     """The patches of all faces that send light: those that glow, and those that let daylight in."""
     points, normals, strength = [], [], []
     for face, canvas in painted:
+        if not (canvas.texels[..., EMISSION].any() or canvas.texels[..., CLEAR].any()):
+            continue
         sent = LAMPLIGHT * canvas.texels[..., EMISSION] + canvas.texels[..., CLEAR, None] * DAYLIGHT
         x, y = canvas.grid()
         rows, columns = (max(1, round(size / SOURCE_MM)) for size in (face.height_mm, face.width_mm))
@@ -153,19 +155,29 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
     light = np.zeros_like(points)
     for point, towards, strength in zip(*sources, strict=True):
         ways = point - points
-        square = np.maximum((ways**2).sum(axis=1), SOURCE_MM**2 / 16)  # a patch is no point: no pole beside it
-        share = np.maximum((ways * normals).sum(axis=1), 0) * np.maximum(-ways @ towards, 0) / (np.pi * square**2)
+        square, facing = (np.einsum("ij,ij->i", ways, other) for other in (ways, normals))
+        square = np.maximum(square, SOURCE_MM**2 / 16)  # a patch is no point: no pole beside it
+        share = np.maximum(facing, 0) * np.maximum(-ways @ towards, 0) / (np.pi * square**2)
         lit = np.flatnonzero(share)
-        share[lit[blocked(solids, points[lit], ways[lit])]] = 0
-        light += share[:, None] * strength
+        lit = lit[~blocked(solids, points[lit], ways[lit])]
+        light[lit] += share[lit, None] * strength
     return light
 
 
 def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
     """Share (n,) of the even glow that reaches points (n, 3) mm of a face: 1 far from everything."""
     ways = _hemisphere() @ np.stack([face.right, face.up, face.normal])
-    distance = meet(room, solids, np.repeat(points, WAYS, axis=0), np.tile(ways, (len(points), 1))).distance
+    near = [solid for solid in solids if _may_dim(solid, points, face)]
+    distance = meet(room, near, np.repeat(points, WAYS, axis=0), np.tile(ways, (len(points), 1))).distance
     return np.asarray(np.minimum(np.sqrt(distance / REACH_MM), 1).reshape(-1, WAYS).mean(axis=1))
+
+
+def _may_dim(solid: Box, points: Array, face: Face) -> bool:
+    """Whether a solid may be within reach of points (n, 3) mm of a face, and not all of it is behind them."""
+    low, high = np.array(solid.low), np.array(solid.high)
+    apart = np.maximum(0, np.maximum(low - points.max(axis=0), points.min(axis=0) - high))
+    foremost = np.where(face.normal > 0, high, low)
+    return bool(np.linalg.norm(apart) < REACH_MM and face.normal @ foremost >= (points @ face.normal).min())
 
 
 def _hemisphere() -> Array:
