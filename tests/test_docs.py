@@ -19,6 +19,8 @@ from tests.commands import omnimirror
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 RUN_ELSEWHERE = {"gallery.md"}  # tests/test_gallery.py
+FIGURES = re.compile(r" --figures \S+| -o \S+\.html")
+"""Asks for a dozen figures, or a page of pictures, that nothing on the page reads again."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -88,10 +90,26 @@ def is_near(shown: str, printed: str) -> bool:
 @pytest.mark.long
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console")], ids=lambda p: p.name)
 def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
-    write_files(page, tmp_path)
-    for command, shown in commands(page, "console"):
+    """Without their figures, which take half of the time; the next test draws them too."""
+    run_in_order([(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")], page, tmp_path)
+
+
+def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path) -> None:
+    write_files(page, folder)
+    for command, shown in commands:
         codes = (0, 3) if command.startswith("omnimirror judge") else (0,)  # 3: something is missed
-        assert_printed(shown, run_command(command, tmp_path, codes), command)
+        assert_printed(shown, run_command(command, folder, codes), command)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if any(FIGURES.search(block) for block in blocks(p, "console"))], ids=lambda p: p.name
+)
+def test_commands_draw_what_they_are_asked_for(page, tmp_path):
+    run_in_order(commands(page, "console"), page, tmp_path)
+    for option in FIGURES.findall("\n".join(blocks(page, "console"))):
+        drawn = tmp_path / option.split()[1]
+        assert drawn.is_file() or any(drawn.glob("*.svg")), option
 
 
 @pytest.mark.full

@@ -24,6 +24,7 @@ from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
 from omnimirror.reproduce import paper_sensors
 from omnimirror.specs import bundled_sensors
 from tests.conftest import sensor_of
+from tests.everyday import few
 
 SENSORS = paper_sensors()
 
@@ -46,7 +47,7 @@ def texts(figure):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-@pytest.mark.parametrize("sensor", bundled_sensors())
+@pytest.mark.parametrize("sensor", few(bundled_sensors(), "folded-hyperboloidal", "paraboloid-telecentric"))
 def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
     assert draw(name, [om.load_sensor(sensor)]).axes  # the next test also renders them
 
@@ -148,7 +149,7 @@ def test_end_labels_do_not_overlap(name):
             assert above.y0 >= below.y0 + 0.8 * below.height
 
 
-@pytest.mark.parametrize("name", ["fig3", "fig9"])
+@pytest.mark.parametrize("name", few(["fig3", "fig9"], "fig3"))
 def test_the_same_figure_gives_the_same_file(name):
     first, second = (render(draw(name, SENSORS[:1]), "svg") for _ in range(2))
     assert first == second
@@ -166,7 +167,7 @@ def test_drawing_leaves_matplotlib_as_it_was():
 
 def test_save_all_writes_what_it_says(tmp_path):
     seen = []
-    files = save_all(SENSORS, tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
+    files = save_all(SENSORS[:1], tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
     assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
     assert seen == ["fig6", "fig5"]
@@ -185,7 +186,7 @@ def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
 
 
 def test_names_may_hold_anything():
-    render(draw("fig9", [replace(s, name=f"{s.name} $_{{<&") for s in SENSORS[:2]]), "svg")
+    render(draw("fig5", [replace(s, name=f"{s.name} $_{{<&") for s in SENSORS[:2]]), "svg")
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -245,7 +246,7 @@ def test_what_is_hidden_is_drawn_where_it_is():
         np.testing.assert_allclose([box.x0, box.x1], [inside, edge], rtol=1e-3, atol=1e-6)
     assert [t for t in texts(draw("fig11", [sensor])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
     for name in FIGURES:
-        assert not [t for t in texts(draw(name, [bare])) if "hidden" in t]
+        assert not [t for t in texts(drawn(name)) if "hidden" in t]
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -253,8 +254,8 @@ def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, mo
     sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
     with styled():
-        draw("fig9", sensors).savefig(saved, format=kind, metadata=undated)
-    figure, whole = draw("fig9", sensors), Figure.draw
+        draw("fig5", sensors).savefig(saved, format=kind, metadata=undated)
+    figure, whole = draw("fig5", sensors), Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer))
     assert render(figure, kind) == saved.getvalue()
     assert drawn == [figure]

@@ -12,6 +12,7 @@ from omnimirror.manufacture.drawings.dxf import LAYERS, write_dxf
 from omnimirror.manufacture.drawings.sheet import SHEETS
 from omnimirror.manufacture.parts import Part, parts_of
 from tests.conftest import MIRRORS, sensor_of
+from tests.everyday import FEW_MIRRORS, few
 from tests.manufacture.test_step import BODIES
 
 
@@ -30,7 +31,7 @@ def surface_points(entity):
 
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
-@pytest.mark.parametrize("kind", sorted(MIRRORS))
+@pytest.mark.parametrize("kind", few(sorted(MIRRORS), *FEW_MIRRORS, "sphere"))
 def test_the_section_is_the_mirror_and_the_file_is_clean(kind, body, tmp_path):
     mirror, _ = MIRRORS[kind]
     curve = write_dxf(tmp_path / "mirror.dxf", Part(sensor_of(kind), body))
@@ -89,7 +90,7 @@ def test_layers_hatch_and_centre_line_are_there(tmp_path):
     assert "M6 12 mm deep (drill 5 mm)" in notes
 
 
-@pytest.mark.parametrize("size", sorted(SHEETS))
+@pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
 def test_the_layout_is_the_sheet(size, tmp_path):
     """The same words at the same places as on the sheet, as large as letters have to be; lines within the paper."""
     sensor, making = om.load_sensor("folded-hyperboloidal"), Making("brass", back_flatness_mm=0.005)

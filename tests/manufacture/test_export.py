@@ -20,11 +20,12 @@ from omnimirror.mirrors import SlopeSpline
 from omnimirror.specs import save_sensor
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
+from tests.everyday import few
 
 NAMES = ["-drawing.pdf", "-sag.csv", ".3mf", ".dat", ".dxf", ".step", ".stl", ".zmx"]
 
 
-@pytest.mark.parametrize("kind", sorted(MIRRORS))
+@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "even-polynomial", "slope-spline"))
 def test_every_mirror_is_written_in_every_format(kind, tmp_path):
     files = om.export(sensor_of(kind), tmp_path / "out", grid_points=33, chord_tolerance_um=50.0)
     assert sorted(f.path.name for f in files) == [f"{kind}{name}" for name in NAMES]
@@ -158,23 +159,22 @@ def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp
 
 
 @pytest.mark.long
-def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
-    for suffix in (".step", ".dxf"):
-        path = tmp_path / f"out{suffix}"
-        path.write_text("precious")
-        run = subprocess.run(
-            [Path(sys.executable).with_name("omnimirror"), "export", "paper-spherical", "-o", path.name],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
-        )
-        assert run.returncode == 1
-        assert run.stderr.startswith(f"omnimirror: cannot write out{suffix}"), run.stderr
-        assert len(run.stderr.splitlines()) == 1, run.stderr
-        assert path.read_text() == "precious"
-        path.unlink()
-        assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("suffix", few([".step", ".dxf"], ".step"))
+def test_a_full_disk_is_one_sentence_and_loses_nothing(suffix, tmp_path):
+    path = tmp_path / f"out{suffix}"
+    path.write_text("precious")
+    run = subprocess.run(
+        [Path(sys.executable).with_name("omnimirror"), "export", "paper-spherical", "-o", path.name],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
+    )
+    assert run.returncode == 1
+    assert run.stderr.startswith(f"omnimirror: cannot write out{suffix}"), run.stderr
+    assert len(run.stderr.splitlines()) == 1, run.stderr
+    assert path.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_every_format_is_documented():

@@ -11,6 +11,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.mirrors.pose import MirrorPose
+from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
 M, LENS = SPH.mirror.rim_radius_mm, -SPH.mirror_distance_mm
@@ -123,7 +124,10 @@ AWAY = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
 INTO_ROD = replace(AWAY, displacement_mm=-0.7)  # whose end the middle of the mirror then stands in
 
 
-@pytest.mark.parametrize(("name", "pose"), [*((name, AWAY) for name in HOUSINGS), ("wide rod", INTO_ROD)])
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    few([*((name, AWAY) for name in HOUSINGS), ("wide rod", INTO_ROD)], ("all", AWAY), ("wide rod", INTO_ROD)),
+)
 def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name, pose):
     aligned, discs, rods = housed(name)
     sensor = replace(aligned, mirror_pose=pose)

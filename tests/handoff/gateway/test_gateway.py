@@ -35,6 +35,7 @@ from omnimirror.media.video.frames import frame_of_image, image_of_frame
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter
 from tests.commands import fails
+from tests.everyday import few
 from tests.media.live.test_live import HEAD, free_port, paced
 from tests.media.live.test_live import server as streaming
 from tests.serving import served
@@ -391,7 +392,10 @@ def command(film, camera, folder, *more):
             process.kill()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    few([(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)], (signal.SIGTERM, -signal.SIGTERM)),
+)
 def test_the_command_serves_until_it_is_told_to_end(film, camera, tmp_path, number, code):
     with command(film, camera, tmp_path) as (process, address):
         with httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched:

@@ -37,6 +37,7 @@ from omnimirror.simulate.scenes.sources import SceneSource
 from omnimirror.simulate.scenes.worlds.hall import Hall
 from omnimirror.simulate.scenes.worlds.room import Room
 from tests.commands import fails, omnimirror
+from tests.everyday import few
 from tests.simulate.datasets.test_calibration_set import PATH, small
 
 HALL = Hall(texel_mm=50.0)
@@ -58,7 +59,7 @@ def write(kind, folder, after=lambda done: None):
     sensor = small(64)
     if kind == "calibration":
         pictures = write_calibration_set(
-            sensor, folder, views=5, samples=4, detector=Detector(full_well_e=1e4), hall=HALL
+            sensor, folder, views=5, samples=4, blur=False, detector=Detector(full_well_e=1e4), hall=HALL
         )
         for number, _ in enumerate(pictures, start=1):
             after(number)
@@ -70,6 +71,7 @@ def write(kind, folder, after=lambda done: None):
             folder=folder,
             frame_rate=4.0,
             samples=4,
+            blur=False,
             progress=lambda n, _: after(n),
         )
 
@@ -96,7 +98,7 @@ def place(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["calibration", "video"])
+@pytest.mark.parametrize("kind", few(["calibration", "video"], "calibration"))
 def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
     """What was done before SIGKILL is not made again, and all files are those of a run that was not disturbed."""
     if kind == "video":
@@ -258,7 +260,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
 # -- shells ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     """The picture is traced through the wall, and its corners by the wall's solution: OpenCV finds one in the other."""
     import cv2

@@ -11,6 +11,7 @@ import omnimirror as om
 from omnimirror.imagers import Imager
 from omnimirror.simulate.rendering.exposure import exposed
 from omnimirror.simulate.rendering.readout import Readout
+from tests.everyday import few
 
 SENSOR = replace(om.load_sensor("paper-spherical"), imager=Imager(121, 97, 60.0))
 ROOM = om.Room(texel_mm=40.0)
@@ -25,7 +26,7 @@ DETECTORS = {
 
 @pytest.mark.parametrize("more", [{}, {"wavelengths_nm": (620.0, 540.0, 460.0)}], ids=["grey", "coloured"])
 @pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "parts beside each other"])
-@pytest.mark.parametrize("detector", DETECTORS.values(), ids=DETECTORS)
+@pytest.mark.parametrize("detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS)
 def test_it_is_the_same_as_of_all_light(detector, samples, more):
     scene = om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32)) if samples == 1 else ROOM
     light = om.expose(SENSOR, scene, samples=samples, **more)
