@@ -90,11 +90,14 @@ class BlurScale:
         if not self._is_large:
             return of_mean
         most = np.median(grown, axis=1)
-        of_most = _bend_of(most, limit, is_lowered)
         if is_lowered:
+            first, second = np.diff(most, 2)
+            is_undone = second < -first / 2  # half of the radii are now these, now those
+            of_most = None if is_undone else _bend_of(most, limit, is_lowered)
             return 0 if of_most is None and most[-1] > MUCH else of_most
         if of_mean is None:
             return 0 if grown[-1].mean() > MUCH else None
+        of_most = _bend_of(most, limit, is_lowered)
         return len(SHARES) - 2 if of_most is None else max(of_mean, of_most)
 
     @cached_property
