@@ -1,7 +1,7 @@
 """The mirror's rim, found in pictures: an ellipse, the camera's own image in it, and how sure that is."""
 
 from .finder import SURE, CameraImage, FoundRim, check_alike, find_rim
-from .first_camera import DEFAULT, PRESETS, CommonMirror, camera_from_rim, sensor_from_rim, sensors_from_rim
+from .first_camera import DEFAULT, PRESETS, CommonMirror, camera_from_rim, mirror_of, sensor_from_rim, sensors_from_rim
 
 __all__ = [
     "DEFAULT",
@@ -13,6 +13,7 @@ __all__ = [
     "camera_from_rim",
     "check_alike",
     "find_rim",
+    "mirror_of",
     "sensor_from_rim",
     "sensors_from_rim",
 ]

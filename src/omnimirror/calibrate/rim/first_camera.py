@@ -84,14 +84,40 @@ def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mou
     250.0
     """
     check_sure(rim)
-    preset = PRESETS.get(str(mirror)) if not isinstance(mirror, Sensor) else None
-    if preset is None:
-        sensor = mirror if isinstance(mirror, Sensor) else _load(mirror)
-        return sensor_from_rim(rim, sensor if mount is None else replace(sensor, mount=mount))
-    if preset.sensor is None:
-        return MirrorBall(rim.centre_px, rim.radius_px, preset.field_deg, rim.image_size, mount or Mount())
-    sensor = load_sensor(preset.sensor)
+    known = mirror if isinstance(mirror, Sensor) else mirror_of(mirror)
+    if isinstance(known, Sensor):
+        return sensor_from_rim(rim, known if mount is None else replace(known, mount=mount))
+    if known.sensor is None:
+        return MirrorBall(rim.centre_px, rim.radius_px, known.field_deg, rim.image_size, mount or Mount())
+    sensor = load_sensor(known.sensor)
     return _centred(rim, sensor if mount is None else replace(sensor, mount=mount))
+
+
+@checked
+def mirror_of(name: str | Path) -> CommonMirror | Sensor:
+    """The mirror that a name stands for.
+
+    Parameters
+    ----------
+    name
+        Of a preset, or the name or file of a sensor.
+
+    Raises
+    ------
+    InvalidParameter
+        There is none of that name.
+
+    Examples
+    --------
+    >>> mirror_of("ball").field_deg, mirror_of("paper-spherical").name
+    (340.0, 'paper-spherical')
+    """
+    if preset := PRESETS.get(str(name)):
+        return preset
+    try:
+        return load_sensor(name)
+    except OmnimirrorError as e:
+        raise InvalidParameter(f"{e}; presets of common mirrors are {', '.join(PRESETS)}") from None
 
 
 def check_sure(rim: FoundRim) -> None:
@@ -295,11 +321,3 @@ def _centred(rim: FoundRim, sensor: Sensor) -> Sensor:
         aligned.imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=centre
     )  # fmt: skip
     return replace(aligned, imager=imager)
-
-
-def _load(mirror: str | Path) -> Sensor:
-    """The sensor of a name or file."""
-    try:
-        return load_sensor(mirror)
-    except OmnimirrorError as e:
-        raise InvalidParameter(f"{e}; presets of common mirrors are {', '.join(PRESETS)}") from None

@@ -56,10 +56,11 @@ class AutoOptions(Options):
 
     def camera(self, sources: tuple[str, ...], options: CameraOptions) -> tuple[FoundCamera, str]:
         """The camera of pictures, standing as the options say; and a sentence that says what was found."""
-        from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim
+        from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim, mirror_of
 
-        rim, count = _rim_in(sources)
         name = self.mirror or DEFAULT
+        mirror_of(name)  # refused before a rim is looked for, which takes seconds
+        rim, count = _rim_in(sources)
         found = camera_from_rim(rim, name)
         found = replace(found, mount=options.standing(found.mount))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, get_args
 import click
 
 from ....handoff.bags.files import is_bag
+from ....media.pictures.images import format_of
 from ....native import backend
 from ....straighten import Recording, Straightened, Straightening, is_video
 from ....straighten.pictures import PictureStraightener
@@ -312,6 +313,7 @@ def _named(output: str, kind: str | None) -> Path:
     if output != "-":
         if kind is not None:
             raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+        format_of(output)  # refused before the picture is read
         return Path(output)
     return take_standard_output("--output", kind or PICTURES[0])
 
