@@ -32,7 +32,7 @@ BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of 
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
 LEAST_SHARE = 0.3
-MUCH = 1.3  # times what the least share of large blur leaves over, by the most: all are too large
+MUCH = 1.4  # times what the least share of large blur leaves over, by the most: all are too large
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
