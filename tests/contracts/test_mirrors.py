@@ -104,7 +104,9 @@ def exact_finite_points(mirror: Mapped):
         yield x, z, law(x, z), mp.diff(lambda s, x=x, z=z: law(x + s, z + s * law(x, z)), 0)
 
 
-@pytest.mark.parametrize("kind", few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind != "ground-plane")))
+@pytest.mark.parametrize(
+    "kind", few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane")))
+)
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
     mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # integrated, which takes seconds with 30

@@ -9,7 +9,7 @@ import omnimirror as om
 from omnimirror.simulate.round_trip import measure_round_trip
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_eq_23_predicts():
     found = measure_round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
     assert np.abs(found.predicted_px).max() > 1.4

@@ -13,6 +13,7 @@ from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.tracing import space
 from omnimirror.tracing.meridian import Meridian
 from tests.conftest import MIRRORS, M
+from tests.everyday import few
 
 
 def chief_rays(mirror, m, count=2000):
@@ -66,7 +67,7 @@ def rays_from_anywhere(mirror, count, seed=5):
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("kind", sorted(MIRRORS))
+@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "conic-asphere", "equidistant", "sampled"))
 def test_the_hit_is_the_first_and_from_the_front(kind):
     """Marching along each ray in steps of a hundredth of the rim finds no earlier crossing, and no missed one."""
     mirror, _ = MIRRORS[kind]

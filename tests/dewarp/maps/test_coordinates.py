@@ -58,7 +58,7 @@ def random_screen(rng: np.random.Generator) -> Any:
             return Ground(size, rng.uniform(-900, -150), rng.uniform(1, 20))
 
 
-@pytest.mark.parametrize("seed", few(range(0, 120, 10), 0, 30, 60, 90))
+@pytest.mark.parametrize("seed", few(range(0, 120, 10), 30))
 def test_ten_random_views_each(seed):
     for s in range(seed, seed + 10):
         rng = np.random.default_rng(s)

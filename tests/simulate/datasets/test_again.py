@@ -37,7 +37,6 @@ from omnimirror.simulate.scenes.sources import SceneSource
 from omnimirror.simulate.scenes.worlds.hall import Hall
 from omnimirror.simulate.scenes.worlds.room import Room
 from tests.commands import fails, omnimirror
-from tests.everyday import few
 from tests.simulate.datasets.test_calibration_set import PATH, small
 
 HALL = Hall(texel_mm=50.0)
@@ -97,8 +96,8 @@ def place(tmp_path_factory):
     return folder
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("kind", few(["calibration", "video"], "calibration"))
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["calibration", "video"])
 def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
     """What was done before SIGKILL is not made again, and all files are those of a run that was not disturbed."""
     if kind == "video":

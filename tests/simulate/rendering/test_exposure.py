@@ -48,7 +48,7 @@ def steps(height: int, width: int) -> Environment:
 
 
 @needs_native
-@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("flipped", few([False, True], True))
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 @pytest.mark.parametrize(
     "name",

@@ -14,7 +14,6 @@ from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.colour import srgb_from_linear
 from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.scenes.environment import Environment
-from tests.everyday import few
 from tests.tracing.test_mitsuba import meshed, mi  # noqa: F401 - a fixture
 
 MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
@@ -126,7 +125,8 @@ def grey_levels(decibels):
     return 255 * 10 ** (-decibels / 20)
 
 
-@pytest.mark.parametrize("pose", few([MirrorPose(), MISALIGNED], MISALIGNED), ids=["aligned", "misaligned"])
+@pytest.mark.full
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
     sensor = small("paper-spherical", 128, pose)
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=2.0))
@@ -136,9 +136,10 @@ def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
     as_mitsuba_has_it(beside, decibels, shift)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "pose"),
-    few([("paper-equidistant", MISALIGNED), ("paper-hyperboloidal", MirrorPose())], ("paper-equidistant", MISALIGNED)),
+    [("paper-equidistant", MISALIGNED), ("paper-hyperboloidal", MirrorPose())],
     ids=["E-DI", "SVP"],
 )
 def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
