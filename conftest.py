@@ -12,11 +12,29 @@ from tests.cross_validation import Compare, Compared, version_of, write
 TORCH = "src/omnimirror/torch"
 NEED_TORCH = ("cameras.py", "compiled.py", "differentiable_camera.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
+LONG_EXAMPLES = {
+    "omnimirror.calibrate.estimation.calibration.calibrate_camera",
+    "omnimirror.calibrate.estimation.results.Calibration",
+    "omnimirror.calibrate.targets.finding.find_board",
+    "omnimirror.design.optimise.optimiser.optimise",
+    "omnimirror.report.calibration.write_calibration_figures",
+    "omnimirror.report.calibration.write_calibration_report",
+    "omnimirror.report.write_demo",
+    "omnimirror.simulate.datasets.calibration_set.write_calibration_set",
+}
+"""Examples in the sources that `make test-full` alone runs, as the tests of the same functions run every day."""
 OPTION, PROPERTY = "--cross-validation", "compared"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(OPTION, type=Path, metavar="FILE", help="write what was compared with other programs as a page")
+
+
+@pytest.hookimpl(tryfirst=True)  # before those that are not wanted are taken out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.name in LONG_EXAMPLES:
+            item.add_marker(pytest.mark.full)
 
 
 @pytest.fixture

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
 
 import omnimirror as om
+from omnimirror.cli import app
 from omnimirror.design import parse_requirements
 from omnimirror.manufacture.workshop import parse_workshop
 from omnimirror.specs import parse_sensor
 from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.commands import omnimirror
+from tests.everyday import few
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 RUN_ELSEWHERE = {"gallery.md"}  # tests/test_gallery.py
+LONG_EXAMPLES = {"calibrate.md", "design.md", "lenses.md", "manufacture.md", "optimisation.md", "simulate.md"}
+LONG_COMMANDS = {"bought.md", "calibrate.md", "handoff.md", "manufacture.md", "optimisation.md", "stories.md"}
+"""Pages that run in the long run; every day it is seen that what they name is there."""
 FIGURES = re.compile(r" --figures \S+| -o \S+\.html")
 """Asks for a dozen figures, or a page of pictures, that nothing on the page reads again."""
 
@@ -27,10 +36,16 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S)
 
 
+def every_day(pages: list[Path], long: set[str]) -> list[Any]:
+    return few(pages, *(page for page in pages if page.name not in long))
+
+
+WITH_EXAMPLES = [p for p in PAGES if blocks(p, "python") and p.name not in RUN_ELSEWHERE]
+WITH_COMMANDS = [p for p in PAGES if blocks(p, "console")]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "page", [p for p in PAGES if blocks(p, "python") and p.name not in RUN_ELSEWHERE], ids=lambda p: p.name
-)
+@pytest.mark.parametrize("page", every_day(WITH_EXAMPLES, LONG_EXAMPLES), ids=lambda p: p.name)
 def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_files(page, tmp_path)
@@ -88,10 +103,36 @@ def is_near(shown: str, printed: str) -> bool:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console")], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", every_day(WITH_COMMANDS, LONG_COMMANDS), ids=lambda p: p.name)
 def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
     """Without their figures, which take half of the time; the next test draws them too."""
     run_in_order([(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")], page, tmp_path)
+
+
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda p: p.name)
+def test_python_examples_name_what_is_there(page):
+    for node in ast.walk(ast.parse("".join(blocks(page, "python")))):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("omnimirror"):
+            assert all(hasattr(import_module(node.module), name.name) for name in node.names), ast.unparse(node)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "om":
+            assert hasattr(om, node.attr), ast.unparse(node)
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.name)
+def test_commands_name_options_that_there_are(page):
+    for line, _ in commands(page, "console"):
+        _, name, *words = shlex.split(line)
+        command = app.get_command(click.Context(app), name)
+        assert command is not None, line
+        there = {"--help", *options(app), *options(command)}
+        assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= there, line
+
+
+def options(command: click.Command) -> set[str]:
+    """Of a command, and of those that it holds."""
+    own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    held = command.commands.values() if isinstance(command, click.Group) else ()
+    return own.union(*map(options, held))
 
 
 def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path) -> None:
