@@ -21,6 +21,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
 from omnimirror.figures.labels import spread
 from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
+from omnimirror.housing import CameraBody, Housing, Rod
 from omnimirror.reproduce import paper_sensors
 from omnimirror.specs import bundled_sensors
 from tests.conftest import sensor_of
@@ -47,12 +48,12 @@ def texts(figure):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-@pytest.mark.parametrize("sensor", few(bundled_sensors(), "folded-hyperboloidal", "paraboloid-telecentric"))
+@pytest.mark.parametrize("sensor", few(bundled_sensors(), "folded-hyperboloidal"))
 def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
     assert draw(name, [om.load_sensor(sensor)]).axes  # the next test also renders them
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig8", "fig11"))
 def test_every_figure_draws_a_cone_and_six_sensors(name):
     """A cone has a pointed tip, a hole in its image and no tangential image of distant objects."""
     render(draw(name, [sensor_of("cone"), sensor_of("ellipsoid"), *SENSORS, sensor_of("sphere", "orthographic")]))
@@ -138,7 +139,7 @@ def test_each_sensor_keeps_its_colour():
             assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {PALETTE[i]}
 
 
-@pytest.mark.parametrize("name", ["fig5", "fig7", "fig9", "fig12", "fig15"])
+@pytest.mark.parametrize("name", few(["fig5", "fig7", "fig9", "fig12", "fig15"], "fig7", "fig12"))
 def test_end_labels_do_not_overlap(name):
     figure = drawn(name)
     figure.draw_without_rendering()
@@ -227,29 +228,40 @@ def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
     assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
 
 
-def test_what_is_hidden_is_drawn_where_it_is():
-    """Bands of the angles, rings of the picture, and nothing where nothing is hidden."""
-    from omnimirror.housing import CameraBody, Housing, Rod
-
-    bare = SENSORS[0]
-    sensor = replace(bare, housing=Housing(CameraBody(60.0), Rod(4.0)))
-    (ring,) = sensor.obscured
-    for name in ("fig5", "fig6", "fig7", "fig9", "fig15"):
-        for ax in draw(name, [sensor]).axes:
-            (band,) = [p for p in ax.patches if p.get_gid() == f"{sensor.name}:hidden"]
-            box = band.get_extents().transformed(ax.transData.inverted())
-            np.testing.assert_allclose([box.x0, box.x1], ring.omega_deg, atol=1e-6)
-    edge = float(om.evaluate(sensor, [ring.omega_deg[1]]).h_px[0])
-    for name, inside in (("fig3", -edge), ("fig8", 0.0), ("fig10", 0.0)):
-        (patch,) = [p for ax in draw(name, [sensor]).axes for p in ax.patches if p.get_gid() == f"{sensor.name}:hidden"]
-        box = patch.get_extents().transformed(patch.axes.transData.inverted())
-        np.testing.assert_allclose([box.x0, box.x1], [inside, edge], rtol=1e-3, atol=1e-6)
-    assert [t for t in texts(draw("fig11", [sensor])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
-    for name in FIGURES:
-        assert not [t for t in texts(drawn(name)) if "hidden" in t]
+@pytest.fixture(scope="module")
+def obscured():
+    """One of the three whose camera and rod hide the middle."""
+    return replace(SENSORS[0], housing=Housing(CameraBody(60.0), Rod(4.0)))
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("name", few(["fig5", "fig6", "fig7", "fig9", "fig15"], "fig5"))
+def test_angles_that_are_hidden_are_a_band(name, obscured):
+    (ring,) = obscured.obscured
+    for ax in draw(name, [obscured]).axes:
+        (band,) = [p for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
+        box = band.get_extents().transformed(ax.transData.inverted())
+        np.testing.assert_allclose([box.x0, box.x1], ring.omega_deg, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", few(["fig3", "fig8", "fig10"], "fig8"))
+def test_what_is_hidden_in_the_picture_is_a_ring(name, obscured):
+    (ring,) = obscured.obscured
+    edge = float(om.evaluate(obscured, [ring.omega_deg[1]]).h_px[0])
+    (patch,) = [p for ax in draw(name, [obscured]).axes for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
+    box = patch.get_extents().transformed(patch.axes.transData.inverted())
+    np.testing.assert_allclose([box.x0, box.x1], [-edge if name == "fig3" else 0.0, edge], rtol=1e-3, atol=1e-6)
+
+
+def test_spots_that_are_hidden_say_so(obscured):
+    assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
+
+
+@pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig11"))
+def test_nothing_is_drawn_as_hidden_where_nothing_is(name):
+    assert not [t for t in texts(drawn(name)) if "hidden" in t]
+
+
+@pytest.mark.parametrize("kind", few(FORMATS, "pdf"))
 def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, monkeypatch):
     sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]

@@ -25,7 +25,7 @@ from tests.everyday import few
 NAMES = ["-drawing.pdf", "-sag.csv", ".3mf", ".dat", ".dxf", ".step", ".stl", ".zmx"]
 
 
-@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "even-polynomial", "slope-spline"))
+@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "slope-spline"))
 def test_every_mirror_is_written_in_every_format(kind, tmp_path):
     files = om.export(sensor_of(kind), tmp_path / "out", grid_points=33, chord_tolerance_um=50.0)
     assert sorted(f.path.name for f in files) == [f"{kind}{name}" for name in NAMES]
@@ -38,12 +38,12 @@ def test_every_mirror_is_written_in_every_format(kind, tmp_path):
         assert file.deviation_um is None or 0 <= file.deviation_um <= limit
 
 
-def test_one_file_is_named_by_its_suffix(tmp_path):
-    for suffix in (".stp", ".STEP", ".svg", ".png", ".dat", ".csv"):
-        file, *others = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
-        assert file.path == tmp_path / f"mirror{suffix}"
-        assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (suffix in (".svg", ".png"))
-        assert all(f.path.exists() for f in (file, *others))
+@pytest.mark.parametrize("suffix", few([".stp", ".STEP", ".svg", ".png", ".dat", ".csv"], ".STEP", ".svg", ".dat"))
+def test_one_file_is_named_by_its_suffix(suffix, tmp_path):
+    file, *others = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
+    assert file.path == tmp_path / f"mirror{suffix}"
+    assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (suffix in (".svg", ".png"))
+    assert all(f.path.exists() for f in (file, *others))
 
 
 def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
@@ -89,6 +89,7 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
     assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2
 
 
+@pytest.mark.full
 def test_formats_that_need_no_package_import_none():
     """The core alone writes lens files, tables and drawings."""
     code = (
@@ -159,7 +160,7 @@ def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("suffix", few([".step", ".dxf"], ".step"))
+@pytest.mark.parametrize("suffix", few([".step", ".dxf"], ".dxf"))
 def test_a_full_disk_is_one_sentence_and_loses_nothing(suffix, tmp_path):
     path = tmp_path / f"out{suffix}"
     path.write_text("precious")
