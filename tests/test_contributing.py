@@ -137,7 +137,7 @@ export function begin(place: HTMLElement, store: Store): void {
 """
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     if shutil.which("node") is None or not (WEB / "node_modules" / "typescript").is_dir():
         pytest.skip("the page's types need Node and web/node_modules: make node")

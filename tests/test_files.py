@@ -87,8 +87,8 @@ def test_a_folder_is_not_a_file_name(tmp_path):
     "args",
     [
         ["evaluate", "paper-spherical", "--csv", "out.csv"],
-        ["evaluate", "paper-spherical", "--json", "out.csv"],
-        ["init", "out.csv", "--force"],
+        pytest.param(["evaluate", "paper-spherical", "--json", "out.csv"], marks=pytest.mark.full),
+        pytest.param(["init", "out.csv", "--force"], marks=pytest.mark.full),
     ],
     ids=["csv", "json", "init"],
 )

@@ -94,7 +94,7 @@ def test_figures_are_drawn_the_papers_way(tmp_path):
     assert ">SPH<" in files[0].read_text(encoding="utf-8")
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_figure_17_is_taken_and_straightened(tmp_path):
     (file,) = draw_figures(tmp_path, ["fig17"], formats=["png"])
     assert file.stat().st_size > 300_000

@@ -19,6 +19,7 @@ from omnimirror.components.catalogue import (
 from omnimirror.components.selection import choose_parts, rings_for
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.lenses import Perspective
+from tests.everyday import few
 
 SPHERE = om.load_sensor("paper-spherical")
 
@@ -34,7 +35,8 @@ def at(sensor, side, F, focus, mode="exact"):
 
 @pytest.mark.parametrize("mode", ["exact", "paper"])
 @pytest.mark.parametrize(
-    "name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"]
+    "name",
+    few(["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"], "paper-spherical"),
 )
 def test_no_other_aperture_and_focus_is_better(name, mode):
     sensor = om.load_sensor(name)

@@ -17,6 +17,7 @@ from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Lens
 from tests.conftest import MIRRORS
+from tests.everyday import few
 
 from .test_calls import ODD
 
@@ -101,7 +102,11 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(("thing", "method"), CASES, ids=[" ".join(case) for case in CASES])
+@pytest.mark.parametrize(
+    ("thing", "method"),
+    few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
+    ids=[" ".join(case) for case in CASES],
+)
 def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
     called = methods_of(THINGS[thing])[method]
     told = [p for p in inspect.signature(called).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]

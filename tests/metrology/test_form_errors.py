@@ -9,6 +9,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.mirrors import EvenPolynomial, Hyperboloid, Sphere
 from omnimirror.numerics.zernike import noll, zernike_values
+from tests.everyday import few
 
 from .clouds import TERMS, height_mm, in_machine, on, places
 
@@ -27,7 +28,7 @@ def test_the_terms_are_those_of_the_textbook():
 
 
 @pytest.mark.parametrize("above", [False, True])
-@pytest.mark.parametrize("term", [6, 11, 14, 22])
+@pytest.mark.parametrize("term", few([6, 11, 14, 22], 11))
 @pytest.mark.parametrize("name", MIRRORS)
 def test_a_micrometre_comes_back_within_five_percent(name, term, above):
     form = om.form_error(MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above))

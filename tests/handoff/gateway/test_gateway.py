@@ -93,7 +93,7 @@ def off(a: np.ndarray, b: np.ndarray) -> float:
 # -- what is seen --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", VIEWS)
+@pytest.mark.parametrize("name", few(VIEWS, "around"))
 def test_a_picture_is_the_dewarpers(gateway, camera, film, name):
     with served(create_app(gateway, None)) as address:
         answer = httpx.get(f"{address}{name}.jpg", timeout=300)
@@ -102,7 +102,7 @@ def test_a_picture_is_the_dewarpers(gateway, camera, film, name):
     assert off(as_picture(answer.content), straight) < 2.5
 
 
-@pytest.mark.parametrize("suffix", PLAYERS)
+@pytest.mark.parametrize("suffix", few(PLAYERS, "ts"))
 def test_players_open_every_address(gateway, camera, film, suffix):
     straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
     with served(create_app(gateway, None)) as address, av.open(f"{address}front.{suffix}", timeout=300) as player:
@@ -119,6 +119,7 @@ def test_players_open_every_address(gateway, camera, film, suffix):
             assert steps.mean() > 0.9 / 25  # as they come, or fewer where the machine is busy
 
 
+@pytest.mark.full
 def test_a_player_that_comes_late_begins_at_once(gateway):
     """A key frame is made for it: it need not wait for the next second, nor see the stream's beginning."""
     with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.ts", timeout=300) as first:
@@ -187,6 +188,7 @@ def test_who_asked_for_hls_watches_for_a_while(gateway, monkeypatch):
 # -- a source that is lost -----------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_a_source_that_is_lost_comes_back_and_watchers_stay(film, camera):
     data, told = film.read_bytes(), []
     plans = [HEAD, *paced(data, 2.0)], [], [HEAD, *paced(data, 2.0), *paced(data, 2.0), 60.0]
@@ -252,13 +254,21 @@ def test_a_view_is_steered_and_shows_what_is_there(gateway, camera, film):
     [
         ("front", {"pan_deg": 3}, 400, "the view 'front' is not steered"),
         ("eye", {"tilt_deg": 90, "hfov_deg": 20}, 400, "sees nothing of the camera's field"),
-        ("eye", {"hfov_deg": 200}, 400, "hfov_deg = 200 is valid above 0 and below 180 deg"),
+        pytest.param(
+            "eye", {"hfov_deg": 200}, 400, "hfov_deg = 200 is valid above 0 and below 180 deg", marks=pytest.mark.full
+        ),
         ("eye", {"zoom": 50}, 400, "zoom = 50 goes past what the camera resolves; it is valid up to"),
-        ("eye", {"zoom": 2, "hfov_deg": 30}, 400, "zoom and hfov_deg say the same thing twice"),
+        pytest.param(
+            "eye",
+            {"zoom": 2, "hfov_deg": 30},
+            400,
+            "zoom and hfov_deg say the same thing twice",
+            marks=pytest.mark.full,
+        ),
         ("eye", {"yaw": 2}, 422, '{"detail":"yaw is not known; valid are pan_deg, '),
         ("eye", {"pan_deg": "west"}, 422, "pan_deg = 'west' is not a number"),
-        ("eye", {"pan_deg": [3]}, 422, "pan_deg = [3] is not a number"),
-        ("eye", {"relative": 7}, 422, "relative = 7 is not true or false"),
+        pytest.param("eye", {"pan_deg": [3]}, 422, "pan_deg = [3] is not a number", marks=pytest.mark.full),
+        pytest.param("eye", {"relative": 7}, 422, "relative = 7 is not true or false", marks=pytest.mark.full),
         ("eye", [], 422, "what was sent is no JSON such as"),
         ("nose", {"pan_deg": 3}, 404, "there is no view 'nose'; there are front, eye, around"),
     ],
@@ -483,14 +493,14 @@ def test_a_server_that_is_killed_gets_the_view_again(film, camera, tmp_path, rts
     ("words", "sentence"),
     [
         (["a.png"], "a.png is no camera, stream or video file"),
-        (["nowhere.mp4"], "nowhere.mp4 is no camera, stream or video file"),
+        pytest.param(["nowhere.mp4"], "nowhere.mp4 is no camera, stream or video file", marks=pytest.mark.full),
         (
             ["0", "--publish", "rtsp://door/1"],
             "rtsp://door/1 is one address for all views to be published; put {view} into it",
         ),
         (["0", "--publish", "gopher://{view}"], "cannot stream to 'gopher://{view}'"),
-        (["0", "--token", ""], "the token is empty"),
-        (["0"], "there are no views 'views.toml'"),
+        pytest.param(["0", "--token", ""], "the token is empty", marks=pytest.mark.full),
+        pytest.param(["0"], "there are no views 'views.toml'", marks=pytest.mark.full),
         (["cut.mp4"], "cannot read the video cut.mp4"),
     ],
 )

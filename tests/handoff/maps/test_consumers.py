@@ -196,7 +196,7 @@ def test_the_hlsl_shader_has_the_same_table(tmp_path):
     assert "float2(512.0, 500.0)" in hlsl[0].read_text()
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_the_hlsl_shader_draws_the_view(page, picture, straight, seen, tmp_path):
     paths = written("hlsl", tmp_path).paths
     translated = glsl_of(paths[0])
@@ -227,7 +227,7 @@ def test_obs_draws_the_view(picture, straight, seen, tmp_path, beside):
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).straighten).all(-1)] == 0).all()
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_glshaders_shader_holds_the_map_itself(page, picture, straight, seen, tmp_path):
     done = written("gstreamer", tmp_path)
     assert done.deviation.size < 0.03

@@ -43,7 +43,7 @@ def taken(mi, script, size):  # noqa: F811
     return np.array(mi.render(mi.load_dict(scene), spp=RAYS))
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_mitsubas_picture_is_ours(mi, tmp_path):  # noqa: F811
     """Near walls, so that it matters where rays start; a sensor out of line."""
     sensor = small("paper-spherical", PIXELS, MISALIGNED)

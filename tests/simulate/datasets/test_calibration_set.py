@@ -177,7 +177,7 @@ def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
 
 def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
     camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
-    list(write_calibration_set(camera, tmp_path / "set", views=1, samples=1))
+    list(write_calibration_set(camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)))
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
     with pytest.raises(InvalidParameter, match="only a sensor has blur"):
         list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))

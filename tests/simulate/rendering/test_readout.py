@@ -24,7 +24,11 @@ DETECTORS = {
 }
 
 
-@pytest.mark.parametrize("more", [{}, {"wavelengths_nm": (620.0, 540.0, 460.0)}], ids=["grey", "coloured"])
+@pytest.mark.parametrize(
+    "more",
+    [{}, pytest.param({"wavelengths_nm": (620.0, 540.0, 460.0)}, marks=pytest.mark.full)],
+    ids=["grey", "coloured"],
+)
 @pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "parts beside each other"])
 @pytest.mark.parametrize("detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS)
 def test_it_is_the_same_as_of_all_light(detector, samples, more):

@@ -131,6 +131,7 @@ def test_the_wall_ahead_alone_can_be_fine():
         om.Room(10.0, elsewhere_mm=0.1)
 
 
+@pytest.mark.full
 def test_a_fine_wall_ahead_takes_little_memory_to_paint():
     tracemalloc.start()
     try:
