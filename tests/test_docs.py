@@ -26,7 +26,16 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 RUN_ELSEWHERE = {"gallery.md"}  # tests/test_gallery.py
 LONG_EXAMPLES = {"calibrate.md", "design.md", "lenses.md", "manufacture.md", "optimisation.md", "simulate.md"}
-LONG_COMMANDS = {"bought.md", "calibrate.md", "handoff.md", "manufacture.md", "optimisation.md", "stories.md"}
+LONG_COMMANDS = {
+    "aperture.md",
+    "bought.md",
+    "calibrate.md",
+    "handoff.md",
+    "manufacture.md",
+    "optimisation.md",
+    "restoration.md",
+    "stories.md",
+}
 """Pages that run in the long run; every day it is seen that what they name is there."""
 FIGURES = re.compile(r" --figures \S+| -o \S+\.html")
 """Asks for a dozen figures, or a page of pictures, that nothing on the page reads again."""
