@@ -44,6 +44,7 @@ def off_straight_px(camera, detection):
     return np.concatenate(off)
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
     """Calibrated from corners with noise; the boards that are looked at are others, without. As it was drawn, the
@@ -58,6 +59,7 @@ def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
     assert off < 1.0
 
 
+@pytest.mark.full
 @pytest.mark.long
 @pytest.mark.skipif(not PHOTOGRAPHS, reason=f"the photographs are not in {SHARED}")
 def test_lines_of_photographed_boards_are_straight():
@@ -91,7 +93,7 @@ CALIBRATED = {
 }  # fmt: skip
 
 
-EVERY_DAY = ("viewpoint-spline", "a fisheye", "sensor")
+EVERY_DAY = ("viewpoint-spline", "a fisheye")
 
 
 @pytest.mark.parametrize(

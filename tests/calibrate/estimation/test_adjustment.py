@@ -132,6 +132,7 @@ def test_fixed_parameters_stay_and_priors_pull():
     assert pulled.centre_px[0] == pytest.approx(middle + 2 * sigma, abs=0.15 * sigma)  # two that know it equally well
 
 
+@pytest.mark.full
 def test_covariance_is_what_repeated_noise_shows():
     points = room(120)
     ahead = directions(TRUTH, 5, 8)
@@ -161,6 +162,7 @@ def test_what_nothing_determines_is_named():
     assert not {"cx", "cy"} & named
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_the_shape_of_a_board_is_found():
     bent = BoardShape.flat(BOARD.points_mm).with_values([0.002, -0.001, 1.5, 0.8, -0.7])
@@ -208,6 +210,7 @@ print(others + time.process_time() - time.thread_time())
 """
 
 
+@pytest.mark.full
 def test_normal_equations_wake_no_threads_of_blas():
     """They would spin for longer than the products take, and on a busy machine all wait for one another."""
     alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}

@@ -51,6 +51,7 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
     assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
 
 
+@pytest.mark.full
 def test_the_field_ends_at_the_rim_that_is_said():
     """What lies beyond is no part of the camera, whose numbers are the same."""
     seen = detections(count=4)
@@ -64,7 +65,8 @@ def test_the_field_ends_at_the_rim_that_is_said():
         calibrated(seen, rim_radius_px=-1.0)
 
 
-@pytest.mark.parametrize("shift", [pytest.param((90.0, 0.0), marks=pytest.mark.full), (-60.0, 50.0)])
+@pytest.mark.full
+@pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
 def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
     centre = (319.5 + shift[0], 239.5 + shift[1])
     found = calibrated(detections(replace(TRUTH, centre_px=centre), 6), board_shape=False)
@@ -78,6 +80,7 @@ def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
         assert found.model.mount == camera.mount
 
 
+@pytest.mark.full
 def test_a_fisheye_is_chosen_among_models_without_a_mirror():
     truth = om.KannalaBrandt((150.0, 150.0), (322.0, 238.0), SIZE, k1=0.02, k2=-0.004)
     found = calibrated(detections(truth, 5), model="auto", optics="fisheye", board_shape=False)
@@ -99,6 +102,7 @@ def test_wrong_corners_are_named_and_no_others():
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
+@pytest.mark.full
 def test_boards_counted_from_any_corner_are_one_board():
     """A detector begins at either end of 11 x 7 corners, and in a mirror's picture counts them backwards."""
     seen = detections(count=4, points_mm=BOARD.points_mm)
@@ -139,6 +143,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(cha
     assert found.outliers == ()
 
 
+@pytest.mark.full
 def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
     found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
     assert found.held_out_rms_px > 1.25 * found.rms_px
@@ -158,6 +163,7 @@ def test_the_file_of_results_has_what_it_promises(tmp_path):
     assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 
 
+@pytest.mark.full
 def test_the_same_pictures_give_the_same_camera():
     first, second = (calibrated(detections(count=4), seed=3) for _ in range(2))
     assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
@@ -208,13 +214,15 @@ def one_pose(count: int) -> list[om.Detection]:
             r"small\.png: 320 x 240 px, where the other pictures have 640 x 480 px",
         ),
         (lambda: one_pose(6), "the same place in all pictures.*picture 0, picture 1.*hold it at different places"),
-        (
+        pytest.param(
             lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]),
             "centre in picture 3, picture 6, picture 9 and picture 10 lies .*the mirror moved",
+            marks=pytest.mark.full,
         ),
-        (
+        pytest.param(
             lambda: flipped(detections(count=9), {1, 2, 3}),
             "centre in picture 2, picture 3 and picture 4 lies .*pictures are flipped",
+            marks=pytest.mark.full,
         ),
         (
             lambda: [replace(d, is_reversed=False) for d in detections(count=4)],

@@ -38,6 +38,7 @@ def test_what_one_viewpoint_costs_far_away_is_told():
     assert told > 0.5
 
 
+@pytest.mark.full
 def test_a_camera_with_one_viewpoint_is_not_told_to_have_several():
     truth = om.load_sensor("paraboloid-telecentric")
     seen = om.simulate_detections(truth, BOARD, 8, noise_px=0.1, seed=1)

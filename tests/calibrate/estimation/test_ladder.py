@@ -24,7 +24,7 @@ TRUTHS = [  # each nearly a ball's cap over a camera, as far as its kind allows
 ]  # fmt: skip
 
 
-EVERY_DAY = ("enhanced-unified", "viewpoint-spline")  # the one that is skew, and the one of several viewpoints
+EVERY_DAY = ("enhanced-unified",)  # the one that is skew
 
 
 @pytest.mark.parametrize(

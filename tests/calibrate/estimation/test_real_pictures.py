@@ -57,10 +57,9 @@ def shifted(first, shift, pictures=PICTURES):
     return [replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)]
 
 
+@pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "pictures", [PICTURES[::3], pytest.param(PICTURES, marks=pytest.mark.full)], ids=["few", "all"]
-)
+@pytest.mark.parametrize("pictures", [PICTURES[::3], PICTURES], ids=["few", "all"])
 def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
     """No picture's own centre says so at once: the common one is wrong for each."""
     half = (len(pictures) + 1) // 2

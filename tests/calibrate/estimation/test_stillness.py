@@ -19,12 +19,13 @@ def moved(seen, numbers, shift):
     return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("count", "numbers"),
     [
         (8, (1, 3, 4, 6)),
-        pytest.param(8, (4, 5, 6, 7), marks=pytest.mark.full),
-        pytest.param(6, (0, 1, 2), marks=pytest.mark.full),
+        (8, (4, 5, 6, 7)),
+        (6, (0, 1, 2)),
     ],
 )
 def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
@@ -41,7 +42,8 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
     assert min(len(told[0] ^ group) for group in groups) <= 1
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("seed", [1, 2])
 def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
     """A ball has no one viewpoint: of a model that has, the centres of pictures scatter far beyond the noise."""
     seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 6 + 2 * seed, noise_px=NOISE_PX, seed=seed)

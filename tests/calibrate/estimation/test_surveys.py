@@ -8,6 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.calibrate.estimation.bundle.observations import rotation_of
 from omnimirror.errors import InvalidParameter
+from tests.everyday import few
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
 
@@ -44,7 +45,7 @@ def off_deg(found, camera) -> float:
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
 
 
-@pytest.mark.parametrize(("near", "far"), [(40, 0), (0, 40), (25, 25)])
+@pytest.mark.parametrize(("near", "far"), few([(40, 0), (0, 40), (25, 25)], (25, 25)))
 def test_a_camera_is_found_from_points_stars_or_both(near, far):
     found = om.calibrate_camera(surveys=[seen(TRUTH, near, far)], image_size=SIZE, model="unified")
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
@@ -53,6 +54,7 @@ def test_a_camera_is_found_from_points_stars_or_both(near, far):
     assert found.advice == ()  # of boards, which nobody has
 
 
+@pytest.mark.full
 def test_where_the_camera_stood_among_the_points_is_told():
     room = seen(TRUTH, 40, 0)
     turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
@@ -100,6 +102,7 @@ def test_the_boards_shape_is_not_that_of_the_room():
     assert max(abs(v) for v in found.shape.values[2:]) > 1.0
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
     """A third of 28 fits any mirror; from there the others stay 26 px off."""

@@ -12,7 +12,8 @@ from omnimirror.calibrate.lines import level_in
 from omnimirror.frames import Mount
 
 
-@pytest.mark.parametrize("lean", [pytest.param((5.0, -3.0), marks=pytest.mark.full), (-9.0, 6.0)])
+@pytest.mark.full
+@pytest.mark.parametrize("lean", [(5.0, -3.0), (-9.0, 6.0)])
 def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
     sensor = om.load_sensor("paper-spherical")
     coarse = replace(sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um)

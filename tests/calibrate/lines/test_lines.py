@@ -57,6 +57,7 @@ def test_chains_lie_on_edges_to_a_tenth_of_a_pixel():
         assert np.sqrt((inner**2).mean()) < 0.1
 
 
+@pytest.mark.full
 def test_a_mirror_of_known_kind_is_refined_and_levelled():
     truth, picture = scene()
     drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=11.2), mount=Mount("up"))
@@ -116,6 +117,7 @@ def test_pictures_that_show_too_little_are_refused():
         om.calibrate_lines([picture], model=other, **field(truth))
 
 
+@pytest.mark.full
 def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
     """The command: a sensor file in, a better one out, level and with its uncertainty."""
     truth, picture = scene()
@@ -161,6 +163,7 @@ def test_edges_are_drawn_over_the_picture():
     assert (drawn[30] == 50).all()
 
 
+@pytest.mark.full
 def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
     """OCamCalib's own sample, calibrated by its authors with many boards; none is looked for here."""
     folder = shared_data / "ocamcalib_cpp_sample"

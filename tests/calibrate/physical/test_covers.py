@@ -21,7 +21,7 @@ TUBE, DOME = Tube(110.0, 4.0), Dome(medium="water", tilt_x_deg=1.0)
 @pytest.mark.parametrize(
     ("distant", "shell"),
     [
-        pytest.param(False, DOME, id="dome"),
+        pytest.param(False, DOME, id="dome", marks=pytest.mark.full),
         pytest.param(True, TUBE, id="tube, far"),
         pytest.param(True, DOME, id="dome, far", marks=pytest.mark.full),
         pytest.param(False, TUBE, id="tube", marks=pytest.mark.full),

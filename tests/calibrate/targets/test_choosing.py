@@ -49,6 +49,7 @@ def test_each_view_is_chosen_once_and_sharp(video):
     assert all("much as board.mp4 at" in reason or "blurred" in reason for reason in others)
 
 
+@pytest.mark.full
 def test_the_most_different_ones_come_first(video):
     used = [d for d in om.choose_frames(video, BOARD, count=3) if d.used]
     middles = np.array([d.corners_px.mean(axis=0) for d in used])

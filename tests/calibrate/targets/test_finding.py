@@ -107,12 +107,12 @@ def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = 
     ("picture", "reason"),
     [
         (picture_of(9, 6), None),
-        (picture_of(8, 5), "what counts are the inner corners, not the squares"),
+        pytest.param(picture_of(8, 5), "what counts are the inner corners, not the squares", marks=pytest.mark.full),
         pytest.param(picture_of(7, 6), "a board of 7 x 6 corners was found", marks=pytest.mark.full),
         (picture_of(11, 8), "a board of 11 x 8 corners was found, and one of 9 x 6 corners was looked for"),
         (np.full((320, 400), 128, np.uint8), "the picture is blank"),
         (cv2.GaussianBlur(picture_of(9, 6), (0, 0), 14), "blurred"),
-        (np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of"),
+        pytest.param(np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of", marks=pytest.mark.full),
     ],
 )
 def test_why_a_board_was_not_found_is_told(picture, reason):
@@ -133,6 +133,7 @@ def tiles() -> np.ndarray:
     return np.where(seen, picture, 110).astype(np.uint8)
 
 
+@pytest.mark.full
 def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
     seen = tiles()
     found = om.find_board(seen, BOARD)
@@ -143,10 +144,9 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
     assert om.find_board(margin, BOARD).used
 
 
+@pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "turn", [np.asarray, *(pytest.param(f, marks=pytest.mark.full) for f in (np.rot90, np.fliplr))]
-)
+@pytest.mark.parametrize("turn", [np.asarray, np.rot90, np.fliplr])
 def test_a_checked_cloth_is_no_board(turn, shared_data):
     """A mirror ball above it shows 11 x 7 of its corners whole, with others beside them."""
     picture = cv2.imread(str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4)
@@ -169,6 +169,7 @@ def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
     assert asked
 
 
+@pytest.mark.full
 def test_pictures_that_do_not_belong_together_are_told():
     whole, part = picture_of(9, 6), picture_of(9, 6)
     part[:, 230:] = 128  # 8 x 6 of its corners are left
@@ -191,6 +192,7 @@ def test_ctrl_c_keeps_what_was_found():
     assert found[1].reason == "the search was stopped before this picture"
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatch):
     """In their order too, which runs clockwise in the picture, although a mirror turns it over against the view."""

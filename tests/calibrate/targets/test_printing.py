@@ -59,13 +59,12 @@ def test_tags_of_an_april_grid_are_kalibrs():
         assert black[[0, 1, 8, 9]].all()
 
 
+@pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("board", "place"),
     [
-        pytest.param(
-            om.Board("charuco", 8, 6, 40.0), (130, -30, 330, -20, 15, 30), id="charuco", marks=pytest.mark.full
-        ),
+        pytest.param(om.Board("charuco", 8, 6, 40.0), (130, -30, 330, -20, 15, 30), id="charuco"),
         pytest.param(om.Board("aprilgrid", 4, 4, 50.0), (300, -20, 330, 180, 20, -20), id="aprilgrid"),
     ],
 )
