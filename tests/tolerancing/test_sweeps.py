@@ -26,6 +26,7 @@ from omnimirror.tolerancing.sweeps.shards import Shard
 from omnimirror.tolerancing.tolerances import BLOCK
 from omnimirror.tolerancing.trials.judge import Judge
 from omnimirror.tolerancing.trials.merits import merit_names
+from tests.everyday import few
 
 TRIALS = 4 * BLOCK + 100  # five shards, the last a small one
 LIMITS = {"motion_px": 1.0, "blur_px": 12.0}
@@ -107,7 +108,7 @@ def of_another_number(path):
     path.write_bytes(path.with_name("shard-00003.parquet").read_bytes())
 
 
-@pytest.mark.parametrize("harm", [flipped, cut, of_another_number])
+@pytest.mark.parametrize("harm", few([flipped, cut, of_another_number], cut))
 def test_a_corrupt_shard_is_found_said_and_made_again(plan, expected, tmp_path, harm):
     counted(plan, tmp_path)
     before, said = stamps(tmp_path), []
@@ -201,6 +202,7 @@ def process(*words):
         run.wait()
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_a_killed_run_goes_on(plan, expected, tmp_path, gates):
     """Killed in the middle of a shard, others being done: nothing is lost, doubled, or left lying about."""

@@ -20,6 +20,7 @@ from omnimirror.tolerancing.trials.picture import REFOCUS, largest_diameter
 from omnimirror.tolerancing.trials.states import states_of
 from omnimirror.tolerancing.trials.tracing import seen
 from tests.conftest import MIRRORS, sensor_of
+from tests.everyday import few
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
 LENS = {"lens.focal_length_mm": 0.05, "lens.focus_distance_mm": 5.0, "lens.k1": 0.02, "lens.p2": 1e-3}
@@ -183,7 +184,7 @@ def test_deeper_calibrations_leave_less(sensor):
 
 
 @pytest.mark.parametrize("refocus", REFOCUS)
-@pytest.mark.parametrize("distance", [np.inf, 300.0])
+@pytest.mark.parametrize("distance", few([np.inf, 300.0], 300.0))
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 def test_kernels_judge_as_numpy_does(sensor, refocus, distance):
     judge = Judge.of(sensor, refocus, object_distance_mm=distance)

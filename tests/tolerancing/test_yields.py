@@ -133,6 +133,7 @@ def test_confidence_covers_the_truth():
     assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
 
 
+@pytest.mark.full
 def test_the_cheapest_shifts_are_those_of_the_integral(sensor, judge):
     """Shifts with prices 8 and 1: the yield is an integral, and the cheapest set a minimum over one ratio."""
     prices = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
@@ -157,6 +158,7 @@ def test_the_cheapest_shifts_are_those_of_the_integral(sensor, judge):
     assert found.price < found.price_of_equal
 
 
+@pytest.mark.full
 def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, judge):
     """Distortion of this size does nothing to the limit: it stays at what a coarse shop holds, or at what is said."""
     errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}

@@ -97,6 +97,7 @@ def test_mappings_of_a_field_that_cannot_be_had():
     assert "cannot be reached" in fails("mappings", "--omega-max-deg", 175)
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_what_would_have_to_give_is_told_by_elevations_where_they_were_asked_for(tmp_path):
     (tmp_path / "watch.toml").write_text(

@@ -113,6 +113,7 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     assert not (tmp_path / "other.toml").exists()
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     """Ctrl-C after the first start: the best so far is written, and the same command finishes the search."""

@@ -20,6 +20,7 @@ from omnimirror.design.solve.verdict import evaluations
 from omnimirror.errors import OmnimirrorError
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
+from tests.everyday import few
 
 SPHERE = om.load_sensor("paper-spherical")
 MIRROR = om.MirrorRequirements(family="sphere", rim_radius_mm=30)
@@ -195,7 +196,7 @@ def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paraboloid-telecentric"])
-@pytest.mark.parametrize("cycles", [0.1, 0.25, 0.5])
+@pytest.mark.parametrize("cycles", few([0.1, 0.25, 0.5], 0.25))
 def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
     """But for what the closed form leaves out: coma and the like, most along the radius."""
     sensor = om.load_sensor(name)
@@ -285,6 +286,7 @@ def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification
     assert design.is_met
 
 
+@pytest.mark.full
 def test_a_magnification_that_overfills_the_imager_is_told():
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),

@@ -38,6 +38,7 @@ def test_no_design_of_a_front_is_beaten_by_another(front):
     assert (np.diff(front.values[:, 1]) < 0).all()
 
 
+@pytest.mark.full
 def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
     """The least blur area under a limit of uniformity, by linear programmes instead of evolution."""
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
@@ -85,6 +86,7 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
         pareto(REQUIREMENTS, merits, **{**SMALL, "seed": 4}, resume=file)
 
 
+@pytest.mark.full
 def test_three_merits_and_a_limit():
     limited = replace(REQUIREMENTS, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
     front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=10)

@@ -53,6 +53,7 @@ SHELF = Catalogue(
     (BallComponent("ball 50", 50.0, price=5.0, mass_g=30.0), BallComponent("ball 80", 80.0, price=9.0, mass_g=60.0)),
     (DomeComponent("dome 60", 60.0, 2.0, price=8.0), DomeComponent("dome 200", 200.0, 3.0, price=12.0)),
 )
+FEW = Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2])
 BLUR = om.Limit("total_blur_deg", at_most=0.9)
 FINE = om.Limit("resolution_px_per_deg", at_least=4.0, omega_deg=(40, 100))
 
@@ -89,7 +90,7 @@ SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
 @pytest.mark.parametrize(
     ("wanted", "shelf"),
     [
-        pytest.param(WANTED[0], Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2]), id="few"),
+        pytest.param(WANTED[0], FEW, id="few"),
         pytest.param(WANTED[0], SHELF, id="blur", marks=pytest.mark.full),
         pytest.param(WANTED[1], SMALL, id="contrast", marks=pytest.mark.full),
         pytest.param(WANTED[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full),
@@ -115,9 +116,8 @@ def reaches(combination, sensor):
     return isinstance(lens, TelecentricComponent) or sensor.lens.focus_distance_mm >= nearest_focus_mm(lens) - 1e-6
 
 
-@pytest.mark.parametrize(
-    "shelf", [Catalogue(LENSES[2:4], IMAGERS), pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
-)
+@pytest.mark.full
+@pytest.mark.parametrize("shelf", [Catalogue(LENSES[2:4], IMAGERS), SHELF], ids=["few", "all"])
 def test_what_a_bound_cuts_cannot_be_designed(shelf):
     """Limits near what these parts reach, so that bounds cut some and leave others."""
     finer = om.Limit("resolution_px_per_deg", at_least=3.1, omega_deg=(16, 119))
@@ -150,6 +150,7 @@ def test_designs_are_judged_as_any_sensor_is():
         assert design.design.sensor.rim_radius_px <= own.largest_image_px + 0.02
 
 
+@pytest.mark.full
 def test_the_aperture_is_the_one_that_keeps_the_blur_best():
     wanted = asked(BLUR)
     for design in om.design_from_parts(wanted, SHELF, most=100).found:
@@ -184,9 +185,10 @@ def test_a_front_has_what_no_cheaper_one_is_sharper_than():
     assert [design.combination.name for design in front] == wanted
 
 
-def test_several_processes_find_the_same(monkeypatch):
+@pytest.mark.parametrize("shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"])
+def test_several_processes_find_the_same(monkeypatch, shelf):
     monkeypatch.setattr(parts_search, "FEW", 0)
-    one, two = (om.design_from_parts(WANTED[0], SHELF, most=100, processes=n) for n in (1, 2))
+    one, two = (om.design_from_parts(WANTED[0], shelf, most=100, processes=n) for n in (1, 2))
     assert [(d.combination, d.worst_floored_area_deg2) for d in one.found] == [
         (d.combination, d.worst_floored_area_deg2) for d in two.found
     ]
@@ -203,11 +205,14 @@ def test_ranges_of_the_mirror_are_searched_for_each_combination():
 # -- balls, domes, the whole -----------------------------------------------------------------------
 
 
-def test_a_ball_is_as_large_a_cap_as_the_field_asks_for():
+@pytest.mark.parametrize(
+    "shelf", [replace(SHELF, lenses=LENSES[1:4]), pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
+)
+def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
     mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=(10, 60))
     wanted = asked(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
     wanted = replace(wanted, parts=om.PartsRequirements(mirror="ball"))
-    found = om.design_from_parts(wanted, SHELF, most=100).found
+    found = om.design_from_parts(wanted, shelf, most=100).found
     assert {design.combination.ball.name for design in found} == {"ball 50", "ball 80"}
     for design in found:
         sensor = design.design.sensor

@@ -218,6 +218,7 @@ def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
     assert whole_of(held.sensor).height_mm == pytest.approx(120.0, rel=2e-3)
 
 
+@pytest.mark.full
 def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
     """Better than the sphere made for them; its merit is what the evaluation says."""
     mirror = om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30)
@@ -235,13 +236,8 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
     assert problem_from(json.loads(json.dumps(described(design.optimum.problem)))) == design.optimum.problem
 
 
-@pytest.mark.parametrize(
-    "way",
-    [
-        pytest.param({"family": "sphere"}, marks=pytest.mark.full),  # as of free form, and slower
-        {"optimise": "worst_blur_deg", "shape": "polynomial:3"},
-    ],
-)
+@pytest.mark.full
+@pytest.mark.parametrize("way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}])
 def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
     """Of a real lens nothing can give; the advice is about what else was asked."""
     limits = (om.Limit("length_mm", at_most=60.0), om.Limit("hidden_percent", at_most=90.0))

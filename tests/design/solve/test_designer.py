@@ -55,6 +55,7 @@ def test_what_is_not_given_of_the_lens_makes_the_rim_fill_the_imager(given):
     np.testing.assert_allclose(h / design.sensor.rim_radius_px, omega / 135, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
     text = COMMON.replace("[lens]", "[lens]\nfocal_length_mm = 14.0")
     design = design_sensor(parse_requirements(text))
@@ -213,6 +214,7 @@ def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
     assert any("what stands around the mirror hides it" in words for words in row(design, "total_blur_px").remarks)
 
 
+@pytest.mark.full
 def test_a_cone_says_from_where_its_field_begins():
     design = design_sensor(parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "cone"')))
     assert design.conflict.missed == ("omega_min_deg",)

@@ -319,13 +319,14 @@ def conflict_in(text):
     return design_sensor(parse_requirements(text)).conflict
 
 
+@pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     [
         pytest.param(WALL, id="wall"),
-        pytest.param(CEILING, id="ceiling", marks=pytest.mark.full),
-        pytest.param(PANORAMA, id="panorama", marks=pytest.mark.full),
+        pytest.param(CEILING, id="ceiling"),
+        pytest.param(PANORAMA, id="panorama"),
     ],
 )
 def test_what_gives_at_once_is_what_has_to(text):
@@ -342,6 +343,7 @@ def test_what_gives_at_once_is_what_has_to(text):
         assert {r.name for r in joint} == {"resolution_px_per_deg", "omega_max_deg"}
 
 
+@pytest.mark.full
 def test_numbers_that_would_not_do_alone_help_where_all_give():
     """Brute force: limits and F-number eased by 30 % and the viewpoints by 23 % are enough, so no more is asked of all.
 

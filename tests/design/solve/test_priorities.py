@@ -49,6 +49,7 @@ def test_what_can_be_met_is_met_beside_what_cannot():
     )
 
 
+@pytest.mark.full
 def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
     """Each of both could be had by itself: neither is given up for the other."""
     bare = range_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[1].sensor
