@@ -93,8 +93,10 @@ def test_sensors_of_one_name_are_told_apart():
     "name",
     [
         "paper-hyperboloidal",
-        "paraboloid-telecentric",
-        *(pytest.param(name, marks=pytest.mark.full) for name in ("paper-spherical", "paper-equidistant")),
+        *(
+            pytest.param(name, marks=pytest.mark.full)
+            for name in ("paraboloid-telecentric", "paper-spherical", "paper-equidistant")
+        ),
     ],
 )
 def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
@@ -109,6 +111,7 @@ def test_in_space_an_aligned_sensor_has_the_numbers_of_its_meridian(name):
             assert found == pytest.approx(known, rel=loose, abs=absolute.get(row.name, 1e-6), nan_ok=True), row.name
 
 
+@pytest.mark.full
 def test_what_was_built_askew_is_compared_over_its_whole_picture():
     """Against directions by chance through the projection, and against spots of the whole aperture."""
     drawn = SENSORS[0]
@@ -147,6 +150,7 @@ def test_what_was_built_askew_is_compared_over_its_whole_picture():
     assert value["one_viewpoint_error_px"] >= table["one_viewpoint_error_px"].values[1] * 0.9
 
 
+@pytest.mark.full
 def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
     from omnimirror.housing import CameraBody, Housing
 

@@ -15,6 +15,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.lenses import Orthographic
 from omnimirror.tracing.reflection import Ends
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED, bounce, meet
+from tests.everyday import few
 
 INSIDE = [35.0, 60.0, 90.0, 120.0]
 
@@ -31,6 +32,7 @@ def test_spots_of_a_flat_fold_are_those_of_one_mirror(distance):
     np.testing.assert_allclose(two.bundles.path, one.bundles.path, rtol=1e-14)
 
 
+@pytest.mark.full
 def test_mtf_and_psf_of_a_flat_fold_are_those_of_one_mirror():
     one, two = (om.mtf(s, INSIDE[1:]) for s in (UNFOLDED, FOLDED))
     np.testing.assert_allclose(two.tangential, one.tangential, atol=1e-9)
@@ -50,7 +52,7 @@ def small(sensor):
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-@pytest.mark.parametrize("distance", [np.inf, 400.0])
+@pytest.mark.parametrize("distance", few([np.inf, 400.0], 400.0))
 def test_widths_of_spots_are_the_blur_of_coddingtons_chain(kind, distance):
     sensor = small(SENSORS[kind])
     low, high = sensor.field_deg

@@ -237,6 +237,7 @@ def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(n
     assert best.focus_mm == pytest.approx(min(1 / (4 * curvature), farthest), rel=0.05)
 
 
+@pytest.mark.full
 def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
     """The mirror of a far plane to 80 deg has tangential ones behind the lens; no focus on a fine scan is better."""
     placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))

@@ -31,7 +31,7 @@ def test_a_file_can_be_printed_and_the_words_stand_elsewhere(tmp_path):
     ("options", "sentence"),
     [
         ([], "give tolerance_px"),
-        (["--tolerance-px", "0.001"], "more than tolerance_px = 0.001"),
+        pytest.param(["--tolerance-px", "0.001"], "more than tolerance_px = 0.001", marks=pytest.mark.full),
         (["--distance-mm", "500,near"], "'near' is not a distance in mm"),
         (["--from", "kalibre"], "kalibr"),
     ],

@@ -85,6 +85,7 @@ def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
     assert "name another with --mirror" in run.stderr
 
 
+@pytest.mark.full
 def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
     """Of a hyperboloid the camera sees itself at nearly the same place, to whichever side it is tilted."""
     sensor = om.load_sensor("prototype-hyperboloidal")

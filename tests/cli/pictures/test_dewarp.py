@@ -46,29 +46,33 @@ def dewarp(*args):
     return 0
 
 
+CAMERAS = [
+    ("sphere.png", SPHERE),
+    ("ball.png", BALL),
+    ("ocam.png", ["--ocam", "calib.txt"]),
+    ("ocam.png", ["--sensor", "calib.txt"]),
+    ("ocam.png", ["--sensor", "symmetric.toml"]),
+    ("ocam.png", ["--sensor", "distorted.toml"]),
+    ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"]),
+]
+VIEWS = [
+    [],
+    ["--view", "perspective", "--tilt-deg", "-40"],
+    ["--view", "dome"],
+    ["--view", "sphere"],
+    ["--view", "planet"],
+    ["--view", "cube", "--layout", "strip", "--distance-mm", "800"],
+    ["--view", "mosaic", "--distance-mm", "800", "--viewpoint", "single"],
+    ["--preset", "super-wide", "--tilt-deg", "-40"],
+]
+
+
 @pytest.mark.parametrize(
-    ("picture", "source"),
-    [
-        ("sphere.png", SPHERE),
-        ("ball.png", BALL),
-        ("ocam.png", ["--ocam", "calib.txt"]),
-        ("ocam.png", ["--sensor", "calib.txt"]),
-        ("ocam.png", ["--sensor", "symmetric.toml"]),
-        ("ocam.png", ["--sensor", "distorted.toml"]),
-        ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"]),
-    ],
-)
-@pytest.mark.parametrize(
-    "view",
-    [
-        [],
-        ["--view", "perspective", "--tilt-deg", "-40"],
-        ["--view", "dome"],
-        ["--view", "sphere"],
-        ["--view", "planet"],
-        ["--view", "cube", "--layout", "strip", "--distance-mm", "800"],
-        ["--view", "mosaic", "--distance-mm", "800", "--viewpoint", "single"],
-        ["--preset", "super-wide", "--tilt-deg", "-40"],
+    ("picture", "source", "view"),
+    [  # every view of two cameras, and of the others one and the one of several pictures
+        pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full)
+        for i, camera in enumerate(CAMERAS)
+        for k, view in enumerate(VIEWS)
     ],
 )
 def test_every_camera_gives_every_view(folder, capsys, picture, source, view):

@@ -30,11 +30,18 @@ def picture(shade: int) -> np.ndarray:
     return np.stack([u / 2 + 40, v / 2 + 40, np.full_like(u, shade)], axis=-1).astype(np.uint8)
 
 
-@pytest.fixture
-def video(tmp_path):
-    with VideoWriter(tmp_path / "in.mp4", (SIZE, SIZE), 25, crf=1) as writer:
+@pytest.fixture(scope="module")
+def encoded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("encoded") / "in.mp4"
+    with VideoWriter(path, (SIZE, SIZE), 25, crf=1) as writer:
         for i in range(20):
             writer.write(frame_of_image(picture(60 + 5 * i)))
+    return path.read_bytes()
+
+
+@pytest.fixture
+def video(tmp_path, encoded):
+    (tmp_path / "in.mp4").write_bytes(encoded)
     return tmp_path / "in.mp4"
 
 

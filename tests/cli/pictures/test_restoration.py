@@ -38,6 +38,7 @@ def test_restoring_comes_before_straightening(small, tmp_path):
     assert (sharp != given).any()
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x", "--restore", "--noise", "0.01")
