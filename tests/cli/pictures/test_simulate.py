@@ -230,10 +230,12 @@ def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housi
     """Each pixel shows the light that the scene sends along the camera's ray."""
     camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
     om.save_camera(camera, tmp_path / "mine.toml")
-    done(tmp_path / "mine.toml", "--samples", 1, "-o", tmp_path / "picture.png")
-    rays, room = camera.backproject(np.argwhere(np.ones((80, 80)))[:, ::-1]), om.Room()
+    om.write_image(tmp_path / "world.hdr", np.random.default_rng(0).random((32, 64, 3), np.float32))
+    done(tmp_path / "mine.toml", "--scene", tmp_path / "world.hdr", "--samples", 1, "-o", tmp_path / "picture.png")
+    rays = camera.backproject(np.argwhere(np.ones((80, 80)))[:, ::-1])
+    world = om.Environment.load(tmp_path / "world.hdr")
     light = np.zeros((6400, 3), np.float32)
-    light[rays.valid] = room.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
+    light[rays.valid] = world.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
     shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
     for option, words in (("--blur=on", "only a sensor has blur"), ("--support=rod", "belongs to a sensor's housing")):

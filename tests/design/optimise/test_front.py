@@ -29,7 +29,7 @@ SMALL = {"population": 24, "generations": 2 * EPOCH, "seed": 3}
 
 @pytest.fixture(scope="module")
 def front():
-    return pareto(REQUIREMENTS, MERITS, population=60, generations=80)
+    return pareto(REQUIREMENTS, MERITS, population=60, generations=40)
 
 
 def test_no_design_of_a_front_is_beaten_by_another(front):

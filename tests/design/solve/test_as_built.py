@@ -73,7 +73,7 @@ def test_a_mapping_comes_out_right_behind_lens_and_dome(asked):
 
 
 SHELLS = {"dome in water": Dome(medium="water"), "tube in water": Tube(medium="water"), "tube": Tube()}
-EVERY_DAY = {("dome in water", False), ("tube in water", True)}
+EVERY_DAY = {("dome in water", False)}  # real lenses behind covers: the command below
 
 
 @pytest.mark.parametrize(
