@@ -92,7 +92,11 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         pytest.param(
             '{"tables":{"mirror":{"kind":"moon"},"lens":{},"imager":{}}}', "mirror.kind", marks=pytest.mark.full
         ),
-        (json.dumps({"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}), "mirror.radius_mm"),
+        pytest.param(
+            json.dumps({"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}),
+            "mirror.radius_mm",
+            marks=pytest.mark.full,
+        ),
         ('{"tables":{"mirror":', "cannot be read"),
     ],
 )
@@ -143,6 +147,7 @@ def test_a_change_and_a_reload_at_once_keep_it_and_what_can_be_undone(browser, s
     page.context.close()
 
 
+@pytest.mark.full
 def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server):
     first = bench_at(browser, f"{server}#tab=design")
     enter(first, "F-number", "5.6")
@@ -158,6 +163,7 @@ def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server)
     first.context.close()
 
 
+@pytest.mark.full
 def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     sent = page.evaluate("""() => new Promise((resolve) => {
@@ -226,6 +232,7 @@ def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
     another.context.close()
 
 
+@pytest.mark.full
 def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
     page = open_page(browser, rooms)
     drop(page, pictures / "one.png")
@@ -267,6 +274,7 @@ def test_a_page_with_a_sensor_that_is_none_is_whole(browser, server):
     page.context.close()
 
 
+@pytest.mark.full
 def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(browser, pictures):
     with serving(Studio()) as address:
         page = open_page(browser, address)
@@ -292,6 +300,7 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
     page.context.close()
 
 
+@pytest.mark.full
 def test_the_demo_room_of_another_sensor_comes_with_it(browser, rooms):
     page = open_page(browser, f"{rooms}#source=room")
     page.wait_for_function("window.omnimirror.look.feed")
@@ -321,6 +330,7 @@ def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server)
     page.context.close()
 
 
+@pytest.mark.full
 def test_pictures_alike_but_for_one_pixel_are_two(page, tmp_path):
     picture = np.full((64, 64, 3), 90, np.uint8)
     found = set()

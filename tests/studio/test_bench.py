@@ -318,6 +318,7 @@ def task(**changes) -> dict:
     return {**plain, "terms": 3, "starts": 1, "shape": "polynomial", "object_distance_mm": None, **changes}
 
 
+@pytest.mark.full
 def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(object_distance_mm=400.0))
@@ -342,6 +343,7 @@ def test_what_cannot_be_optimised_is_said_before_it_is_asked_for(client):
     assert (news["state"], news["sentence"]) == ("failed", header["facts"]["not_optimised"])
 
 
+@pytest.mark.full
 def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_large(client):
     sensor = om.load_sensor("paraboloid-telecentric")
     ((header, _),) = ask(client, question(sensor))

@@ -83,6 +83,7 @@ def test_the_yield_is_that_of_tolerances(client):
         assert row["motion_px"] == pytest.approx(told, abs=1e-9)
 
 
+@pytest.mark.full
 def test_sensors_that_are_built_one_by_one_are_told_too(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
     assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
@@ -158,6 +159,7 @@ def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
     assert verdict.text_content().startswith("0.0 %")
 
 
+@pytest.mark.full
 def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
     opened(bench)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 1
@@ -180,6 +182,7 @@ def tried(page):
     }""")
 
 
+@pytest.mark.full
 def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
     opened(bench)
     at_first = tried(bench)
@@ -213,7 +216,8 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
         page.wait_for_function("!location.hash.includes('errors')")
 
 
-@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.full), "dark"])
+@pytest.mark.full
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")

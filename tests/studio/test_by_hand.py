@@ -135,6 +135,7 @@ def test_limits_stand_in_the_plots_and_are_dragged(bench):  # noqa: F811
     np.testing.assert_allclose(blur, worst, rtol=1e-4)
 
 
+@pytest.mark.full
 def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)

@@ -114,6 +114,7 @@ def test_of_a_picture_without_the_board_it_is_said_why(client):
     assert other == "a board of 7 x 5 corners was found, and one of 6 x 5 corners was looked for"
 
 
+@pytest.mark.full
 def test_who_goes_ends_the_look_and_the_next_one_is_answered():
     class Gone:
         async def receive(self):
@@ -203,7 +204,7 @@ def test_the_report_has_everything_inside_and_nothing_of_the_page_gets_out_in_it
     assert "omnimirror &lt;here&gt;" in report
 
 
-@pytest.mark.parametrize("number", [0, 4])
+@pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
 def test_a_straightened_board_is_a_board_with_square_squares(number, client, news):
     """Its corners are looked for in the view and lie on a lattice, which they do not in the picture."""
     found = news[-2]["found"]
@@ -265,6 +266,7 @@ def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
     assert "dark.png: the picture is blank" in failed.sentence
 
 
+@pytest.mark.full
 def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
     frames = [
         s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i}) for n in (0, 9) for i, s in enumerate(seen)

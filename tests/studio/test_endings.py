@@ -100,6 +100,7 @@ def test_sigterm_ends_the_server_and_its_searches():
     assert not any(map(is_running, searches))
 
 
+@pytest.mark.full
 def test_what_does_not_end_is_cut_off_and_leaves_no_socket_open():
     """A client that reads nothing of a long answer keeps its connection for longer than a server waits at its end."""
 

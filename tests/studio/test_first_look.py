@@ -54,6 +54,7 @@ def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
     assert page.locator("#ask").is_hidden()  # it is known
 
 
+@pytest.mark.full
 def test_another_camera_keeps_the_circle_that_was_found(page, folder):
     drop(page, folder / "ball.png")
     page.wait_for_function("window.omnimirror.store.state.rim")

@@ -67,6 +67,7 @@ def test_the_view_turns_with_the_phone_until_it_is_pressed_again(phone):
     assert turned(page, 100, 120, 0) == pytest.approx([90, 0])
 
 
+@pytest.mark.full
 def test_safari_is_asked_and_may_refuse(phone):
     page = phone(f"{ASKED} window.answer = 'denied';")
     button = page.get_by_role("button", name=NAME)
@@ -79,14 +80,11 @@ def test_safari_is_asked_and_may_refuse(phone):
     assert page.evaluate(PAN_TILT) == pytest.approx([30, 30])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        pytest.param(
-            "delete window.DeviceOrientationEvent;",
-            "This device does not tell how it is turned.",
-            marks=pytest.mark.full,
-        ),
+        ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
         ("Object.defineProperty(window, 'isSecureContext', { value: false });", "or over https, only."),
     ],
 )
@@ -100,6 +98,7 @@ def test_it_says_why_it_cannot(prepare, reason, phone):
     assert button.get_attribute("aria-pressed") == "false"
 
 
+@pytest.mark.full
 def test_a_device_that_tells_nothing_is_given_up(phone):
     page = phone()
     page.get_by_role("button", name=NAME).click()

@@ -104,6 +104,7 @@ def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
     page.context.close()
 
 
+@pytest.mark.full
 def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(browser, film, tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "LARGEST_INSIDE", 100)
     beside = tmp_path / "my rides" / film.name
@@ -163,6 +164,7 @@ def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, ser
     page.context.close()
 
 
+@pytest.mark.full
 def test_a_refused_webcam_is_said_and_the_picture_stays(browser_without_camera, server, film):
     page = open_page(browser_without_camera, f"{server}#sensor=ball:280")
     page.set_input_files("#file", film)
@@ -230,6 +232,7 @@ def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
     page.context.close()
 
 
+@pytest.mark.full
 def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_path):
     transport = make_video(tmp_path / "a.ts", 100, with_sound=False).read_bytes()
     half = transport[: len(transport) // 2]
@@ -247,6 +250,7 @@ def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_pat
         page.context.close()
 
 
+@pytest.mark.full
 def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
     studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4", 100))]))
     with serving(studio) as address:

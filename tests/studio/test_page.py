@@ -135,6 +135,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
     page.context.close()
 
 
+@pytest.mark.full
 def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
     """In a picture of another size than the sensor's, off its middle."""
     v, u = np.mgrid[:480, :700]
@@ -153,6 +154,7 @@ def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
     page.context.close()
 
 
+@pytest.mark.full
 def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900)
@@ -206,6 +208,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(browser, server, co
     page.context.close()
 
 
+@pytest.mark.full
 def test_a_picture_that_the_server_shows_is_named_from_where_it_was_started(browser, tmp_path, monkeypatch):
     (tmp_path / "room").mkdir()
     write_image(tmp_path / "room" / "circle.png", pattern((1024, 1024)))
@@ -235,7 +238,8 @@ def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown
         page.context.close()
 
 
-@pytest.mark.parametrize("distance", [None, pytest.param(400, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("distance", [None, 400])
 def test_a_view_that_shrinks_the_picture_is_that_of_the_command_line(distance, browser, server, room, tmp_path):
     page = open_page(browser, server)
     drop(page, room)
@@ -340,6 +344,7 @@ def test_the_page_keeps_its_own_policy(browser, server):
     context.close()
 
 
+@pytest.mark.full
 def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
     page = open_page(browser, server, 360, 740, device_scale_factor=1)
     header = page.locator("header")

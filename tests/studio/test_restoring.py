@@ -42,6 +42,7 @@ def restored(picture) -> np.ndarray:
     return om.restore(SMALL, picture)
 
 
+@pytest.mark.full
 def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
     save_sensor(SMALL, tmp_path / "small.toml")
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:

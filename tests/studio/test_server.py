@@ -335,8 +335,9 @@ def test_a_broken_video_ends_with_a_sentence(tmp_path):
 # -- the whole interface -----------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize("phases", ["fuzzing", pytest.param("coverage,fuzzing", marks=pytest.mark.full)])
+@pytest.mark.parametrize("phases", ["fuzzing", "coverage,fuzzing"])
 def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phases, tmp_path):
     program = Path(sys.executable).with_name("schemathesis")
     if not program.exists():
@@ -438,6 +439,7 @@ def number_in(jpeg: bytes) -> int:
     return round((float(np.median(corner)) - 10) / 20)
 
 
+@pytest.mark.full
 @pytest.mark.long
 def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_none(tmp_path):
     from websockets.asyncio.client import connect

@@ -86,6 +86,7 @@ def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
     assert bench.locator(".space").is_hidden()
 
 
+@pytest.mark.full
 def test_parts_rays_and_ground_have_their_colours(bench):
     bench.emulate_media(color_scheme="light")
     opened(bench)
@@ -127,6 +128,7 @@ def test_a_ray_is_clicked_and_read_in_all_plots(bench):
     assert bench.locator(".space output").inner_text().startswith("Click a ray")
 
 
+@pytest.mark.full
 def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
     opened(bench)
     bench.get_by_role("button", name="Ray ›").click()
@@ -203,7 +205,8 @@ def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):
     assert orbit()["distance"] == pytest.approx(fitted / 2)
 
 
-@pytest.mark.parametrize(("width", "scheme"), [pytest.param(1280, "light", marks=pytest.mark.full), (360, "dark")])
+@pytest.mark.full
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (360, "dark")])
 def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
