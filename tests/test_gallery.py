@@ -15,8 +15,11 @@ from omnimirror.media import read_image
 ROOT = Path(__file__).parents[1]
 GALLERY = runpy.run_path(str(ROOT / "docs" / "gallery.py"))
 EXAMPLES = GALLERY["examples"]()
-LONG = ("a_lens_wide_open", "camera_and_rod", "folded_in_half", "yield_before_and_after")
-"""Take some seconds each, and are run by ``make test-full``."""
+LONG = (
+    "a_lens_wide_open", "apertures", "calibrated_by_boards", "camera_and_rod", "depth_of_field", "folded_in_half",
+    "little_planet", "restored", "rim_of_a_mirror", "spot_diagrams", "trade_offs", "yield_before_and_after",
+)  # fmt: skip
+"""Take a second or more each, and are run by ``make test-full``."""
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ def test_the_page_holds_everything_and_fetches_nothing(found):
     assert page.count("data:image/svg+xml") == 5
 
 
+@pytest.mark.full
 def test_figures_are_drawn_and_written(found, tmp_path):
     paths = om.write_calibration_figures(found, tmp_path)
     assert [p.stem for p in paths] == list(calibration_figures(found))

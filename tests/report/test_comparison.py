@@ -41,6 +41,7 @@ def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
     assert page.count('class="best"') == sum(sum(row.best) for row in comparison.rows)
 
 
+@pytest.mark.full
 def test_the_picture_is_one_sheet(comparison, tmp_path):
     path = write_comparison(comparison, tmp_path / "c.png", ROOM)
     sheet = om.read_image(path)

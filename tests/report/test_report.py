@@ -73,11 +73,12 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
         np.testing.assert_array_equal(ours, again)
 
 
+@pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        pytest.param("paraboloid-telecentric", "paraboloid, rim 50 mm across", marks=pytest.mark.full),
+        ("paraboloid-telecentric", "paraboloid, rim 50 mm across"),
         ("folded-spherical", "sphere, rim 87.81 mm across"),
     ],
 )
@@ -92,6 +93,7 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):
     assert "cannot write" in fails("demo", "--out", tmp_path / "taken")
 
 
+@pytest.mark.full
 def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path, monkeypatch):
     from omnimirror.housing import CameraBody, Housing
 
