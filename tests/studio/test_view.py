@@ -34,6 +34,7 @@ STATES = {
     "near wall": {"mode": "perspective", "pan": -30, "tilt": 5, "hfov": 100, "distance": 300},
     "near dome": {"mode": "dome", "distance": 400},
 }
+ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
 OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
 OCAM = "5 -2.6e2 0 1.1e-3 -4.0e-7 3.1e-9\n2 100 50\n299.2 402.7\n0.9991 0.0007 -0.0004\n600 800\n"
 
@@ -66,15 +67,20 @@ def load(page, path: Path) -> None:
     page.wait_for_function("(name) => window.omnimirror.look.sensor.camera.model.options[1] === name", arg=path.name)
 
 
-def check(page, folder: Path, size: tuple[int, int], **more) -> None:
-    """Every kind of view has the coordinates and the colours of the command line shown with it."""
+def some(*names: str):
+    """A case of a few kinds of view; all of them are looked at in the long run."""
+    return pytest.param(names, id=", ".join(names))
+
+
+def check(page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **more) -> None:
+    """Each of these kinds of view has the coordinates and the colours of the command line shown with it."""
     picture = pattern(size)
     name = f"picture-{size[0]}x{size[1]}.png"
     write_image(folder / name, picture)
     drop(page, folder / name)
     look(page, **more)
-    for name, state in STATES.items():
-        look(page, **{"zoom": 1, "tilt": 0, "distance": float("inf"), **state})
+    for name in states:
+        look(page, **{"zoom": 1, "tilt": 0, "distance": float("inf"), **STATES[name]})
         straight = python_view(command(page, *SIZE), folder)
         found, wanted = coordinates(page, *SIZE), straight.coordinates(exact=True)
         assert found.shape == wanted.shape, name
@@ -94,10 +100,11 @@ def check(page, folder: Path, size: tuple[int, int], **more) -> None:
     "sensor",
     [name if name in OF_EVERY_DAY else pytest.param(name, marks=pytest.mark.full) for name in bundled_sensors()],
 )
-def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, page, tmp_path):
+@pytest.mark.parametrize("states", [some("panorama", "near wall"), ALL])
+def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, states, page, tmp_path):
     """Mirrors of all kinds, one or two of them, under lenses of both kinds."""
     choose(page, sensor)
-    check(page, tmp_path, om.load_sensor(sensor).image_size)
+    check(page, tmp_path, om.load_sensor(sensor).image_size, states)
 
 
 @pytest.mark.full
@@ -110,7 +117,8 @@ def test_views_of_a_camera_that_stands_otherwise_in_a_reversed_picture_are_those
 
 
 @pytest.mark.parametrize("optics", [pytest.param("mirror", marks=pytest.mark.full), "fisheye"])
-def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, page, tmp_path):
+@pytest.mark.parametrize("states", [some("planet", "mosaic"), ALL])
+def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, states, page, tmp_path):
     path = tmp_path / f"calib_results_{optics}.txt"
     path.write_text(OCAM)
     load(page, path)
@@ -120,7 +128,7 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, pag
         page.get_by_label("a fisheye").click()
         page.wait_for_function("window.omnimirror.look.sensor.camera.model.options.includes('fisheye')")
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
-    check(page, tmp_path, (800, 600))
+    check(page, tmp_path, (800, 600), states)
 
 
 CALIBRATED = {
@@ -143,11 +151,12 @@ CALIBRATED = {
         "not-central-stretched",
     ],
 )
-def test_views_of_calibrated_cameras_are_those_of_the_command_line(name, page, tmp_path):
+@pytest.mark.parametrize("states", [some("ground", "near dome"), ALL])
+def test_views_of_calibrated_cameras_are_those_of_the_command_line(name, states, page, tmp_path):
     camera, path = CALIBRATED[name], tmp_path / f"{tmp_path.name}.toml"
     om.save_camera(camera, path)
     load(page, path)
-    check(page, tmp_path, camera.image_size)
+    check(page, tmp_path, camera.image_size, states)
 
 
 POSES = {
@@ -168,15 +177,16 @@ def test_views_of_misaligned_sensors_are_those_of_the_command_line(pose, page, t
 
 
 @pytest.mark.parametrize("pose", [pytest.param("decentred and tilted", marks=pytest.mark.full), "far out"])
+@pytest.mark.parametrize("states", [some("perspective", "near panorama"), ALL])
 def test_views_of_a_misaligned_sensor_that_looks_down_in_a_reversed_picture_are_those_of_the_command_line(
-    pose, page, tmp_path
+    pose, states, page, tmp_path
 ):
     path = tmp_path / f"{tmp_path.name}.toml"
     save_sensor(
         replace(om.load_sensor("paper-spherical"), mirror_pose=POSES[pose], mount=Mount("down", 20.0, True)), path
     )
     load(page, path)
-    check(page, tmp_path, (1024, 1024))
+    check(page, tmp_path, (1024, 1024), states)
 
 
 def test_views_of_a_mirror_ball_fitted_to_a_picture_are_those_of_the_command_line(page, tmp_path):
