@@ -26,6 +26,7 @@ def address(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("alone") / "look.html"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=15.0))
         path.write_text(page_alone(SENSORS), encoding="utf-8")
     return path.as_uri()
 

@@ -62,6 +62,7 @@ def address(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("alone") / "look.html"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=40.0))
         path.write_text(page_alone(["paper-spherical"]), encoding="utf-8")
     return path.as_uri()
 
@@ -174,7 +175,8 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
     page.context.close()
 
 
-@pytest.mark.parametrize("width", [360, pytest.param(1280, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("width", [360, 1280])
 def test_axe_finds_nothing_serious_on_it(browser, address, width):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")

@@ -80,6 +80,7 @@ def test_the_calibrate_tab_opens(page, server):
 def test_a_page_without_a_server_looks_and_designs(page, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=40.0))
         (tmp_path / "look.html").write_text(page_alone(["paper-spherical"]), encoding="utf-8")
     page.go((tmp_path / "look.html").as_uri())
     page.wait(f"{LOOK}.sensor.camera")
