@@ -17,7 +17,7 @@ from omnimirror.studio.look import routes
 from omnimirror.studio.studio import Studio
 from omnimirror.studio.uploads import encoded
 
-from .browser import PATIENCE_MS, serving
+from .browser import COARSE, PATIENCE_MS, serving
 from .pictures import pattern
 from .test_page import AXE
 
@@ -42,7 +42,8 @@ new MutationObserver((_, observer) => {
 @pytest.fixture
 def bench(browser, server):
     """The bench with the paper's sphere on it; errors of the page fail the test."""
-    context = browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True, accept_downloads=True)
+    viewport = {"width": 1280, "height": 800}
+    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
     context.add_init_script(WITHOUT_PICTURES)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
@@ -195,6 +196,7 @@ def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
     assert not np.array_equal(plotted(bench, "Image height"), before)
 
 
+@pytest.mark.full
 def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
     first = sensor_on(bench)
     bench.get_by_role("button", name="Pin", exact=True).click()
@@ -238,6 +240,7 @@ def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
     assert sensor_on(bench) == mine
 
 
+@pytest.mark.full
 def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
     sensor = sensor_on(bench)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
@@ -292,6 +295,7 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
     assert sensor_on(bench) == first
 
 
+@pytest.mark.full
 def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tmp_path):
     pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
     save_sensor(replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml")
@@ -312,6 +316,7 @@ def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tm
     assert optimise.is_enabled()
 
 
+@pytest.mark.full
 def test_what_cannot_be_optimised_is_not_offered(bench):
     bench.get_by_label("Start from a bundled sensor").select_option("folded-spherical")
     optimise = bench.get_by_role("button", name="Optimise")
@@ -323,7 +328,7 @@ def test_what_cannot_be_optimised_is_not_offered(bench):
     assert optimise.is_enabled()
 
 
-@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("width", [1280, pytest.param(360, marks=pytest.mark.full)])
 def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
     bench.set_viewport_size({"width": width, "height": 800})
     bench.wait_for_function(
@@ -344,6 +349,7 @@ def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
         assert {"105°", "120°", "135°"} <= {t[-1] for t in boxes[0]}
 
 
+@pytest.mark.full
 def test_designs_are_told_apart_without_their_colours(bench):
     for value in ("12", "13"):
         bench.get_by_role("button", name="Pin", exact=True).click()

@@ -47,6 +47,7 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     assert len(plotted(bench, "Image height")) == 3
 
 
+@pytest.mark.full
 def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # noqa: F811
     bench.get_by_role("button", name="Pin", exact=True).click()
     enter(bench, "F-number", "5.6")  # changes blur alone
@@ -75,6 +76,7 @@ COVERED = """() => {
 }"""
 
 
+@pytest.mark.full
 def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies_over_it(bench):  # noqa: F811
     first = sensor_on(bench)
     bench.get_by_label("Make least").select_option("worst_blur_deg")
@@ -115,7 +117,7 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
 
 
-@pytest.mark.parametrize("pins", [*(pytest.param(few, marks=pytest.mark.full) for few in (0, 1)), 4])
+@pytest.mark.parametrize("pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))])
 def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
     for number in range(pins):
         bench.get_by_role("button", name="Pin", exact=True).click()
@@ -142,6 +144,7 @@ MOVED = """async (count) => {
 }"""
 
 
+@pytest.mark.full
 def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  # noqa: F811
     """Whoever asks how large something is between two plots has it laid out there and then, five times a change."""
     told = bench.context.new_cdp_session(bench)

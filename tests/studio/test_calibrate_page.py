@@ -15,7 +15,7 @@ from omnimirror.specs import parse_camera
 from tests.conftest import SHARED
 
 from .boards import BLANK, BOARD, CAMERA, photograph, png
-from .browser import PATIENCE_MS
+from .browser import COARSE, PATIENCE_MS
 from .test_page import AXE
 
 TAB = "window.omnimirror.tabs.calibrate"
@@ -48,7 +48,8 @@ def files(tmp_path) -> list[Path]:
 @pytest.fixture
 def page(browser, server):
     """The tab, empty; errors of the page fail the test."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, bypass_csp=True, accept_downloads=True)
+    viewport = {"width": 1280, "height": 900}
+    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     problems = []
@@ -152,6 +153,7 @@ def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(
 SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # it never answers
 
 
+@pytest.mark.full
 def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(page, files):
     add(page, files[:3])
     kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
@@ -182,6 +184,7 @@ CHANGED = """() => {
 }"""
 
 
+@pytest.mark.full
 def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
     """Leaving the field has all pictures looked at anew, between the press and its end."""
     add(page, files[:3])
@@ -191,6 +194,7 @@ def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_
     page.wait_for_function(f"{TAB}.shots.found.length === 3")
 
 
+@pytest.mark.full
 def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
     assert begin(page).is_disabled()
     reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
@@ -231,6 +235,7 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
     page.get_by_text("It was stopped before the end").wait_for()
 
 
+@pytest.mark.full
 def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()
@@ -304,6 +309,7 @@ def axe(page) -> None:
     page.add_script_tag(path=AXE)
 
 
+@pytest.mark.full
 def test_axe_finds_nothing_serious(page, axe):
     assert serious(page) == {}
 

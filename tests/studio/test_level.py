@@ -74,6 +74,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
     assert np.linalg.norm(found - wanted, axis=-1)[both].max() < 0.02
 
 
+@pytest.mark.full
 def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     """What lies on the horizon in a picture taken out of plumb is dragged to the line, twice ahead and to the right."""
     button = page.get_by_role("button", name="Drag the horizon")
@@ -119,6 +120,7 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
     }""")
 
 
+@pytest.mark.full
 def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
     """A room taken by a sensor out of plumb: against the lean that it was simulated with."""
     write_image(tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
@@ -129,6 +131,9 @@ def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
     settled(page)
     assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.3), pytest.approx(LEAN["roll"], abs=0.3))
     page.get_by_role("status").filter(has_text="upright edges").wait_for()
+
+
+def test_where_too_little_stands_upright_no_level_is_found(page, tmp_path):
     look(page, sensor="paper-hyperboloidal")
     drop(page, tmp_path / "picture.png")
     page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'picture.png'")
