@@ -207,6 +207,7 @@ def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
     page.wait_for_function("window.omnimirror.store.state.mode === 'dome'")
 
 
+@pytest.mark.full
 def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
     drop(page, pictures / "one.png")
     look(page, mode="perspective", rim=[150.0, 140.0, 120.0])

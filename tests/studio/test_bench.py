@@ -297,6 +297,7 @@ def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
             assert message["reason"].startswith("that is no ")
 
 
+@pytest.mark.full
 def test_the_preview_is_the_simulated_picture_made_small(client):
     sensor = om.load_sensor("paper-spherical")
     data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content

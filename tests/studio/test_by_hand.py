@@ -106,6 +106,7 @@ def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa:
     assert sensor_on(bench).mirror == before.mirror  # one step back is all of it
 
 
+@pytest.mark.full
 def test_the_mapping_is_bent_on_its_plot(bench):  # noqa: F811
     handle = bench.locator(".handle.point").nth(1)
     assert np.hypot(*drag(bench, handle, 0, -8)) < 1

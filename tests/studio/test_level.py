@@ -62,7 +62,8 @@ def place_of(page, pan: float, tilt: float) -> list[float]:
     )
 
 
-@pytest.mark.parametrize("mode", [pytest.param("panorama", marks=pytest.mark.full), "perspective"])
+@pytest.mark.full
+@pytest.mark.parametrize("mode", ["panorama", "perspective"])
 def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, tmp_path):
     look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
     settled(page)

@@ -186,6 +186,7 @@ def test_the_first_key_leads_past_the_header(browser, server, room):
     page.context.close()
 
 
+@pytest.mark.full
 def test_the_files_that_a_command_names_are_there_or_offered(browser, server, coarse_room, tmp_path):
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
