@@ -42,6 +42,7 @@ from omnimirror.studio.studio import Studio
 from tests.serving import in_a_loop
 
 from .browser import open_page, serving
+from .test_bench_page import WITHOUT_PICTURES
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -343,7 +344,7 @@ def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_open
 def test_a_browser_is_led_to_an_address_without_the_token(browser):
     """What stands behind # goes along, and page, questions and sockets are answered by the cookie."""
     with serving(Studio(token="secret")) as address:
-        page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700)
+        page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700, WITHOUT_PICTURES)
         page.wait_for_function("location.search === '' && document.querySelector('canvas')")
         assert "secret" not in page.url
         assert "tab=design" in page.url
