@@ -68,20 +68,16 @@ def settled(page, states: int = 1) -> None:
 WIDE, UPRIGHT = (150, 80), (60, 110)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("mode", "size"),
     [
         ("panorama", UPRIGHT),
-        *(
-            pytest.param(*case, marks=pytest.mark.full)
-            for case in (
-                ("planet", WIDE),
-                ("panorama", WIDE),
-                ("planet", UPRIGHT),
-                ("ground", WIDE),
-                ("ground", UPRIGHT),
-            )
-        ),
+        ("panorama", WIDE),
+        ("planet", UPRIGHT),
+        ("planet", WIDE),
+        ("ground", UPRIGHT),
+        ("ground", WIDE),
     ],
 )
 def test_a_view_that_fills_the_stage_is_that_of_its_command(mode, size, page, folder):
@@ -208,7 +204,7 @@ def test_where_none_is_kept_all_around_is_shown(page):
     [pytest.param((390, 844), id="upright", marks=pytest.mark.full), pytest.param((844, 390), id="across")],
 )
 def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: F811
-    page = open_page(browser, rooms, *size, has_touch=True, device_scale_factor=1)
+    page = open_page(browser, rooms, *size, has_touch=True)
     page.get_by_role("button", name="Try the demo room").tap()  # one of three
     page.wait_for_function("window.omnimirror.look.feed")
     page.wait_for_selector("#view:visible")
