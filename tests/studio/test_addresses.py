@@ -233,7 +233,7 @@ def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
     another.context.close()
 
 
-@pytest.mark.full
+@pytest.mark.long
 def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
     page = open_page(browser, rooms)
     drop(page, pictures / "one.png")

@@ -196,7 +196,7 @@ def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
     assert not np.array_equal(plotted(bench, "Image height"), before)
 
 
-@pytest.mark.full
+@pytest.mark.long
 def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
     first = sensor_on(bench)
     bench.get_by_role("button", name="Pin", exact=True).click()
@@ -240,7 +240,7 @@ def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
     assert sensor_on(bench) == mine
 
 
-@pytest.mark.full
+@pytest.mark.long
 def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
     sensor = sensor_on(bench)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))

@@ -235,7 +235,7 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
     page.get_by_text("It was stopped before the end").wait_for()
 
 
-@pytest.mark.full
+@pytest.mark.long
 def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()

@@ -75,7 +75,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
     assert np.linalg.norm(found - wanted, axis=-1)[both].max() < 0.02
 
 
-@pytest.mark.full
+@pytest.mark.long
 def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     """What lies on the horizon in a picture taken out of plumb is dragged to the line, twice ahead and to the right."""
     button = page.get_by_role("button", name="Drag the horizon")

@@ -138,7 +138,7 @@ def test_bad_input_is_one_sentence(args, message, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.full
+@pytest.mark.long
 @pytest.mark.long
 def test_figures_are_drawn_into_a_folder(tmp_path):
     run = omnimirror("evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f")

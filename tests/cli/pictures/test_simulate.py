@@ -205,7 +205,7 @@ def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, t
         assert 1 <= sum(1 for _ in container.decode(video=0)) < 2501
 
 
-@pytest.mark.full
+@pytest.mark.long
 @needs_proc
 def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
