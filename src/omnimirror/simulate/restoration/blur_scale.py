@@ -37,7 +37,6 @@ GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share 
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
-LEAST = 1e-4  # of what is left over
 BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half its width, of the picture; what ends at its edge does not count
 
@@ -74,7 +73,7 @@ class BlurScale:
             seen = (left > 0).all(axis=0)
             if not seen.any():
                 return share
-            grown = (left / np.maximum(left[:1], LEAST))[:, seen]
+            grown = (left / np.maximum(left[:1], 1e-9))[:, seen]
             bend = self._bend(grown, limit, is_lowered=share < 1)
             if bend is None:
                 is_faint = grown[-1].mean() < 1 + GROWTH
@@ -86,18 +85,17 @@ class BlurScale:
 
     def _bend(self, grown: Array, limit: float, *, is_lowered: bool) -> int | None:
         """Which of the middle shares what is left over, (shares, bands), bends at, if it does."""
-        of_mean = _bend_of(grown.mean(axis=1), limit, is_lowered)
+        mean, most = grown.mean(axis=1), np.median(grown, axis=1)
         if not self._is_large:
-            return of_mean
-        most = np.median(grown, axis=1)
+            return _bend_of(mean, limit, is_lowered)
         if is_lowered:
             first, second = np.diff(most, 2)
             is_undone = second < -first / 2  # half of the radii are now these, now those
-            of_most = None if is_undone else _bend_of(most, limit, is_lowered)
-            return 0 if of_most is None and most[-1] > MUCH else of_most
+            bend = None if is_undone else _bend_of(most, limit, is_lowered)
+            return 0 if bend is None and most[-1] > MUCH else bend
+        of_mean, of_most = (_bend_of(of, limit, is_lowered) for of in (mean, most))
         if of_mean is None:
-            return 0 if grown[-1].mean() > MUCH else None
-        of_most = _bend_of(most, limit, is_lowered)
+            return 0 if mean[-1] > MUCH else None
         return len(SHARES) - 2 if of_most is None else max(of_mean, of_most)
 
     @cached_property
@@ -130,7 +128,7 @@ class BlurScale:
 
 
 def _bend_of(grown: Array, limit: float, is_lowered: bool) -> int | None:
-    """The same of one value for each share."""
+    """Which of the middle shares one value (shares,) for each of them bends at."""
     first, second = np.diff(grown, 2)
     bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
     is_spread = is_lowered and min(first, second) > 0 and first + second > SPREAD
