@@ -25,7 +25,7 @@ demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a
 studio: $(VENV)/.studio  ## Look at pictures and design sensors in the browser
 	$(BIN)/omnimirror studio
 
-test: lint chromium node  ## Everything that must hold, in a few minutes
+test: lint chromium node  ## What every commit passes, in some ten minutes on 2 cores
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
 # Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
