@@ -32,7 +32,7 @@ BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of 
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
 LEAST_SHARE = 0.3
-MUCH = 1.4  # times what the least share of large blur leaves over, by the most: all are too large
+MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4  # times what the least share of large blur leaves over, by the most: too large
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
@@ -74,16 +74,17 @@ class BlurScale:
             if not seen.any():
                 return share
             grown = (left / np.maximum(left[:1], 1e-9))[:, seen]
-            bend = self._bend(grown, limit, is_lowered=share < 1)
+            is_explained = left[0, seen].mean() <= EXPLAINED
+            much = MUCH_OF_EXPLAINED if is_explained else MUCH
+            bend = self._bend(grown, limit, much, is_lowered=share < 1)
             if bend is None:
-                is_faint = grown[-1].mean() < 1 + GROWTH
-                is_unseen = is_faint and (noise.kind == "JPEG" or left[0, seen].mean() > EXPLAINED)
+                is_unseen = grown[-1].mean() < 1 + GROWTH and (noise.kind == "JPEG" or not is_explained)
                 return UNSEEN_SHARE if share == 1 and is_unseen else share
             share *= SHARES[1 + bend]
             limit = max(limit, BEND_AGAIN)
         return share
 
-    def _bend(self, grown: Array, limit: float, *, is_lowered: bool) -> int | None:
+    def _bend(self, grown: Array, limit: float, much: float, *, is_lowered: bool) -> int | None:
         """Which of the middle shares what is left over, (shares, bands), bends at, if it does."""
         mean, most = grown.mean(axis=1), np.median(grown, axis=1)
         if not self._is_large:
@@ -92,10 +93,10 @@ class BlurScale:
             first, second = np.diff(most, 2)
             is_undone = second < -first / 2  # half of the radii are now these, now those
             bend = None if is_undone else _bend_of(most, limit, is_lowered)
-            return 0 if bend is None and most[-1] > MUCH else bend
+            return 0 if bend is None and most[-1] > much else bend
         of_mean, of_most = (_bend_of(of, limit, is_lowered) for of in (mean, most))
         if of_mean is None:
-            return 0 if mean[-1] > MUCH else None
+            return 0 if mean[-1] > much else None
         return len(SHARES) - 2 if of_most is None else max(of_mean, of_most)
 
     @cached_property
