@@ -104,6 +104,42 @@ def test_flipped_pictures_among_others_are_told():
     assert found[1].reason == "it is a mirror image, and the others are not: it was flipped"
 
 
+def opencv_grid(border_bits):
+    """A grid of 6 x 5 upright tags as OpenCV draws it: counted to the right and down."""
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
+    drawn = cv2.aruco.GridBoard((6, 5), 1.0, 0.3, family).generateImage(
+        (900, 760), marginSize=40, borderBits=border_bits
+    )
+    return np.pad(drawn, 60, constant_values=255)
+
+
+@pytest.mark.parametrize("turn", [np.asarray, np.fliplr, np.rot90])
+def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
+    """Their tags would be read, and taken for others' corners."""
+    asked = om.Board("aprilgrid", 6, 5, 30.0)
+    found = om.find_board(np.ascontiguousarray(turn(opencv_grid(2))), asked)
+    assert found.reason == (
+        "its tags do not lie as on an April grid of 6 x 5 tags: right of the upright tag N stands N+1 and below it "
+        "N+6, where Kalibr's has N-1 and N+6"
+    )
+    thin = om.find_board(np.ascontiguousarray(turn(opencv_grid(1))), asked)
+    assert thin.reason == (
+        "30 tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+    )
+
+
+def test_april_grids_of_another_size_or_spacing_are_told():
+    picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=3.0)
+    assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used
+    other = om.find_board(picture, om.Board("aprilgrid", 7, 5, 30.0))
+    assert other.reason.startswith("its tags do not lie as on an April grid of 7 x 5 tags")
+    assert other.reason.endswith("stands N-1 and below it N+6, where Kalibr's has N-1 and N+7")
+    wide = om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0, spacing=0.8))
+    assert re.fullmatch(
+        r"the gaps between its tags are 0\.3\d of a tag's side, and spacing = 0\.8 was said", wide.reason
+    )
+
+
 def test_files_have_the_true_size(tmp_path):
     """Squares of 20 mm: in points of a PDF, millimetres of an SVG, and pixels a metre of a PNG."""
     board = BOARDS["chessboard"]

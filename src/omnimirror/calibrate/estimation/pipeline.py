@@ -18,7 +18,8 @@ from .bundle.adjustment import CAUCHY, Adjustment, Prior, adjust, shared_names
 from .bundle.board_shape import BoardShape
 from .bundle.edges import StraightEdges
 from .bundle.linearisation import UNSEEN_PX, Loss
-from .bundle.observations import Motion, Sighting
+from .bundle.observations import Sighting
+from .bundle.sides import from_the_front
 from .bundle.steps import SETTLED
 from .checks import check_poses, listed, without_strangers
 from .choice import TriedModel, chosen
@@ -27,7 +28,7 @@ from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
-from .stillness import SEVERAL, check_still
+from .stillness import SEVERAL, check_still, flipped_pictures
 
 THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
 TERMS = "mirror.coefficients"
@@ -130,15 +131,8 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     fits = _all_climbed(base, plan, watch, course)
     plan.known.check(fits.values())
     judge = _judge(fits)
-    judge = robust = _without_strangers(judge, course)
     watch.at("looking for outliers", 0.4)
-    judge, course.outliers = without_outliers(judge)
-    if moved := check_still(judge):
-        course.strangers |= moved
-        kept = [s for s in robust.sightings if s.name not in moved]
-        judge, course.outliers = without_outliers(robust.again(kept, loss="cauchy"))
-        if more := check_still(judge):
-            raise InvalidParameter(f"{listed([*moved, *more])}: {SEVERAL}")
+    judge = _agreeing(_without_strangers(judge, course), fits, plan, course)
     if plan.edges is not None:
         watch.at("straightening edges", 0.45)
         course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)
@@ -263,6 +257,23 @@ def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
     return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
 
 
+def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: Course) -> Adjustment:
+    """The fit without outliers, of pictures that agree where the mirror's centre lies; the others are named."""
+    fit, course.outliers = without_outliers(robust)
+    odd: dict[str, str] = {}
+    if plan.is_mirrored_alike:  # the stiffer of two models shows more, if it explains what is seen
+        odd = flipped_pictures(fit) or flipped_pictures(_frozen(fits.get(Unified.KIND, fit), fit, course))
+    odd = odd or check_still(fit)
+    if odd:
+        course.strangers |= odd
+        fit, course.outliers = without_outliers(
+            robust.again([s for s in robust.sightings if s.name not in odd], loss="cauchy")
+        )
+        if more := check_still(fit):
+            raise InvalidParameter(f"{listed([*odd, *more])}: {SEVERAL}")
+    return fit
+
+
 def _judge(fits: dict[str, Adjustment]) -> Adjustment:
     """The fit by which outliers are told: the best of those that the pictures determine well."""
     sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
@@ -275,30 +286,3 @@ def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
     kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
     is_far = fit.question.noise_px > FAR * judge.question.noise_px
     return fit.again(kept, settled=ROUGHLY if is_far else SETTLED, edges=course.edges)
-
-
-def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
-    """Boards that look the same from behind, with their corners counted as they are read from the front.
-
-    A mirror's picture is reversed, and a detector counts the corners in it as it finds them: the board is then seen
-    as if from behind, which is harmless as long as it is flat, and turns a bulge inside out where it is not.
-    """
-    boards = [s.points for s in sightings if not s.is_surveyed]
-    if not boards:
-        return tuple(sightings)
-    low, high = np.min([p.min(axis=0) for p in boards], axis=0), np.max([p.max(axis=0) for p in boards], axis=0)
-    turned = []
-    for sighting in sightings:
-        if sighting.is_surveyed or sighting.motion is None or not _is_from_behind(sighting, sighting.motion):
-            turned.append(sighting)
-            continue
-        rotation, shift = sighting.motion
-        points = sighting.points * [-1.0, 1.0, 1.0] + [low[0] + high[0], 0.0, 0.0]
-        motion = Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * (low[0] + high[0]))
-        turned.append(replace(sighting, points=points, motion=motion))
-    return tuple(turned)
-
-
-def _is_from_behind(sighting: Sighting, motion: Motion) -> bool:
-    """Whether the board's Z axis, which points away from who reads it, points at the camera."""
-    return float(motion.rotation[:, 2] @ motion(sighting.points).mean(axis=0)) < 0

@@ -1,4 +1,4 @@
-"""Whether the mirror stayed where it was: whether all pictures agree where its centre lies."""
+"""Whether the mirror stayed where it was, and the pictures as they were: whether all agree where its centre lies."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ...errors import InvalidParameter
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
 from .bundle.normal_equations import assembled, reduced_system, with_priors
+from .bundle.sides import ends_of, flipped
 from .bundle.steps import shared_values
 from .checks import FEWEST_PICTURES, listed
 
@@ -25,6 +26,11 @@ PLAUSIBLE = 0.05
 """The same, above which it is not looked at more closely."""
 MOVED_GAIN = 100.0
 """Least gain of two centres, in the sum of squares over the noise's."""
+FLIPPED_GAIN, CLEAN = 25.0, 2.0
+"""The same of a picture that is flipped, with nothing more to adjust; and what centres may explain after all flips, a
+number, for these to be believed."""
+WORTH_A_FLIP, FLIPS_TRIED = 8.0, 3
+"""Least gain of one picture's centre from side to side, to the first order, and how many pictures are tried at once."""
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
 ROUNDING = 1e-9  # of the largest eigenvalue
 MOVED = "the mirror moved against the camera"
@@ -36,6 +42,11 @@ ALONE = f"the mirror's centre in it lies {{:.1f}} px from that in the others: {M
 GROUPS = (
     f"the mirror's centre in {{}} lies {{:.1f}} px from that in {{}}: {MOVED} between them, or pictures are flipped or "
     "cut; calibrate them apart"
+)
+FLIPPED = "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+HALF_FLIPPED = (
+    "half of the pictures, {}, fit the others when they are flipped left to right, and not as they are: flip those "
+    "that are not as the camera delivers them"
 )
 
 
@@ -64,6 +75,35 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
     if second.sum() == 1:
         return {str(names[second][0]): ALONE.format(distance)}
     raise InvalidParameter(GROUPS.format(listed(list(names[second])), distance, listed(list(names[~second]))))
+
+
+def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
+    """Pictures that fit the others when they are flipped left to right: name to reason.
+
+    Of boards whose mirror image is such a board too nothing else shows it. Pictures are flipped one after the other as
+    long as much is gained, and believed if all pictures agree then, as far as the noise lets them, and begun with no
+    other picture it ends as well.
+
+    Raises
+    ------
+    InvalidParameter
+        Half of the pictures: nobody knows which half.
+    """
+    count = len(adjustment.sightings)
+    if count <= FEWEST_PICTURES:
+        return {}
+    ends = [_all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))]
+    if not ends:
+        return {}
+    fit, turned = min(ends, key=lambda one: float(np.sum(one[0].residuals ** 2)))
+    rivals = [adjustment, *(other for other, those in ends if (those != turned).any())]
+    left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
+    if min(_gain(rival, fit) for rival in rivals) < FLIPPED_GAIN or left > CLEAN * numbers:
+        return {}
+    names = [s.name for s, is_turned in zip(adjustment.sightings, turned, strict=True) if is_turned]
+    if 2 * len(names) == count:
+        raise InvalidParameter(HALF_FLIPPED.format(listed(names)))
+    return dict.fromkeys(names, FLIPPED)
 
 
 @dataclass(frozen=True)
@@ -150,6 +190,39 @@ class OwnCentres:
             best, gain = changed[np.argmax(gains)], float(gains.max())
 
 
+def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
+    """The fit after flips of one picture after the other, and the smaller group (m,) of pictures that differ."""
+    while True:
+        better = min(_with_one_flipped(fit, turned), key=lambda one: float(np.sum(one[0].residuals ** 2)), default=None)
+        if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
+            break
+        fit, turned = better
+    is_first = 2 * turned.sum() == len(turned) and turned[0]  # of two halves that which lacks the first
+    return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(turned) or is_first else turned
+
+
+def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, Mask]]:
+    """Fits with one more picture flipped, and which are.
+
+    A flip shifts the centre from side to side: pictures are tried that gain the most if they alone may shift so.
+    """
+    count, ends_mm, width = len(fit.sightings), ends_of(fit.sightings), fit.model.image_size[0]
+    own = OwnCentres.of(fit, np.zeros((count, 2)))
+    across = own.pull[:, 0] ** 2 / np.maximum(own.information[range(count), 0, range(count), 0], 1e-300)
+    across[[s.is_surveyed for s in fit.sightings]] = 0.0
+    tried = []
+    for number in np.argsort(-across)[:FLIPS_TRIED]:
+        if across[number] > WORTH_A_FLIP:
+            other = [flipped(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
+            tried.append((fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number)))
+    return tried
+
+
+def _gain(before: Adjustment, after: Adjustment) -> float:
+    """What an adjustment is better than another, in the sum of squares over the noise's."""
+    return float(np.sum(before.residuals**2) - np.sum(after.residuals**2)) / after.noise_px**2
+
+
 def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
     """The smaller of two groups of pictures, and how far its centre lies from that of the others, px."""
     count = len(adjustment.sightings)
@@ -167,7 +240,7 @@ def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
         fit = fit.again(moved, most_steps=ROUND_STEPS)
         if np.abs(step).max() < AGREED_PX:
             break
-    gained = float(np.sum(adjustment.residuals**2) - np.sum(fit.residuals**2)) / fit.noise_px**2
+    gained = _gain(adjustment, fit)
     left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
     distance = float(np.hypot(*offset))
     is_apart = distance > MOVED_PX and gained > MOVED_GAIN and _chance(gained, left, count, numbers) < CHANCE

@@ -23,7 +23,7 @@ from .search.completion import completed
 from .search.greys import Grey, edge_blur_px, grey
 from .search.growing import LatticePart, coloured, goes_on, grown, trimmed
 from .search.local_maps import maps_about
-from .search.markers import find_by_markers, read_markers
+from .search.markers import find_by_markers, laid_otherwise, read_markers
 from .search.rectified import LocalView, local_views
 
 Picture = NDArray[Any]
@@ -261,6 +261,8 @@ def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool =
 def _look_for_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     markers = read_markers(values, board, is_quick=is_quick)
+    if board.kind == "aprilgrid" and (otherwise := laid_otherwise(values, board, markers)) is not None:
+        return Detection(name, size, reason=otherwise, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
     if len(ids) >= LEAST_OF_MARKED:
         return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)

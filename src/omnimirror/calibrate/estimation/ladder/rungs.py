@@ -20,12 +20,16 @@ from .conversion import converted, farthest_angle_deg, is_central, shifted_to_vi
 from .placing import placed
 from .start import stereographic_start
 
-FIRST_FREE = ("xi", "fx", "fy", "cx", "cy")
+FIRST_FREE = (("xi", "fx", "fy", "cx", "cy"), ("fx", "fy", "cx", "cy", "k1", "k2"))
+"""What is adjusted first, one or the other, whichever leads farther down. With xi free a search among mirrors may slide
+to where boards in any row of pixels look nearly alike; without it one among fisheyes of 250 deg and more goes astray.
+"""
 ROUGHLY = 1e-4  # share of the sum below which a step is the last, where better models follow
 RADIUS_SIGMA = 0.02  # of the largest radius
 VIEWPOINT_SIGMA_MM = 30.0
-ROUGH_START = 10.0
-"""How much farther off than boards surveys may be: a board is placed to where a wrong camera sees it best."""
+ROUGH_START = {True: 2.0, False: 10.0}
+"""How much farther off boards, or surveys alone, may be before anything is adjusted: a board is placed to where a wrong
+camera sees it best."""
 UNPLACED = (
     "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
     "and not mirror images of them"
@@ -66,7 +70,7 @@ def begun(
     model = Unified(1.0, (width / 4, width / 4), centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
     start = stereographic_start(sightings, image_size, centre, model._signs)
     boards = not all(s.is_surveyed for s in sightings)
-    check_start(start.median_px / (1 if boards else ROUGH_START), image_size, boards=boards)
+    check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
     model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
     strangers = {
         s.name: UNPLACED if s.is_surveyed else "its corners lie on a line, or in one point"
@@ -74,9 +78,7 @@ def begun(
         if motion is None
     }
     known = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
-    held = [p.name for p in model.parameters if p.name not in FIRST_FREE]
-    fit = adjust(model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
-    fit = adjust(fit.model, again_placed(fit), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
+    fit = min((_lowest(model, known, free, fixed, priors) for free in FIRST_FREE), key=lambda f: f.question.noise_px)
     check_start(_median_of(fit), image_size, boards=boards)
     found = without_strangers(fit)
     if found:
@@ -86,6 +88,15 @@ def begun(
             raise InvalidParameter("; ".join(f"{name}: {why}" for name, why in found.items()))
         fit = fit.again(kept, loss="cauchy", settled=ROUGHLY)
     return Begun(fit, strangers)
+
+
+def _lowest(
+    model: Unified, known: Sequence[Sighting], first: tuple[str, ...], fixed: tuple[str, ...], priors: tuple[Prior, ...]
+) -> Adjustment:
+    """Of a unified model, some of whose parameters are adjusted first, and all of them then."""
+    held = (p.name for p in model.parameters if p.name not in first)
+    rough = adjust(model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
+    return adjust(rough.model, again_placed(rough), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
 
 
 def _median_of(fit: Adjustment) -> float:

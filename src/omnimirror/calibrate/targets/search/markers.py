@@ -21,6 +21,16 @@ KALIBR_CORNERS = ((1, 0), (0, 0), (0, 1), (1, 1))
 """Column and row, of a tag on an April grid, of OpenCV's four corners: Kalibr prints tags upside down."""
 
 
+KALIBR_RIGHT = -1
+"""What a tag's number is greater by on the right of another that stands upright; below it, by the columns of a grid."""
+BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
+"""Which tag is one's neighbour: how far off the way there it is at most, of its distance, and how far away, in sides of
+a tag; and how many pairs tell how tags lie."""
+FRAME = "{} tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+SPACING_OFF = 0.25
+"""Of a tag's side, from which on the gaps between tags are other than was said."""
+
+
 class Markers(NamedTuple):
     """Markers that were read in a picture."""
 
@@ -90,6 +100,54 @@ def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids,
     return ids, pixels
 
 
+def laid_otherwise(picture: Grey, board: Board, markers: Markers) -> str | None:
+    """How the tags of an April grid are, where that is not as on Kalibr's of this size: a sentence.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey.
+    board
+        An April grid.
+    markers
+        From :func:`read_markers`.
+    """
+    if len(markers.ids) <= LEAST_MARKERS:
+        count = max(len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (picture, picture[:, ::-1]))
+        return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
+    first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
+    axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
+    middles = markers.corners_px.mean(axis=1)
+    towards = np.linalg.solve((axes[:, None] + axes) / 2, (middles - middles[:, None])[..., None])[..., 0]
+    right, below = (_usual_step(markers.ids, towards, place) for place in ((1.0, 0.0), (0.0, 1.0)))
+    if right is None or below is None:
+        return None
+    told = KALIBR_RIGHT, board.columns
+    if (right[0], below[0]) != told:
+        return (
+            f"its tags do not lie as on an April grid of {board}: right of the upright tag N stands N{right[0]:+d} and "
+            f"below it N{below[0]:+d}, where Kalibr's has N{told[0]:+d} and N{told[1]:+d}"
+        )
+    spacing = (right[1] + below[1]) / 2 - 1
+    if abs(spacing - board.spacing) > SPACING_OFF:
+        return f"the gaps between its tags are {spacing:.2f} of a tag's side, and spacing = {board.spacing:g} was said"
+    return None
+
+
+def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[int, float] | None:
+    """How numbers and distances, in sides of a tag, grow to the next tag in a direction; None where too few tell."""
+    ahead = towards @ place
+    off = np.abs(towards @ place[::-1])
+    ahead = np.where((ahead > 0.5) & (ahead < FARTHEST) & (off < BESIDE * ahead), ahead, np.inf)
+    next_to = np.argmin(ahead, axis=1)
+    nearest = ahead[np.arange(len(ids)), next_to]
+    has_one = np.isfinite(nearest)
+    steps, counts = np.unique((ids[next_to] - ids)[has_one], return_counts=True)
+    if not len(steps) or counts.max() < max(FEWEST_BESIDE, has_one.sum() / 2):
+        return None
+    return int(steps[np.argmax(counts)]), float(np.median(nearest[has_one]))
+
+
 def marker_corners_mm(board: Board, ids: Ids) -> Array:
     """Where the corners (4 k, 2) of a ChArUco board's markers lie on it, mm, as OpenCV draws it."""
     drawn = opencv_board(board)
@@ -113,12 +171,12 @@ def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:
     return ids.ravel(), markers.corners_px.reshape(-1, 2)
 
 
-def _detector(board: Board) -> Any:
+def _detector(board: Board, border_bits: int | None = None) -> Any:
     """With wider limits than usual: quads have curved sides in a mirror, and are small."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
-    parameters.markerBorderBits = board.border_bits
+    parameters.markerBorderBits = border_bits or board.border_bits
     parameters.polygonalApproxAccuracyRate = 0.06
     parameters.minMarkerPerimeterRate = 0.012
     parameters.adaptiveThreshWinSizeMax = 43
