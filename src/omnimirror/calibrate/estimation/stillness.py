@@ -29,8 +29,9 @@ MOVED_GAIN = 100.0
 FLIPPED_GAIN, CLEAN = 25.0, 2.0
 """The same of a picture that is flipped, with nothing more to adjust; and what centres may explain after all flips, a
 number, for these to be believed."""
-WORTH_A_FLIP, FLIPS_TRIED = 8.0, 3
-"""Least gain of one picture's centre from side to side, to the first order, and how many pictures are tried at once."""
+WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
+"""Least gain of one picture's centre from side to side, to the first order; how many pictures are tried at once; and
+the least share that two centres explain of what all do, where flips are to explain the rest."""
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
 ROUNDING = 1e-9  # of the largest eigenvalue
 MOVED = "the mirror moved against the camera"
@@ -91,6 +92,10 @@ def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
     """
     count = len(adjustment.sightings)
     if count <= FEWEST_PICTURES:
+        return {}
+    own = OwnCentres.of(adjustment, np.zeros((count, 2)))
+    (gained,), (explained, _) = own.of_groups(own.split()[None])[0], own.explained
+    if gained < max(WORTH_A_FLIP, MOSTLY * explained):
         return {}
     ends = [_all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))]
     if not ends:
