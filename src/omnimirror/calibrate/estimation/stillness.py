@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
+from ...errors import InvalidParameter, OmnimirrorError
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
 from .bundle.normal_equations import assembled, reduced_system, with_priors
@@ -217,8 +218,10 @@ def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, M
     across[[s.is_surveyed for s in fit.sightings]] = 0.0
     tried = []
     for number in np.argsort(-across)[:FLIPS_TRIED]:
-        if across[number] > WORTH_A_FLIP:
-            other = [flipped(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
+        if across[number] < WORTH_A_FLIP:
+            break
+        other = [flipped(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
+        with suppress(OmnimirrorError):  # where the flip leads to no camera at all
             tried.append((fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number)))
     return tried
 
