@@ -128,6 +128,21 @@ def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
     )
 
 
+def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
+    """Its axes are those of its neighbours turned round, to the last digit."""
+    board = om.Board("aprilgrid", 6, 5, 30.0)
+    picture = om.draw_board(board, px_per_mm=3.0)
+    corners = om.find_board(picture, board).corners_px.reshape(5, 2, 6, 2, 2)[2, :, 2].reshape(4, 2)
+    (left, top), (right, bottom) = (
+        corners.min(axis=0).round().astype(int) - 4,
+        corners.max(axis=0).round().astype(int) + 5,
+    )
+    picture[top:bottom, left:right] = picture[top:bottom, left:right][::-1, ::-1].copy()
+    found = om.find_board(picture, board)
+    assert found.used
+    assert len(found.ids) >= board.corner_count - 4
+
+
 def test_april_grids_of_another_size_or_spacing_are_told():
     picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=3.0)
     assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used

@@ -261,8 +261,8 @@ def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool =
 def _look_for_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     markers = read_markers(values, board, is_quick=is_quick)
-    if board.kind == "aprilgrid" and (otherwise := laid_otherwise(values, board, markers)) is not None:
-        return Detection(name, size, reason=otherwise, blur_px=edge_blur_px(values))
+    if board.kind == "aprilgrid" and (other := laid_otherwise(values, board, markers, is_quick=is_quick)) is not None:
+        return Detection(name, size, reason=other, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
     if len(ids) >= LEAST_OF_MARKED:
         return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)

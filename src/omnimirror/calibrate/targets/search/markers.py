@@ -100,7 +100,7 @@ def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids,
     return ids, pixels
 
 
-def laid_otherwise(picture: Grey, board: Board, markers: Markers) -> str | None:
+def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False) -> str | None:
     """How the tags of an April grid are, where that is not as on Kalibr's of this size: a sentence.
 
     Parameters
@@ -111,14 +111,18 @@ def laid_otherwise(picture: Grey, board: Board, markers: Markers) -> str | None:
         An April grid.
     markers
         From :func:`read_markers`.
+    is_quick
+        Whether not to look for tags with another frame where hardly any of the board's are read.
     """
     if len(markers.ids) <= LEAST_MARKERS:
+        if is_quick:
+            return None
         count = max(len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (picture, picture[:, ::-1]))
         return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
     first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
     axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
     middles = markers.corners_px.mean(axis=1)
-    towards = np.linalg.solve((axes[:, None] + axes) / 2, (middles - middles[:, None])[..., None])[..., 0]
+    towards = (np.linalg.pinv(axes)[:, None] @ (middles - middles[:, None])[..., None])[..., 0]
     right, below = (_usual_step(markers.ids, towards, place) for place in ((1.0, 0.0), (0.0, 1.0)))
     if right is None or below is None:
         return None
