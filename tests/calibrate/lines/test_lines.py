@@ -105,6 +105,25 @@ def test_lean_of_a_camera_from_upright_edges():
     assert level_from(normals[:2], np.ones(2), lean) is None
 
 
+def test_edges_that_lie_anyhow_stand_upright_nowhere():
+    rng = np.random.default_rng(5)
+    for count in (12, 60, 360):
+        for _ in range(40):
+            normals = rng.normal(size=(count, 3))
+            normals /= np.linalg.norm(normals, axis=1)[:, None]
+            assert level_from(normals, rng.uniform(5.0, 50.0, count), Mount("up")) is None
+
+
+def test_opacity_and_depth_change_no_edges():
+    picture = np.zeros((200, 200, 3), np.uint8)
+    picture[:, 90:] = 200
+    (wanted,) = edge_chains(picture)
+    opaque = np.dstack([picture, np.full((200, 200), 255, np.uint8)])
+    for other in (opaque, picture.astype(np.uint16) * 257, opaque[..., [0, 3]], picture[..., :1]):
+        (found,) = edge_chains(other)
+        assert found == pytest.approx(wanted, abs=1e-3)
+
+
 def test_pictures_that_show_too_little_are_refused():
     grey = np.full((200, 200, 3), 128, np.uint8)
     with pytest.raises(InvalidParameter, match="0 edges are too few"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
 from tests.commands import fails, omnimirror
 
@@ -83,6 +84,25 @@ def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "taken for one-shot" in run.stderr
     assert "name another with --mirror" in run.stderr
+
+
+def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
+    """By a camera that looks a little down at it: the view is that of the ball so held."""
+    ball = om.MirrorBall((299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0))
+    om.write_image(tmp_path / "ball.png", om.take_picture(ball, om.Room(texel_mm=20.0), samples=1))
+    command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
+    run = omnimirror(*command, tmp_path / "view.png")
+    assert run.returncode == 0, run.stderr
+    said = re.search(r"look ahead \(--camera-looks\), and leaned (\S+),(\S+) deg, by \d+ upright edges", run.stderr)
+    assert said is not None, run.stderr
+    assert (float(said[1]), float(said[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
+    run = omnimirror(*command, tmp_path / "told.png", "--level", "-15,3")
+    assert run.returncode == 0, run.stderr
+    assert "the camera" not in run.stderr
+    told, found = (om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png"))
+    assert np.median(np.abs(told - found)) < 4
+    run = omnimirror("dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png")
+    assert "the camera is taken to look ahead and stand level" in run.stderr
 
 
 @pytest.mark.full

@@ -425,6 +425,8 @@ export interface LevelFound {
   sigma_deg: number;
   /** edges that stand upright */
   upright: number;
+  /** it may be taken unasked */
+  is_sure: boolean;
 }
 
 /** A model that was compared. */

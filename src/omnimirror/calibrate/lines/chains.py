@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import number
+from ..rim.edges import levels_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,8 +39,8 @@ def edge_chains(
 
     Parameters
     ----------
-    picture : (height, width, 3) or (height, width), uint8
-        RGB.
+    picture : (height, width, 3) or (height, width)
+        RGB, of any depth; opacity is left out.
     centre_px, radius_px
         Circle of the field; edges at its rim and outside are left out. The picture's largest circle by default.
     inner_radius_px
@@ -60,7 +61,8 @@ def edge_chains(
     >>> float(chain[:, 0].round(1).min()), float(chain[:, 0].round(1).max())
     (89.5, 89.5)
     """
-    grey = picture.astype(np.float32) if picture.ndim == 2 else picture.astype(np.float32) @ LUMA
+    levels = levels_of(picture).astype(np.float32)
+    grey = levels @ LUMA if levels.ndim == 3 and levels.shape[2] == 3 else levels.reshape(levels.shape[:2])
     height, width = grey.shape
     u, v = centre_px or ((width - 1) / 2, (height - 1) / 2)
     radius = min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import comb
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from ...cameras import Camera
-from ...frames import Mount, turned
+from ...frames import CameraLooks, Mount, turned
 from .chains import edge_chains
 
 Array = NDArray[np.float64]
@@ -18,20 +20,37 @@ MOST_LEAN_DEG = 40.0
 NEAR_DEG = 0.8  # of an upright edge's plane to the plumb line
 MOST_PAIRED = 80
 LEAST_UPRIGHT = 3
+MOST_BY_CHANCE = 0.01  # directions that as many edges would point to if they lay anyhow
 REFINED = 4
 BENT_DEG = 0.25  # root mean square off its plane, beyond which an edge is not straight
 LEAST_EXTENT_DEG = 6.0
+LOOKED_AT_PX = 1440
+SURE_DEG, SURE_UPRIGHT = 0.6, 8
+USUAL_LEAN_DEG, USUAL_ROLL_DEG = 20.0, 15.0
 
 
 class Level(NamedTuple):
-    """How a camera leans, from one picture."""
+    """How a camera that looks some way leans, from one picture."""
 
+    camera_looks: CameraLooks
     pitch_deg: float
     roll_deg: float
     sigma_deg: float
     """standard error of the plumb line, the way in which it is larger"""
     upright: int
     """edges that stand upright"""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it may be taken unasked: it is exact, and no more than such cameras lean.
+
+        One that looks ahead is held level from side to side, whatever it looks down; where it looks another way than is
+        thought, level edges that are taken for upright ones seldom allow that.
+        """
+        lean = abs(self.roll_deg) / USUAL_ROLL_DEG
+        if self.camera_looks != "forward":
+            lean = float(np.hypot(self.pitch_deg, self.roll_deg)) / USUAL_LEAN_DEG
+        return self.sigma_deg < SURE_DEG and self.upright >= SURE_UPRIGHT and lean < 1
 
     def on(self, mount: Mount) -> Mount:
         """The mount with this lean."""
@@ -44,12 +63,13 @@ def level_in(
     """How a camera leans that is known but for that, from one picture; None if too few edges stand upright in it.
 
     Edges are followed, and those that the camera makes straight lie in planes of directions. A camera with several
-    viewpoints is taken to look at what is far against its mirror.
+    viewpoints is taken to look at what is far against its mirror. Which way it looks has to be known: edges of a room
+    that lie level are as many and as parallel as those that stand.
 
     Parameters
     ----------
-    picture : (height, width, 3) or (height, width), uint8
-        RGB.
+    picture : (height, width, 3) or (height, width)
+        RGB, of any depth; opacity is left out.
     camera
         Which took it.
     mount
@@ -68,24 +88,42 @@ def level_in(
     >>> level_in(np.zeros((200, 200), np.uint8), ball, ball.mount, (99.5, 99.5), 90.0) is None
     True
     """
+    normals, lengths = _straight_edges(picture, camera, mount, centre_px, radius_px)
+    return level_from(normals, lengths, mount)
+
+
+def _straight_edges(
+    picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
+) -> tuple[Array, Array]:
+    """Of the edges that are straight for a camera: normals (n, 3) of their planes in its frame, and lengths (n,), rad.
+
+    Large pictures are reduced: an edge's plane is known well enough then, and edges of fine things are left out.
+    """
+    import cv2
+
+    scale = max(1.0, max(picture.shape[:2]) / LOOKED_AT_PX)
+    if scale > 1:
+        picture = cv2.resize(picture, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
+    u, v = ((c + 0.5) / scale - 0.5 for c in centre_px)
     normals, lengths = [], []
-    for chain in edge_chains(picture, centre_px=centre_px, radius_px=radius_px):
-        rays = camera.backproject(chain)
+    for chain in edge_chains(picture, centre_px=(u, v), radius_px=radius_px / scale):
+        rays = camera.backproject((chain + 0.5) * scale - 0.5)
         seen = turned(rays.directions[rays.valid], mount.rotation())
         if len(seen) < LEAST_UPRIGHT or seen[0] @ seen[-1] > np.cos(np.radians(LEAST_EXTENT_DEG)):
             continue
-        moments, ways = np.linalg.eigh(seen.T @ seen / len(seen))
+        moments, axes = np.linalg.eigh(seen.T @ seen / len(seen))
         if moments[0] < np.radians(BENT_DEG) ** 2:
-            normals.append(ways[:, 0])
+            normals.append(axes[:, 0])
             lengths.append(float(np.arccos(np.clip(seen[0] @ seen[-1], -1, 1))))
-    return level_from(np.reshape(normals, (-1, 3)), np.array(lengths), mount)
+    return np.reshape(normals, (-1, 3)), np.array(lengths)
 
 
 def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
-    """The lean for which most edges stand upright; None if too few do.
+    """The lean for which most edges stand upright; None if no more do than would by chance.
 
     Each edge lies in a plane through the viewpoint, and planes of upright edges hold the plumb line. It is looked for
-    within 40 deg of where the mount has it.
+    within 40 deg of where the mount has it. Any two planes meet in a line, and of n planes that lie anyhow some more
+    hold it by chance: so many that less than .01 such lines are to be expected are what counts.
 
     Parameters
     ----------
@@ -127,6 +165,8 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
         moments = (planes[kept] * lengths[kept, None] ** 2).T @ planes[kept]
         best = np.linalg.eigh(moments)[1][:, 0]
         best = best * np.sign(best[2])
+    if _by_chance(int(kept.sum()), len(planes)) > MOST_BY_CHANCE:
+        return None
     off = planes[kept] @ best
     weight = lengths[kept] ** 2 / (lengths[kept] ** 2).mean()
     across = np.linalg.svd(best[None])[2][1:]
@@ -134,4 +174,12 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     noise = float((weight * off**2).sum()) / max(int(kept.sum()) - 2, 1)
     sigma = np.degrees(np.sqrt(noise / max(float(np.linalg.eigvalsh(matrix)[0]), 1e-12)))
     pitch, roll = np.degrees(np.arcsin(np.clip(best[0], -1, 1))), np.degrees(np.arctan2(best[1], best[2]))
-    return Level(float(pitch), float(roll), float(sigma), int(kept.sum()))
+    return Level(mount.camera_looks, float(pitch), float(roll), float(sigma), int(kept.sum()))
+
+
+def _by_chance(count: int, planes: int) -> float:
+    """How many lines are to be expected, of those in which two planes meet, that as many of all hold.
+
+    A plane that lies anyhow comes as near to a line with the sine of that angle as its probability.
+    """
+    return comb(planes, 2) * float(bdtrc(count - 3, planes - 2, np.sin(np.radians(NEAR_DEG))))

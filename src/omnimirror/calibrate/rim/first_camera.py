@@ -11,7 +11,7 @@ import numpy as np
 from ...arguments import checked, instance
 from ...camera_models import MirrorBall
 from ...errors import InvalidParameter, OmnimirrorError
-from ...frames import Mount
+from ...frames import CameraLooks, Mount
 from ...mirrors.pose import MirrorPose
 from ...sensor import Array, Sensor
 from ...specs import load_sensor
@@ -34,13 +34,15 @@ class CommonMirror:
     words: str
     sensor: str | None = None
     field_deg: float = 0.0
+    camera_looks: CameraLooks = "up"
+    """How a ball is photographed."""
 
 
 PRESETS = {
     "one-shot": CommonMirror("radius proportional to the field angle, to 135 deg", "exact-equidistant"),
-    "ball": CommonMirror("a whole mirror ball, seen from some diameters away", field_deg=340.0),
+    "ball": CommonMirror("a whole mirror ball, seen from some diameters away", field_deg=340.0, camera_looks="forward"),
     "dome": CommonMirror("the larger part of a ball, as under a shop's ceiling", field_deg=260.0),
-    "convex": CommonMirror("the cap of a ball, as at street corners", field_deg=160.0),
+    "convex": CommonMirror("the cap of a ball, as at street corners", field_deg=160.0, camera_looks="forward"),
     "paraboloid": CommonMirror("a paraboloid under a telecentric lens, to 105 deg", "paraboloid-telecentric"),
     "hyperboloid": CommonMirror("a hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"),
     "sphere": CommonMirror("a spherical mirror near its lens, to 135 deg", "paper-spherical"),
@@ -63,7 +65,8 @@ def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mou
         The name of a preset (``one-shot``, ``ball``, ``dome``, ``convex``, ``paraboloid``, ``hyperboloid``,
         ``sphere``), a sensor, or its name or file.
     mount
-        How the camera stands; as the sensor's file says by default.
+        How the camera stands; by default as the sensor's file says, and before a ball as its photographers do: it looks
+        ahead, and up to a dome.
 
     Returns
     -------
@@ -88,7 +91,9 @@ def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mou
     if isinstance(known, Sensor):
         return sensor_from_rim(rim, known if mount is None else replace(known, mount=mount))
     if known.sensor is None:
-        return MirrorBall(rim.centre_px, rim.radius_px, known.field_deg, rim.image_size, mount or Mount())
+        return MirrorBall(
+            rim.centre_px, rim.radius_px, known.field_deg, rim.image_size, mount or Mount(known.camera_looks)
+        )
     sensor = load_sensor(known.sensor)
     return _centred(rim, sensor if mount is None else replace(sensor, mount=mount))
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from ...camera_models import MirrorBall
 from ...errors import InvalidParameter
@@ -56,13 +58,17 @@ class AutoOptions(Options):
 
     def camera(self, sources: tuple[str, ...], options: CameraOptions) -> tuple[FoundCamera, str]:
         """The camera of pictures, standing as the options say; and a sentence that says what was found."""
-        from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim, mirror_of
+        from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim, find_rim, mirror_of
 
         name = self.mirror or DEFAULT
         mirror_of(name)  # refused before a rim is looked for, which takes seconds
-        rim, count = _rim_in(sources)
+        pictures = _alike(sources)
+        rim = find_rim(pictures)
         found = camera_from_rim(rim, name)
         found = replace(found, mount=options.standing(found.mount))
+        stood = ""
+        if isinstance(found, MirrorBall) and options.level is None:
+            found, stood = _levelled(found, pictures[0])
 
         def camera_of(size: tuple[int, int]) -> Sensor | MirrorBall:
             if size != rim.image_size:
@@ -72,12 +78,12 @@ class AutoOptions(Options):
                 )
             return found
 
-        (u, v), pictures = rim.centre_px, "" if count == 1 else f" in {count} pictures"
+        (u, v), among = rim.centre_px, "" if len(pictures) == 1 else f" in {len(pictures)} pictures"
         words = f" ({PRESETS[name].words})" if name in PRESETS else ""
         default = "" if self.mirror else "; name another with --mirror"
         told = (
-            f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{pictures}, confidence {rim.confidence:.2f}; "
-            f"taken for {name}{words}{default}{_other_tilt(rim, name)}"
+            f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{among}, confidence {rim.confidence:.2f}; "
+            f"taken for {name}{words}{default}{_other_tilt(rim, name)}{stood}"
         )
         return camera_of, told
 
@@ -93,12 +99,23 @@ def _other_tilt(rim: FoundRim, mirror: str) -> str:
     return f"; tilted by {taken} deg about x and y, or by {other}, which its rim does not tell"
 
 
-def _rim_in(sources: tuple[str, ...]) -> tuple[FoundRim, int]:
-    """The rim that pictures share, and in how many it was looked for."""
-    from ...calibrate.rim import find_rim
+def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall, str]:
+    """The ball as it was photographed by what stands upright in its picture, where that is sure; and how that was."""
+    from ...calibrate.lines import level_in
+
+    looks = {"up": "up", "down": "down", "forward": "ahead"}[ball.mount.camera_looks]
+    level = level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+    if level is None or not level.is_sure:
+        return ball, f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)"
+    lean = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, by {level.upright} upright edges"
+    told = f"; the camera is taken to look {looks} (--camera-looks), and leaned {lean}"
+    return replace(ball, mount=level.on(ball.mount)), told
+
+
+def _alike(sources: tuple[str, ...]) -> list[NDArray[np.uint8]]:
+    """Those of the first pictures that are as large as the first: they share a rim."""
     from ...media import read_image
     from ...media.batch import expand_inputs
 
     pictures = [read_image(file) for file in expand_inputs(sources)[:LOOKED_AT]]
-    alike = [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]
-    return find_rim(alike), len(alike)
+    return [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]

@@ -125,6 +125,7 @@ class LevelFound(Message):
     roll_deg: float
     sigma_deg: float = Field(description="standard error of the plumb line")
     upright: int = Field(description="edges that stand upright")
+    is_sure: bool = Field(description="it may be taken unasked")
 
 
 class Source(Message):

@@ -37,9 +37,13 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     from ...calibrate.lines import level_in
 
     picture = eight_bits(picture_in(data, safe_name(ask.name)))
-    picture = picture if picture.ndim == 2 else picture[..., :3]
     level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
-    return None if level is None else LevelFound(**level._asdict())
+    if level is None:
+        return None
+    return LevelFound(
+        pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright,
+        is_sure=level.is_sure,
+    )  # fmt: skip
 
 
 def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:

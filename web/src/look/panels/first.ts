@@ -1,5 +1,5 @@
 import { byId, h } from "../../shared/dom";
-import { INITIAL } from "../../shared/state";
+import { INITIAL, type Looks } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import type { RimFound } from "../../shared/messages";
 import type { Feed } from "../feeds/feed";
@@ -8,12 +8,19 @@ import { alone } from "../supply";
 import { hasSize, percent, type RimPanel } from "./rim";
 import type { SensorPanel } from "./sensor";
 
-/** What takes such pictures, in plain words: the answer, what it looks like, and the sensor that stands for it. */
-const TAKEN_BY: readonly (readonly [answer: string, looks: string, sensor: string])[] = [
-  ["A mirror ball", "a whole ball; who took it stands in the middle", "ball:340"],
-  ["Most of a ball", "as hangs under a shop's ceiling", "ball:260"],
-  ["A bulging mirror", "as at street corners and driveways", "ball:160"],
-  ["A panorama mirror", "screwed to a lens, a hole or the lens in its middle", "exact-equidistant"],
+/** What takes such pictures, in plain words, the sensor that stands for it, and which way the camera looks then. */
+interface Answer {
+  answer: string;
+  seen: string;
+  sensor: string;
+  looks: Looks;
+}
+
+const TAKEN_BY: readonly Answer[] = [
+  { answer: "A mirror ball", seen: "a whole ball; who took it stands in the middle", sensor: "ball:340", looks: "forward" },
+  { answer: "Most of a ball", seen: "as hangs under a shop's ceiling", sensor: "ball:260", looks: "up" },
+  { answer: "A bulging mirror", seen: "as at street corners and driveways", sensor: "ball:160", looks: "forward" },
+  { answer: "A panorama mirror", seen: "screwed to a lens, a hole or the lens in its middle", sensor: "exact-equidistant", looks: "up" },
 ];
 
 /** What the card needs of the tab. */
@@ -60,17 +67,17 @@ export class FirstLook {
     const where = found?.is_sure
       ? h("p", {}, `The mirror was found in it, ${percent(found.confidence)} sure.`)
       : h("p", {}, found ? "Where the mirror ends is not clear in this picture. " : "Where the mirror ends is a guess so far. ", h("button", { type: "button", className: "small", onclick: () => this.byHand() }, "Set its edge by hand"));
-    const answers = TAKEN_BY.map(([answer, looks, sensor]) => h("button", { type: "button", onclick: () => void this.answered(sensor) }, answer, h("small", {}, looks)));
+    const answers = TAKEN_BY.map((given) => h("button", { type: "button", onclick: () => void this.answered(given) }, given.answer, h("small", {}, given.seen)));
     const file = h("button", { type: "button", onclick: () => this.fromFile() }, "A camera I have a file of", h("small", {}, "a sensor or calibration file"));
     const question = this.isKnown ? [] : [h("h2", { id: "ask-title" }, "What took this picture?"), h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file]))];
     this.card.replaceChildren(close, where, ...question);
     this.card.hidden = false;
   }
 
-  private async answered(sensor: string): Promise<void> {
+  private async answered({ sensor, looks }: Answer): Promise<void> {
     const { rim } = this.store.state;
     this.done();
-    await this.hands.sensor().choose(sensor, rim);
+    await this.hands.sensor().choose(sensor, rim, looks);
     if (rim && !alone) requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
   }
 

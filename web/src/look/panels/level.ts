@@ -13,7 +13,6 @@ import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";
 
 const LOOKED_AT = 1440; // px of the longer side
-const [SURE_DEG, SURE_EDGES] = [0.6, 8]; // a standard error, and upright edges, from which the level is taken unasked
 
 /** Levelling a sensor that leaned: what is taken hold of in the view goes up and down, to the line of the horizon. */
 export class LevelPanel {
@@ -49,7 +48,7 @@ export class LevelPanel {
       const { picture, scale } = await fileOf(feed, LOOKED_AT);
       const found = await api.level(askOf(camera, feed.name, scale), picture);
       if (feed !== this.seen?.feed) return;
-      const isSure = found && (isAsked || (found.sigma_deg < SURE_DEG && found.upright >= SURE_EDGES));
+      const isSure = found && (isAsked || found.is_sure);
       if (!found || !isSure) return isAsked ? say("Too little stands upright in it to tell; drag the horizon instead.") : undefined;
       await this.sensor().want({ pitch: +found.pitch_deg.toFixed(2), roll: +found.roll_deg.toFixed(2) });
       say(`It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`);

@@ -35,7 +35,7 @@ export class SensorPanel {
 
   constructor(private readonly store: Store, private readonly hands: Hands) {
     const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
-    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => void this.want({ looks: value }));
+    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => void this.want({ looks: value, pitch: null, roll: null })); // a lean is one of the way that it looks
     const optics = [["mirror", "a mirror"], ["fisheye", "a fisheye"]] as const;
     this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) => void this.loadAgain(value));
     this.select.addEventListener("change", () => void this.want({ sensor: this.select.value, ...AS_IN_FILE }));
@@ -58,9 +58,9 @@ export class SensorPanel {
     store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
   }
 
-  /** Take a sensor that stands as its own file says, its circle where it was found in the picture. */
-  async choose(sensor: string, rim: State["rim"]): Promise<void> {
-    await this.want({ sensor, ...AS_IN_FILE, rim });
+  /** Take a sensor that stands as its own file says, or looks otherwise, its circle where it was found in the picture. */
+  async choose(sensor: string, rim: State["rim"], looks: Looks): Promise<void> {
+    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // where a mirror shows what is behind the camera
   }
 
   /** Offer what the server knows. */
