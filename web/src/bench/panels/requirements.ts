@@ -90,10 +90,11 @@ export class RequirementsPanel {
       { className: "limit" },
       h("div", { className: "line" }, h("span", { className: "what" }, "Field up to"), this.number("Field up to, degrees", () => field().omega_max_deg as number, (v) => setField({ omega_max_deg: v ?? 135 })), h("span", { className: "unit" }, "°")),
       mark("omega_max_deg"),
+      h("span", { className: "what" }, "Objects"),
       h(
         "div",
         { className: "line" },
-        h("span", { className: "what" }, "Objects from"),
+        h("span", { className: "unit" }, "from"),
         this.number("Nearest object, mm", () => distances()[0], (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] })),
         h("span", { className: "unit" }, "to"),
         this.number("Farthest object, mm; empty is infinite", () => distances()[1], (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] })),
