@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from omnimirror.media import write_image
+from omnimirror.media import read_image, write_image
+from omnimirror.studio.look.sources import Sources
+from omnimirror.studio.studio import Studio
 
-from .browser import command, coordinates, drop, look, open_page
+from .browser import command, coordinates, drop, look, open_page, serving
 from .pictures import pattern, python_view
 from .test_addresses import no_rooms, rooms  # noqa: F401
 
@@ -197,6 +201,75 @@ def test_where_none_is_kept_all_around_is_shown(page):
             assert min(over) <= 0, (a, b)
     page.get_by_role("button", name="All views").click()
     settled(page)
+
+
+@pytest.fixture(scope="module")
+def two(folder):
+    """The address of a server of two pictures, the second of which has another sensor's size and colours."""
+    write_image(folder / "yard.png", 255 - pattern((1024, 1024))[::-1])
+    with serving(Studio(Sources([str(folder / "picture.png"), str(folder / "yard.png")]))) as address:
+        yield address
+
+
+AT = """(index) => {
+  const { look } = window.omnimirror, { left, top, view } = look.laid.places[index];
+  const copy = new OffscreenCanvas(look.laid.view.width, look.laid.view.height).getContext("2d");
+  copy.drawImage(look.drawn(), 0, 0);
+  const dots = [left, top].map((at) => Math.round(at * devicePixelRatio));
+  const places = [0.1, 0.3, 0.5, 0.7, 0.9].flatMap((a) => [0.2, 0.45, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
+  const colours = places.map(([x, y]) => [...copy.getImageData(dots[0] + x, dots[1] + y, 1, 1).data]);
+  return { line: look.commands().split("\\n")[index], places, colours };
+}"""  # noqa: E501
+
+
+def check_colours(page, folder, index: int) -> None:
+    """One of several views shows what its own command line does, of its own picture."""
+    told = page.evaluate(AT, index)
+    dewarper = python_view(told["line"], folder)
+    wanted = dewarper(read_image(Path(shlex.split(told["line"])[2])))
+    compared = 0
+    for (x, y), (r, g, b, opaque) in zip(told["places"], told["colours"], strict=True):
+        if opaque == 255 and wanted[y, x].any():
+            assert [r, g, b] == pytest.approx(wanted[y, x][:3], abs=4)
+            compared += 1
+    assert compared >= 8
+
+
+def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(browser, two, folder):
+    page = open_page(browser, f"{two}#source=server%3Asource", 1000, 900, reduced_motion="reduce")
+    page.wait_for_function("window.omnimirror.look.feed?.name === 'picture.png'")
+    page.get_by_role("button", name="All views").click()
+    seen = "window.omnimirror.look.laid?.places.length === 2 && window.omnimirror.look.laid.places.every((p) => p.seen)"
+    page.wait_for_function(seen)
+    assert [view["name"] for view in json.loads(state(page)["views"])] == ["picture.png", "yard.png"]
+    left, top, width, height = page.evaluate(CELLS)[1]
+    box = page.locator("#view").bounding_box()
+    page.mouse.click(box["x"] + left + width / 2, box["y"] + top + height / 2)
+    page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
+    page.locator("#sensor").select_option("paper-hyperboloidal")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'")
+    look(page, mode="dome", pan=30.0)
+    page.wait_for_function("JSON.parse(window.omnimirror.store.state.views)[1].mode === 'dome'")
+    page.get_by_role("button", name="picture.png").click()  # the first is moved again, the other stays as it is
+    page.wait_for_function("window.omnimirror.look.feed.name === 'picture.png'")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-spherical'")
+    look(page, pan=-20.0)
+    page.wait_for_function(seen)
+    for index in (0, 1):
+        check_colours(page, folder, index)
+    lines = page.evaluate("window.omnimirror.look.commands()").split("\n")
+    words = ("yard.png", "paper-hyperboloidal", "--view dome")
+    assert [[word in line for word in words] for line in lines] == [[False] * 3, [True] * 3]
+    page.wait_for_function("location.hash.includes('yard.png')")
+    page.reload()  # the link holds all of it
+    page.wait_for_function("window.omnimirror?.look.sensor.camera")
+    page.wait_for_function(seen)
+    check_colours(page, folder, 1)
+    page.get_by_role("button", name="All views").click()
+    settled(page)
+    page.wait_for_function("window.omnimirror.look.others.feeds.size === 0")
+    assert page.problems == []
+    page.context.close()
 
 
 @pytest.mark.parametrize(

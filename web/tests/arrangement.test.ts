@@ -1,7 +1,7 @@
 /** Several views on one stage: none over another, none beyond it, each as it wants to be; and the texts that keep them. */
 import { describe, expect, test } from "vitest";
 import { arranged } from "../src/look/geometry/arrangement";
-import { INITIAL, ofView, textOf, viewsIn } from "../src/shared/state";
+import { INITIAL, ofTaken, ofView, textOf, viewsIn } from "../src/shared/state";
 
 const STAGES = [[972, 500], [390, 515], [2000, 1200], [300, 900]] as const;
 const SETS: (number | null)[][] = [[null], [8 / 3, null], [8 / 3, null, null, null], [1, 1, 1], [8 / 3, 8 / 3], [null, 8 / 3, 1, null, 2.4], Array.from({ length: 16 }, () => null)];
@@ -27,11 +27,19 @@ test("views that any shape will do fill the stage", () => {
   expect(cells.reduce((sum, c) => sum + c.width * c.height, 0) / (800 * 500)).toBeGreaterThan(0.97);
 });
 
+test("four panoramas stand two by two", () => {
+  const cells = arranged(Array.from({ length: 4 }, () => 8 / 3), 972, 470);
+  expect(cells[0].width).toBeGreaterThan(480);
+});
+
 describe("kept views", () => {
   const door = { name: "Door", ...ofView({ ...INITIAL, mode: "perspective", pan: 40, fit: "fill", distance: 850 }) };
   const all = { name: "Panorama", ...ofView(INITIAL) };
+  const yard = { name: "Yard", ...ofView(INITIAL), of: ofTaken({ ...INITIAL, source: "server:yard", rim: [10, 20.5, 9], pitch: -3 }) };
+  const of = (change: object): string => JSON.stringify([{ name: "a", of: { source: "server:a", sensor: "b", ...change } }]);
 
-  test("come back", () => expect(viewsIn(textOf([all, door]))).toEqual([all, door]));
+  test("come back", () => expect(viewsIn(textOf([all, door, yard]))).toEqual([all, door, yard]));
+  test.each([{ sensor: "" }, { source: null }, { rim: [1, 2] }, { rim: [1, 2, -3] }, { looks: "left" }, { flipped: 1 }, { pitch: "5" }])("of %j are none", (change) => expect([viewsIn(of({})), viewsIn(of(change))]).toEqual([expect.anything(), null]));
   test("of none there is no text", () => expect([textOf([]), viewsIn("")]).toEqual(["", []]));
   test("say no more than they must", () => expect(textOf([all])).toBe('[{"name":"Panorama"}]'));
   test("are kept within what is valid", () => expect(viewsIn('[{"name":"a","hfov":500,"pan":370}]')![0]).toMatchObject({ hfov: 160, pan: 10 }));

@@ -1,11 +1,12 @@
-import { byId, choices, hideComputed } from "../shared/dom";
+import { byId, choices, hideComputed, put } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import type { Mode } from "../shared/state";
 import type { Store } from "../shared/store";
 import { commandOf, fittedName, needsFile } from "./command";
 import { Renderer } from "./drawing/renderer";
 import { embedded, floats } from "./embedded";
-import type { Feed } from "./feeds/feed";
+import type { Feed, Seen } from "./feeds/feed";
+import { Others } from "./feeds/others";
 import { Recorder } from "./feeds/recorder";
 import { Camera } from "./geometry/camera";
 import { panTiltOf, type Pixel, type Vec3 } from "./geometry/vectors";
@@ -42,6 +43,7 @@ export class Look {
   private readonly views: ViewsPanel;
   private readonly first: FirstLook;
   private readonly wipe: WipePanel;
+  private readonly others: Others;
   private laid: Laid | null = null;
   private camera: Camera | null = null;
   private isDirty = false;
@@ -53,7 +55,7 @@ export class Look {
     this.renderer = new Renderer(this.canvas, () => this.refresh(true));
     this.circle = new CirclePane((pixel) => this.lookAtPixel(pixel), (c) => this.rim.set(c));
     this.rim = new RimPanel(store, (isFitting) => this.fitting(isFitting));
-    this.views = new ViewsPanel(store);
+    this.views = new ViewsPanel(store, () => this.sources.offered);
     this.wipe = new WipePanel(store, () => this.restored());
     new WaysPanel(store, () => this.placeCircle());
     new GyroscopePanel(store);
@@ -64,8 +66,17 @@ export class Look {
     this.sources = new Sources(store, {
       largest: this.renderer.largestPicture,
       changed: () => this.sourceChanged(),
+      take: (source) => this.others.take(source),
+      give: (source, feed) => this.others.give(source, feed),
       opened: (feed) => void this.first.look(feed),
       calibrated: (file, name) => this.sensor.load(file, name),
+    });
+    this.others = new Others({
+      open: (source) => this.sources.feedOfServer(source),
+      fetch: (s) => this.sensor.fetch(s),
+      fit: (camera, feed, rim) => this.rim.fit(camera, feed, rim),
+      states: () => this.views.others(),
+      changed: () => this.refresh(),
     });
     this.first = new FirstLook(store, { rim: this.rim, sensor: () => this.sensor, feed: () => this.feed, level: () => this.level.find(false) });
     this.level = new LevelPanel(store, () => this.sensor, () => this.refresh());
@@ -171,7 +182,7 @@ export class Look {
     if (!camera || !this.feed) return;
     const { view, places } = this.lay();
     this.wipe.follow(camera, this.feed, this.canvas);
-    this.renderer.draw(view, this.isRough(), this.wipe.share);
+    this.paint(this.isRough());
     this.circle.drawView(camera, view);
     put("command-line", this.command(this.place));
     this.level.follow(camera, this.feed);
@@ -184,8 +195,17 @@ export class Look {
   /** The canvas, drawn anew with care; null where nothing is shown. */
   private drawn(): HTMLCanvasElement | null {
     if (!this.ready()) return null;
-    this.renderer.draw(this.lay().view, false, this.wipe.share);
+    this.lay();
+    this.paint(false);
     return this.canvas;
+  }
+
+  /** Draw what is laid out: the views of what is shown, then those of others. */
+  private paint(isRough: boolean): void {
+    const { view, places } = this.laid!;
+    this.renderer.draw(view, isRough, this.wipe.share);
+    for (const { seen, state, parts } of places) if (seen && seen.camera !== this.camera) this.renderer.add({ ...view, parts }, seen, state.source);
+    this.renderer.keepPictures(places.map(({ state }) => state.source));
   }
 
   private restored(): void {
@@ -193,8 +213,9 @@ export class Look {
     this.refresh();
   }
 
-  private command({ state, view }: Place): string {
-    return commandOf(state, this.camera!, this.feed!, view.width, view.height);
+  private command({ state, view, seen }: Place): string {
+    const { camera, feed } = seen ?? { camera: this.camera!, feed: this.feed! };
+    return commandOf(state, camera, feed, view.width, view.height);
   }
 
   /** The command lines of all views that are shown. */
@@ -222,7 +243,7 @@ export class Look {
   /** While it moves, a view is drawn quickly; once it rests, with care. */
   private isRough(): boolean {
     clearTimeout(this.resting);
-    if (this.feed?.moves) return true;
+    if (this.laid?.places.some(({ seen }) => seen?.feed.moves)) return true;
     const rested = performance.now() - this.movedAt;
     if (rested < REST_MS) this.resting = window.setTimeout(() => this.refresh(), REST_MS - rested);
     return rested < REST_MS;
@@ -231,7 +252,11 @@ export class Look {
   /** The views as large as the page has room for. */
   private lay(): Laid {
     const { width, height } = byId("pane").getBoundingClientRect();
-    return (this.laid = lay(this.views.states(), this.camera!, this.canvas, { width, height }));
+    const shown: Seen = { camera: this.camera!, feed: this.feed! };
+    this.others.hold();
+    const states = this.views.states();
+    const seen = states.map((s) => (this.views.isOther(s) ? this.others.seenBy(s) : shown));
+    return (this.laid = lay(states, seen, shown.camera, this.canvas, { width, height }));
   }
 
   /** The view that is moved. */
@@ -320,9 +345,4 @@ function problemOf({ model }: Camera, feed: Feed): string | null {
   if (model.is_adjustable || hasSize(model, [feed.width, feed.height])) return null;
   const [w, h] = model.image_size;
   return `${feed.name} is ${feed.width} × ${feed.height} px, and ${model.name} belongs to pictures of ${w} × ${h}. Choose the sensor that took it.`;
-}
-
-/** Put a text where it stands, unless it stands there. */
-function put(id: string, text: string): void {
-  if (byId(id).textContent !== text) byId(id).textContent = text;
 }

@@ -22,6 +22,10 @@ interface Hands {
   largest: number;
   /** There is another picture now, or none. */
   changed: () => void;
+  /** A picture that is held for other views, which is shown by itself from now on; null where it is not held. */
+  take: (source: string) => Feed | null;
+  /** Have one for other views that is not shown by itself any more. */
+  give: (source: string, feed: Feed) => void;
   /** A picture was opened that nobody has seen here yet. */
   opened: (feed: Feed) => void;
   /** A calibration was handed over in a picture's place. */
@@ -38,6 +42,7 @@ export class Sources {
   projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
   private readonly webcams = new Webcams((id) => void this.openWebcam(id));
+  private heard = ""; // of the server's, the one whose fate is told
   private hasBegun = false;
   private opened = 0;
 
@@ -94,19 +99,35 @@ export class Sources {
     await this.open("Simulating the picture of a room", () => roomOf(this.store.state.sensor), "room", false, turns);
   }
 
+  /** What the server offers, by what the state calls it. */
+  get offered(): { source: string; name: string }[] {
+    return [...this.options].filter((o) => o.value).map((o) => ({ source: `server:${o.value}`, name: o.textContent ?? o.value }));
+  }
+
   async openServer(id: string, isAsked = false): Promise<void> {
-    const option = [...byId<HTMLSelectElement>("sources").options].find((o) => o.value === id);
-    if (!option) return fail(new api.Refused(`The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`));
+    const source = `server:${id}`;
+    const name = this.options.find((o) => o.value === id)?.textContent;
+    if (!name) return fail(new api.Refused(`The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`));
+    this.heard = source;
+    await this.open(`Opening ${name}`, async () => this.hands.take(source) ?? this.feedOfServer(source), source, isAsked);
+  }
+
+  /** A picture or stream that the server offers. */
+  async feedOfServer(source: string): Promise<Feed> {
+    const id = source.replace(/^server:/, "");
+    const option = this.options.find((o) => o.value === id);
+    if (!option) throw new api.Refused(`This server does not offer ${id}.`);
     const name = option.textContent ?? id;
     const told = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
-      banner(fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`), "picture");
+      if (source === this.heard) banner(fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`), "picture");
     };
-    const make = async (): Promise<Feed> => {
-      const feed = option.dataset.kind === "picture" ? await pictureFeed(await api.picture(id), name, true) : await streamFeed(id, name, told);
-      return Object.assign(feed, { source: option.dataset.command });
-    };
-    await this.open(`Opening ${name}`, make, `server:${id}`, isAsked);
+    const feed = option.dataset.kind === "picture" ? await pictureFeed(await api.picture(id), name, true) : await streamFeed(id, name, told);
+    return Object.assign(feed, { source: option.dataset.command });
+  }
+
+  private get options(): HTMLOptionElement[] {
+    return [...byId<HTMLSelectElement>("sources").options];
   }
 
   /** What another sensor needs beside itself: the demo room has another picture of it. What then shows it, or null. */
@@ -116,7 +137,7 @@ export class Sources {
     const feed = await roomOf(sensor);
     return () => {
       if (number !== this.opened) return feed.close();
-      this.shown = nameOf(source, sensor);
+      this.call(nameOf(source, sensor));
       this.show(feed);
     };
   }
@@ -132,6 +153,8 @@ export class Sources {
     this.opened++; // what is still on its way was asked for before
     busy(null);
     if (this.shown === nameOf(source, sensor)) return;
+    const held = this.hands.take(source);
+    if (held) return this.showHeld(held, source);
     if (this.feed) this.close();
     const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
     if (kind === "room") return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
@@ -145,6 +168,14 @@ export class Sources {
     this.invite(`Drop ${name} here`, `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`);
   }
 
+  /** Show at once what was held for another view. */
+  private showHeld(feed: Feed, source: string): void {
+    this.heard = source;
+    this.show(feed);
+    this.call(source);
+    banner(null, "picture");
+  }
+
   /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
   private async open(words: string, make: () => Promise<Feed>, source: string | ((feed: Feed) => string) = "", isAsked = false, turns = !isAsked): Promise<void> {
     const number = ++this.opened;
@@ -156,7 +187,7 @@ export class Sources {
       const named = typeof source === "string" ? source : source(feed);
       this.show(feed);
       banner(null, "picture");
-      this.shown = nameOf(named, this.store.state.sensor);
+      this.call(nameOf(named, this.store.state.sensor));
       this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
       if (!isAsked && identityIn(named)) this.hands.opened(feed);
     } catch (e) {
@@ -174,18 +205,24 @@ export class Sources {
     const { largest } = this.hands;
     if (Math.max(feed.width, feed.height) > largest)
       throw new api.Refused(`${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`);
-    if (this.feed !== feed) this.feed?.close();
+    if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
     this.showWhether(true);
     this.hands.changed();
   }
 
+  /** Say which source is shown. */
+  private call(shown: string): void {
+    this.shown = shown;
+    byId<HTMLSelectElement>("sources").value = shown.startsWith("server:") ? shown.slice("server:".length) : "";
+  }
+
   /** Show nothing, as at first. */
   private close(): void {
     this.feed?.close();
     this.feed = null;
-    this.shown = "";
+    this.call("");
     this.playback.follow(null);
     this.hands.changed();
     banner(null, "picture");

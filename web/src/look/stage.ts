@@ -1,4 +1,5 @@
 import type { State } from "../shared/state";
+import type { Seen } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
 import { arranged, type Cell, within } from "./geometry/arrangement";
 import { aspectOf, type View, viewOf } from "./geometry/views";
@@ -13,32 +14,36 @@ export const asShown = (s: State): State => (s.fit ? s : { ...s, fit: NARROW.mat
 export interface Place extends Cell {
   state: State;
   view: View;
+  /** What it is a view of; null until that is there. */
+  seen: Seen | null;
+  /** The view's parts where they lie on the canvas. */
+  parts: View["parts"];
 }
 
-/** All that is drawn: the views, and the canvas that holds them. */
+/** All that is drawn: the views, and those of what is shown on the canvas that holds all. */
 export interface Laid {
   places: Place[];
   view: View;
 }
 
-/** Lay views out on a canvas no larger than the room there is, and make it so large: one as it wants to be, or several side by side. */
-export function lay(states: readonly State[], camera: Camera, canvas: HTMLCanvasElement, room: { width: number; height: number }): Laid {
+/** Lay views out on a canvas no larger than the room there is, and make it so large: one as it wants to be, or several side by side, each of what it sees; those that see nothing yet are as large as if they saw what is shown. */
+export function lay(states: readonly State[], seen: readonly (Seen | null)[], shown: Camera, canvas: HTMLCanvasElement, room: { width: number; height: number }): Laid {
   const dots = Math.min(devicePixelRatio, MOST_DOTS);
   const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
-  const aspects = states.map((s) => aspectOf(s, camera));
+  const through = seen.map((one) => one?.camera ?? shown);
+  const aspects = states.map((s, i) => aspectOf(s, through[i]));
   const isOne = states.length === 1;
   const cells = isOne ? [{ ...within(aspects[0], { left: 0, top: 0, ...room }), left: 0, top: 0 }] : arranged(aspects, room.width, room.height);
   const places = states.map((state, i): Place => {
-    const view = viewOf(state, camera, pixels(cells[i].width), pixels(cells[i].height));
-    return { ...cells[i], state, view };
+    const view = viewOf(state, through[i], pixels(cells[i].width), pixels(cells[i].height));
+    return { ...cells[i], state, view, seen: seen[i], parts: moved(view, cells[i], dots) };
   });
-  const [{ view }] = places;
-  const whole: View = isOne ? view : { width: pixels(room.width), height: pixels(room.height), parts: places.flatMap((p) => moved(p, dots)) };
-  canvas.style.width = `${whole.width / dots}px`;
-  canvas.style.height = `${whole.height / dots}px`;
-  return { places, view: whole };
+  const { width, height } = isOne ? places[0].view : { width: pixels(room.width), height: pixels(room.height) };
+  canvas.style.width = `${width / dots}px`;
+  canvas.style.height = `${height / dots}px`;
+  return { places, view: { width, height, parts: places.filter((p) => p.seen?.camera === shown).flatMap((p) => p.parts) } };
 }
 
-function moved({ view, left, top }: Place, dots: number): View["parts"] {
+function moved(view: View, { left, top }: Cell, dots: number): View["parts"] {
   return view.parts.map((part) => ({ ...part, left: part.left + Math.round(left * dots), top: part.top + Math.round(top * dots) }));
 }

@@ -72,3 +72,8 @@ export function choices<T extends string>(place: HTMLElement, name: string, all:
     if (input) input.checked = true;
   };
 }
+
+/** Put a text where it stands, unless it stands there. */
+export function put(id: string, text: string): void {
+  if (byId(id).textContent !== text) byId(id).textContent = text;
+}

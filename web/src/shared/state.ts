@@ -85,13 +85,19 @@ export const RANGES = { view: [-1, 15], wipe: [0, 1], pan: [-Infinity, Infinity]
 export const VIEW = ["mode", "pan", "tilt", "hfov", "zoom", "fit", "distance", "height"] as const;
 type ViewOf = Pick<State, (typeof VIEW)[number]>;
 
+/** What of the state says what is looked at, and through what. */
+export const TAKEN = ["source", "sensor", "rim", "looks", "forward", "flipped", "pitch", "roll"] as const;
+export type Taken = Pick<State, (typeof TAKEN)[number]>;
+
 /** A view that is kept under a name. */
 export interface KeptView extends ViewOf {
   name: string;
+  /** What it looks at, where there are several; else it is of whatever is shown. */
+  of?: Taken;
 }
 
 const MOST_VIEWS = 16;
-const LONGEST_NAME = 40;
+export const LONGEST_NAME = 40;
 
 /** The views of a text; null where it is none of views. */
 export function viewsIn(text: string): KeptView[] | null {
@@ -106,15 +112,27 @@ function viewIn(entry: Record<string, unknown> | null): KeptView | null {
   const view = { ...INITIAL, ...entry } as KeptView & State;
   const isGood = MODES.includes(view.mode) && (view.fit === null || FITS.includes(view.fit)) && VIEW.every((key) => typeof view[key] !== "number" || !Number.isNaN(view[key]));
   const isKind = isGood && VIEW.every((key) => key === "fit" || typeof view[key] === typeof INITIAL[key]);
-  return isKind ? { name: entry.name, ...ofView(limited(view)) } : null;
+  const of = entry.of === undefined ? undefined : takenIn(entry.of as Record<string, unknown> | null);
+  return isKind && of !== null ? { name: entry.name, ...ofView(limited(view)), ...(of && { of }) } : null;
+}
+
+function takenIn(entry: Record<string, unknown> | null): Taken | null {
+  const of = { ...ofTaken(INITIAL), ...entry };
+  const isText = [of.source, of.sensor].every((text) => typeof text === "string" && text !== "");
+  const isNumber = [of.forward, of.pitch, of.roll].every((x) => x === null || Number.isFinite(x));
+  const isCircle = of.rim === null || (Array.isArray(of.rim) && of.rim.length === 3 && of.rim.every(Number.isFinite) && of.rim[2] > 0);
+  const isWay = (of.looks === null || LOOKS.includes(of.looks)) && (of.flipped === null || typeof of.flipped === "boolean");
+  return entry && isText && isNumber && isCircle && isWay ? ofTaken(of) : null;
 }
 
 /** The text of views, without what is as at first. */
 export function textOf(views: readonly KeptView[]): string {
-  const entry = (view: KeptView): object => Object.fromEntries(Object.entries(view).filter(([key, value]) => key === "name" || value !== INITIAL[key as keyof State]));
-  return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map((view) => entry({ ...view, name: view.name.slice(0, LONGEST_NAME) }))) : "";
+  const told = (entries: object): object => Object.fromEntries(Object.entries(entries).filter(([key, value]) => value !== INITIAL[key as keyof State]));
+  const entry = ({ name, of, ...view }: KeptView): object => ({ name: name.slice(0, LONGEST_NAME), ...told(view), ...(of && { of: { sensor: of.sensor, ...told(of) } }) });
+  return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map(entry)) : "";
 }
 
+export const ofTaken = (s: Taken): Taken => Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as Taken;
 export const ofView = (s: ViewOf): ViewOf => Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 
 /** The state with every number in its range, and no finer than the command line tells it. */

@@ -7,6 +7,12 @@ export type Picture = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
 
 const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
 
+/** Another picture beside the one that is shown, on the graphics card. */
+interface Kept {
+  texture: WebGLTexture;
+  picture: Picture;
+}
+
 /** WebGL2 is missing, or too weak. */
 export class NoWebGL extends Refused {}
 
@@ -19,6 +25,7 @@ export class Renderer {
   private camera: Camera | null = null;
   private pictureSize: [number, number] = [0, 0];
   private restored: WebGLTexture | null = null;
+  private readonly others = new Map<string, Kept>();
 
   constructor(readonly canvas: HTMLCanvasElement, restored: () => void) {
     const gl = canvas.getContext("webgl2", { antialias: false, premultipliedAlpha: true, powerPreference: "high-performance" });
@@ -98,6 +105,32 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, this.restored);
     this.drawParts(view, false, Math.round(wipe * view.width));
     gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+  }
+
+  /** Draw a view of another picture into what was drawn: its parts are where they lie on the canvas. */
+  add(view: View, { camera, feed }: { camera: Camera; feed: { picture: Picture; width: number; height: number } }, name: string): void {
+    const { gl } = this;
+    const before = { camera: this.camera!, pictureSize: this.pictureSize };
+    this.setCamera(camera);
+    this.pictureSize = [feed.width, feed.height];
+    gl.activeTexture(gl.TEXTURE0);
+    const kept = this.others.get(name) ?? { texture: this.texture(gl.LINEAR), picture: null };
+    gl.bindTexture(gl.TEXTURE_2D, kept.texture);
+    if (kept.picture !== feed.picture || feed.picture instanceof HTMLVideoElement) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, feed.picture);
+    this.others.set(name, { texture: kept.texture, picture: feed.picture });
+    this.drawParts(view, false);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+    this.setCamera(before.camera);
+    this.pictureSize = before.pictureSize;
+  }
+
+  /** Keep other pictures of these names only. */
+  keepPictures(names: readonly string[]): void {
+    for (const [name, { texture }] of this.others)
+      if (!names.includes(name)) {
+        this.gl.deleteTexture(texture);
+        this.others.delete(name);
+      }
   }
 
   /** Pixels of the picture that the view shows, (u, v, seen, 1) row by row from the top; what the tests measure. */
@@ -186,6 +219,7 @@ export class Renderer {
     }
     this.places.clear();
     this.camera = this.restored = null;
+    this.others.clear();
     gl.useProgram(this.program);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);

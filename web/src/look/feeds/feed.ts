@@ -2,6 +2,7 @@ import * as api from "../../shared/api";
 import type { StreamState } from "../../shared/messages";
 import { asStored, openedWebcam, started } from "../../shared/media";
 import type { Picture } from "../drawing/renderer";
+import type { Camera } from "../geometry/camera";
 
 /** A picture or something that moves: what is looked at. */
 export interface Feed {
@@ -22,6 +23,12 @@ export interface Feed {
   /** A camera, as the browser calls it. */
   device?: string;
   close(): void;
+}
+
+/** A picture, and the camera that took it. */
+export interface Seen {
+  feed: Feed;
+  camera: Camera;
 }
 
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };

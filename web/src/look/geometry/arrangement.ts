@@ -20,18 +20,18 @@ export function within(aspect: number | null, { left, top, width, height }: Cell
 /** Places of several views, as large as they can be together; of each its width over height, null where any will do. */
 export function arranged(aspects: readonly (number | null)[], width: number, height: number): Cell[] {
   const area = (cells: Cell[]): number => cells.reduce((sum, c) => sum + c.width * c.height, 0);
-  const all = aspects.map((_, i) => inRows(rowsOf(aspects, i + 1), width, height));
+  const all = [true, false].flatMap((isAlone) => aspects.map((_, i) => inRows(rowsOf(aspects, i + 1, isAlone), width, height)));
   return all.reduce((best, cells) => (area(cells) > area(best) * 1.001 ? cells : best));
 }
 
 const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;
 
-/** The views in rows of so many, those that are wide in rows of their own. */
-function rowsOf(aspects: readonly (number | null)[], most: number): (number | null)[][] {
+/** The views in rows of so many, those that are wide in rows of their own or not. */
+function rowsOf(aspects: readonly (number | null)[], most: number, isAlone: boolean): (number | null)[][] {
   const rows: (number | null)[][] = [];
   for (const aspect of aspects) {
     const last = rows.at(-1);
-    if (!last || last.length >= most || isWide(aspect) || isWide(last[0])) rows.push([aspect]);
+    if (!last || last.length >= most || (isAlone && (isWide(aspect) || isWide(last[0])))) rows.push([aspect]);
     else last.push(aspect);
   }
   return rows;
@@ -39,14 +39,15 @@ function rowsOf(aspects: readonly (number | null)[], most: number): (number | nu
 
 function inRows(rows: (number | null)[][], width: number, height: number): Cell[] {
   const room = height - GAP * (rows.length - 1);
-  const wide = rows.filter(([first]) => isWide(first));
+  const isLow = (row: readonly (number | null)[]): boolean => row.length === 1 && isWide(row[0]);
+  const wide = rows.filter(isLow);
   const others = rows.length - wide.length;
   const asked = wide.reduce((sum, [aspect]) => sum + width / aspect!, 0);
   const less = Math.min(1, ((others ? MOST_WIDE : 1) * room) / (asked || 1));
   const rest = others ? (room - less * asked) / others : 0;
   let top = others ? 0 : (room - less * asked) / 2;
   return rows.flatMap((row) => {
-    const high = isWide(row[0]) ? (less * width) / row[0]! : rest;
+    const high = isLow(row) ? (less * width) / row[0]! : rest;
     const side = (width - GAP * (row.length - 1)) / row.length;
     const cells = row.map((aspect, i) => within(aspect, { left: i * (side + GAP), top, width: side, height: high }));
     top += high + GAP;

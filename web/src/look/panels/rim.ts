@@ -73,8 +73,7 @@ export class RimPanel {
   }
 
   /** The camera with the circle that the state, or else the size of the picture, asks for. */
-  fit(camera: Camera, feed: Feed | null): Camera {
-    const { rim } = this.store.state;
+  fit(camera: Camera, feed: Feed | null, rim = this.store.state.rim): Camera {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
     if (rim) return camera.fitted({ u: rim[0], v: rim[1], radius: rim[2] }, size);

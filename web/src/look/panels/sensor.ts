@@ -20,11 +20,14 @@ interface Hands {
   prepare: (wanted: State) => Promise<(() => void) | null>;
 }
 
+const MOST_HAD = 16; // cameras, of some MB where they have no axis of symmetry
+
 /** Choosing a sensor, saying how it stood, and fitting its circle to the picture. */
 export class SensorPanel {
   private readonly select = byId<HTMLSelectElement>("sensor");
   private readonly showLooks: (looks: Looks) => void;
   private readonly showOptics: (optics: Optics) => void;
+  private readonly had = new Map<string, Camera>();
   private asked = 0;
   private chosen: Chosen | null = null;
   camera: Camera | null = null;
@@ -124,7 +127,17 @@ export class SensorPanel {
     } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) fail(e, "sensor");
   }
 
-  private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
+  /** The camera of a state, from the server where it was not fetched before. */
+  async fetch(wanted: Chosen): Promise<Camera> {
+    const name = JSON.stringify(CHOSEN.map((key) => wanted[key]));
+    const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));
+    this.had.delete(name);
+    this.had.set(name, camera); // as the last one
+    if (this.had.size > MOST_HAD) this.had.delete(this.had.keys().next().value!);
+    return camera;
+  }
+
+  private async fetchAnew({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
     const asked = { id: sensor, camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
     const { model, tables } = await supply.camera(asked).catch(async (e: unknown) => {
       const file = await kept(sensor);

@@ -1,5 +1,5 @@
 import { byId, h } from "../../shared/dom";
-import { type KeptView, MODES, ofView, type State, textOf, VIEW, viewsIn } from "../../shared/state";
+import { type KeptView, LONGEST_NAME, MODES, ofTaken, ofView, type State, TAKEN, textOf, VIEW, viewsIn } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { asShown, type Place } from "../stage";
 
@@ -22,7 +22,8 @@ export class ViewsPanel {
   private readonly cells = byId("cells");
   private shape = "";
 
-  constructor(private readonly store: Store) {
+  /** `sources` are those among which there is a choice, by what the state calls them. */
+  constructor(private readonly store: Store, private readonly sources: () => readonly { source: string; name: string }[]) {
     byId("keep-view").addEventListener("click", () => this.keep());
     this.together.addEventListener("click", () => this.showAll(!store.state.all));
     store.listen((s, changed) => this.follow(s, changed));
@@ -33,7 +34,17 @@ export class ViewsPanel {
   states(): State[] {
     const s = asShown(this.store.state);
     const { kept } = this;
-    return s.all && kept.length ? kept.map((view, i) => (i === this.active ? s : asShown({ ...s, ...view }))) : [s];
+    return s.all && kept.length ? kept.map((view, i) => (i === this.active ? s : asShown({ ...s, ...ofView(view), ...view.of }))) : [s];
+  }
+
+  /** Those that are of other pictures than the one that is shown, or through other cameras. */
+  others(): State[] {
+    return this.states().filter((s) => this.isOther(s));
+  }
+
+  /** Whether a view is of another picture, or through another camera, than what is shown. */
+  isOther(view: State): boolean {
+    return TAKEN.some((key) => String(view[key]) !== String(this.store.state[key]));
   }
 
   /** Which of them is moved. */
@@ -68,32 +79,44 @@ export class ViewsPanel {
   /** The view that is shown, among those that are kept; -1 where it is none of them. */
   private get current(): number {
     const s = this.store.state;
-    return s.all ? this.active : this.kept.findIndex((view) => VIEW.every((key) => view[key] === s[key]));
+    return s.all ? this.active : this.kept.findIndex(({ of, ...view }) => VIEW.every((key) => view[key] === s[key]) && !this.isOther({ ...s, ...of }));
   }
 
   private keep(): void {
     const { kept } = this;
-    this.store.set({ views: textOf([...kept, { name: this.newName(), ...ofView(this.store.state) }]), ...(this.store.state.all && { view: kept.length }) });
+    this.store.set({ views: textOf([...kept, this.named(this.newName())]), ...(this.store.state.all && { view: kept.length }) });
+  }
+
+  /** What is shown, as a view to be kept: of what is looked at, where there are several. */
+  private named(name: string): KeptView {
+    const s = this.store.state;
+    return { name, ...ofView(s), ...(this.sourceName !== null && { of: ofTaken(s) }) };
+  }
+
+  /** Of the source that is shown, where there are several. */
+  private get sourceName(): string | null {
+    const sources = this.sources();
+    return (sources.length > 1 && sources.find(({ source }) => source === this.store.state.source)?.name) || null;
   }
 
   private newName(): string {
     const { mode, pan } = this.store.state;
-    const name = mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode];
+    const name = this.sourceName ?? (mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode]);
     const alike = this.kept.filter((view) => view.name === name || view.name.startsWith(`${name} (`)).length;
     return alike ? `${name} (${alike + 1})` : name;
   }
 
   private go(index: number): void {
-    const { name: _, ...view } = this.kept[index];
-    this.store.set({ ...view, view: index });
+    const view = this.kept[index];
+    this.store.set({ ...ofView(view), ...view.of, view: index });
   }
 
   private drop(index: number): void {
     const rest = this.kept.filter((_, i) => i !== index);
     const isAll = this.store.state.all && rest.length > 0;
     const next = Math.min(this.active, rest.length - 1);
-    const { name: _, ...view } = rest[next] ?? { name: "" };
-    this.store.set({ views: textOf(rest), all: isAll, view: isAll ? next : -1, ...(isAll && view) });
+    const view = rest[next];
+    this.store.set({ views: textOf(rest), all: isAll, view: isAll ? next : -1, ...(isAll && { ...ofView(view), ...view.of }) });
   }
 
   private rename(index: number, name: string): void {
@@ -102,23 +125,27 @@ export class ViewsPanel {
     this.show();
   }
 
-  /** Show all views at once; where none is kept, the one that is shown and four around. */
+  /** Show all views at once; where none is kept, the view of every source, or of the only one the view and four around. */
   private showAll(all: boolean): void {
     if (!all) return this.store.set({ all, view: -1 });
     const s = this.store.state;
     let { kept } = this;
     let { current } = this;
+    if (!kept.length && this.sourceName !== null) {
+      kept = this.sources().map(({ source, name }) => ({ name: name.slice(0, LONGEST_NAME), ...ofView(s), of: { ...ofTaken(s), source } }));
+      current = kept.findIndex(({ of }) => of?.source === s.source);
+    }
     if (!kept.length) kept = AROUND.map(([name, pan]) => ({ name, ...ofView({ ...s, mode: "perspective", pan, tilt: 0, hfov: 90, zoom: 1 }) }));
-    if (current < 0) kept = [{ name: this.newName(), ...ofView(s) }, ...kept];
+    if (current < 0) kept = [this.named(this.newName()), ...kept];
     current = Math.max(current, 0);
     this.store.set({ views: textOf(kept), all, view: current });
   }
 
   /** What is moved where all are shown is kept as it is. */
   private follow(s: State, changed: Set<keyof State>): void {
-    const isMoved = s.all && VIEW.some((key) => changed.has(key)) && !changed.has("view") && !changed.has("views");
-    if (isMoved) this.store.set({ views: textOf(this.kept.map((view, i) => (i === this.active ? { name: view.name, ...ofView(s) } : view))) });
-    if (isMoved || VIEW.some((key) => changed.has(key)) || (["views", "view", "all"] as const).some((key) => changed.has(key))) this.show();
+    const isMoved = s.all && [...VIEW, ...TAKEN].some((key) => changed.has(key)) && !changed.has("view") && !changed.has("views");
+    if (isMoved) this.store.set({ views: textOf(this.kept.map((view, i) => (i === this.active ? { name: view.name, ...ofView(s), ...(view.of && { of: ofTaken(s) }) } : view))) });
+    if (isMoved || [...VIEW, ...TAKEN].some((key) => changed.has(key)) || (["views", "view", "all"] as const).some((key) => changed.has(key))) this.show();
   }
 
   private show(): void {

@@ -1,0 +1,84 @@
+import { INITIAL, ofTaken, type State } from "../../shared/state";
+import type { Camera } from "../geometry/camera";
+import type { Feed, Seen } from "./feed";
+
+/** What is needed to see other pictures than the one that is shown. */
+interface Hands {
+  open: (source: string) => Promise<Feed>;
+  fetch: (s: State) => Promise<Camera>;
+  /** A camera with its circle where a state has it. */
+  fit: (camera: Camera, feed: Feed, rim: State["rim"]) => Camera;
+  /** The views that are of other pictures, or through other cameras. */
+  states: () => readonly State[];
+  /** There is something new to be seen. */
+  changed: () => void;
+}
+
+/** The other pictures and cameras that views beside the shown one are of: held as long as there are such views. */
+export class Others {
+  private readonly feeds = new Map<string, Feed | null>(); // by source; null while they are opened
+  private readonly cameras = new Map<string, Camera | null>();
+
+  constructor(private readonly hands: Hands) {}
+
+  /** Hold what other views see, and nothing else. */
+  hold(): void {
+    const states = this.hands.states();
+    for (const [source, feed] of this.feeds)
+      if (!states.some((s) => s.source === source)) {
+        feed?.close();
+        this.feeds.delete(source);
+      }
+    for (const s of states) {
+      if (!this.feeds.has(s.source)) void this.open(s.source);
+      if (!this.cameras.has(nameOf(s))) void this.fetch(s);
+    }
+  }
+
+  /** What a state sees; null until it is there. */
+  seenBy(s: State): Seen | null {
+    const [feed, camera] = [this.feeds.get(s.source), this.cameras.get(nameOf(s))];
+    return feed && camera ? { feed, camera: this.hands.fit(camera, feed, s.rim) } : null;
+  }
+
+  /** Let go of a picture that is shown by itself from now on; null where it is not held. */
+  take(source: string): Feed | null {
+    const feed = this.feeds.get(source) ?? null;
+    if (feed) this.feeds.delete(source);
+    return feed;
+  }
+
+  /** Hold a picture that was shown by itself, or close it where no view is of it. */
+  give(source: string, feed: Feed): void {
+    if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source)) return feed.close();
+    this.feeds.set(source, feed);
+    this.follow(source, feed);
+  }
+
+  private async open(source: string): Promise<void> {
+    this.feeds.set(source, null);
+    const feed = await this.hands.open(source).catch(() => null); // its place stays empty
+    if (!feed || this.feeds.get(source) !== null || !this.feeds.has(source)) return feed?.close();
+    this.feeds.set(source, feed);
+    this.follow(source, feed);
+    this.hands.changed();
+  }
+
+  private async fetch(s: State): Promise<void> {
+    this.cameras.set(nameOf(s), null);
+    const camera = await this.hands.fetch(s).catch(() => null);
+    this.cameras.set(nameOf(s), camera);
+    this.hands.changed();
+  }
+
+  /** Say so whenever a picture that moves is another one. */
+  private follow(source: string, feed: Feed): void {
+    feed.next?.(() => {
+      if (this.feeds.get(source) !== feed) return;
+      this.hands.changed();
+      this.follow(source, feed);
+    });
+  }
+}
+
+const nameOf = (s: State): string => JSON.stringify({ ...ofTaken(s), source: INITIAL.source, rim: null });
