@@ -106,6 +106,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/straightening_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/moving_views.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/page_load.py --out out/benchmarks
+	$(BIN)/python benchmarks/first_minutes.py --out out/benchmarks
 
 bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/tables_to_docs.py --tables out/benchmarks

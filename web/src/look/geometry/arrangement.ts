@@ -17,11 +17,11 @@ export function within(aspect: number | null, { left, top, width, height }: Cell
   return { left: left + (width - w) / 2, top: top + (height - w / aspect) / 2, width: w, height: w / aspect };
 }
 
-/** Places of several views, as large as they can be together; of each its width over height, null where any will do. */
+/** Places of several views, as large as they can be together and none small for another; of each its width over height, null where any will do. */
 export function arranged(aspects: readonly (number | null)[], width: number, height: number): Cell[] {
-  const area = (cells: Cell[]): number => cells.reduce((sum, c) => sum + c.width * c.height, 0);
+  const worth = (cells: Cell[]): number => cells.reduce((sum, c) => sum + Math.sqrt(c.width * c.height), 0);
   const all = [true, false].flatMap((isAlone) => aspects.map((_, i) => inRows(rowsOf(aspects, i + 1, isAlone), width, height)));
-  return all.reduce((best, cells) => (area(cells) > area(best) * 1.001 ? cells : best));
+  return all.reduce((best, cells) => (worth(cells) > worth(best) * 1.001 ? cells : best));
 }
 
 const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;

@@ -87,9 +87,10 @@ export class Gestures {
     let { x, y } = this.speed;
     let last = performance.now();
     const step = (now: number): void => {
-      const seconds = Math.min((now - last) / 1000, 0.05);
+      const passed = (now - last) / 1000;
+      const seconds = Math.min(passed, 0.05); // no leap after a picture that took long
       last = now;
-      const rest = Math.exp(-seconds / FRICTION_S);
+      const rest = Math.exp(-passed / FRICTION_S);
       [x, y] = [x * rest, y * rest];
       this.drag(x * seconds, y * seconds, from);
       if (Math.hypot(x, y) > 10) this.gliding = requestAnimationFrame(step);

@@ -1,0 +1,276 @@
+"""Four people who open the studio for the first time: presses and seconds until they see what they came for.
+
+A photographer straightens a picture of a mirror ball, a student compares two mirrors of the paper and looks through
+one, an integrator watches four cameras, an engineer designs a sensor from a requirement file and asks what errors do.
+Each begins at the empty page (the integrator at what ``omnimirror view`` shows). A press is a click, a choice from a
+list, a file that is chosen, or a drag; seconds are by the clock, from the page being asked for, in a headless Chromium
+without a graphics card. A picture of every step, on three screens and in both themes, goes to ``--pictures``.
+
+    python benchmarks/first_minutes.py --out out/benchmarks --pictures out/first-minutes
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import av
+import numpy as np
+from circumstances import other_load, processor
+from page_load import FLAGS
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.frames import Mount
+from omnimirror.media import write_image
+
+SCREENS = {"1280": (1280, 800), "360": (360, 740), "2560": (2560, 1440)}
+THEMES = ("light", "dark")
+CAMERAS = 4
+SEEN = "window.omnimirror.look.laid.places.every((place) => place.seen)"
+REQUIREMENT = """\
+name = "hall"
+
+[field]
+omega_max_deg = 80.0
+object_distance_mm = [1000, 8000]
+
+[mirror]
+mapping = "equidistant"
+rim_radius_mm = 30.0
+fit = "asphere:4"
+
+[lens]
+theta_max_deg = 12.0
+f_number = 8.0
+
+[[limit]]
+quantity = "total_blur_deg"
+at_most = 0.8
+"""
+
+
+@dataclass
+class Visit:
+    """One person before one page: what is pressed, how often, and what is seen after each step."""
+
+    page: Page
+    folder: Path
+    pictures: Path | None
+    presses: int = 0
+    steps: list[tuple[str, int, float]] = field(default_factory=list)
+    begun: float = field(default_factory=time.perf_counter)
+
+    def press(self, place: Locator) -> None:
+        place.first.click()
+        self.presses += 1
+
+    def button(self, name: str, within: str = "body") -> None:
+        self.press(self.page.locator(within).get_by_role("button", name=name, exact=True))
+
+    def choose(self, label: str, value: str) -> None:
+        self.page.get_by_label(label).select_option(value)
+        self.presses += 1
+
+    def file(self, place: str, path: Path) -> None:
+        self.page.set_input_files(place, path)
+        self.presses += 1
+
+    def drag(self, share: float) -> None:
+        """The view, to the left by a share of its width."""
+        box = self.page.locator("#view").bounding_box()
+        x, y = box["x"] + 0.75 * box["width"], box["y"] + 0.75 * box["height"]
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        self.page.mouse.move(x - share * box["width"], y, steps=5)
+        self.page.mouse.up()
+        self.presses += 1
+
+    def until(self, condition: str) -> None:
+        self.page.wait_for_function(condition)
+
+    def see(self, step: str) -> None:
+        """Note that a step is done, and keep a picture of the page."""
+        self.steps.append((step, self.presses, time.perf_counter() - self.begun))
+        if self.pictures:
+            self.page.wait_for_timeout(500)  # until what fades in or glides is there
+            self.page.screenshot(path=self.pictures / f"{len(self.steps)} {step}.png")
+
+
+def photographer(visit: Visit) -> None:
+    visit.see("the empty page")
+    visit.file("#file", visit.folder / "ball.png")
+    visit.page.locator("#ask").wait_for(state="visible")
+    visit.see("the question what took it")
+    visit.press(visit.page.get_by_role("button", name="A mirror ball"))
+    visit.until("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
+    visit.page.get_by_role("status").filter(has_text="upright edges").wait_for()
+    visit.see("the own picture straight and level")
+    visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
+    visit.drag(0.3)
+    visit.see("a look around")
+    with visit.page.expect_download():
+        visit.button("Snapshot")
+    visit.see("a snapshot saved")
+
+
+def student(visit: Visit) -> None:
+    visit.button("Design", "#tabs")
+    visit.page.wait_for_selector("#bench .compare tbody td")
+    visit.see("the paper's sphere on the bench")
+    visit.button("Pin")
+    visit.choose("Start from a bundled sensor", "paper-hyperboloidal")
+    visit.page.locator(".compare tbody tr").nth(1).wait_for()
+    visit.see("its hyperboloid over it in all plots")
+    visit.press(visit.page.locator(".groups label").filter(has_text="In space"))
+    visit.until("window.omnimirror.tabs.bench.desk.space?.view?.frames > 0")
+    visit.see("its rays in space")
+    visit.button("Look through it")
+    visit.until("window.omnimirror.store.state.tab === 'look' && window.omnimirror.look.feed")
+    visit.see("a room seen through it")
+
+
+def integrator(visit: Visit) -> None:
+    visit.until("window.omnimirror.look.feed")
+    visit.see("the first of four cameras")
+    visit.button("All views")
+    visit.until(f"window.omnimirror.look.laid.places.length === {CAMERAS} && {SEEN}")
+    visit.see("four cameras side by side")
+    (*_, last) = visit.page.evaluate(
+        "window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])"
+    )
+    box = visit.page.locator("#view").bounding_box()
+    visit.page.mouse.click(box["x"] + last[0] + last[2] / 2, box["y"] + last[1] + last[3] / 2)
+    visit.presses += 1
+    visit.until(f"window.omnimirror.look.feed.name === 'camera{CAMERAS}.mp4'")
+    visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
+    visit.drag(0.1)
+    visit.see("the last of them aimed")
+    visit.button("Copy link")
+    visit.see("a link to all of it")
+
+
+def engineer(visit: Visit) -> None:
+    visit.button("Design", "#tabs")
+    visit.page.wait_for_selector("#bench .compare tbody td")
+    visit.file("#bench-file", visit.folder / "hall.toml")
+    visit.page.get_by_role("button", name="Design from requirements").wait_for()
+    visit.see("the requirements, and how far the sphere is from them")
+    visit.button("Design from requirements")
+    visit.page.get_by_text("Everything is met").wait_for()
+    visit.see("a design that meets them")
+    visit.button("Pin")
+    visit.see("the design pinned")
+    visit.button("Try errors")
+    visit.page.get_by_text("Each error alone").wait_for()
+    visit.see("what each error does")
+
+
+PEOPLE = (photographer, student, integrator, engineer)
+Person: TypeAlias = "Callable[[Visit], None]"
+
+
+def prepare(folder: Path) -> None:
+    """What they bring: a ball that was photographed from a tripod, recordings of four cameras, and a requirement."""
+    ball = om.MirrorBall((819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0))
+    write_image(folder / "ball.png", om.take_picture(ball, om.Room(), samples=2))
+    sensor = om.load_sensor("paper-spherical")
+    for number in range(1, CAMERAS + 1):
+        room = om.PosedScene(om.Room(), om.Pose(pan_deg=90.0 * number))
+        film(folder / f"camera{number}.mp4", om.take_picture(sensor, room, samples=1))
+    (folder / "hall.toml").write_text(REQUIREMENT)
+
+
+def film(path: Path, picture: np.ndarray) -> None:
+    """Two seconds in which something bright goes by."""
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=10)
+        stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuv420p"
+        for i in range(20):
+            frame = picture.copy()
+            frame[200:260, 300 + 20 * i : 360 + 20 * i] = 255
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        out.mux(stream.encode())
+
+
+@contextmanager
+def served(*words: str | Path) -> Iterator[str]:
+    """The address of a studio of its own."""
+    command = [sys.executable, "-m", "omnimirror", *words, "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            yield re.search(r"http://\S+", server.stdout.readline())[0]
+        finally:
+            server.terminate()
+
+
+def visited(
+    browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str
+) -> Visit:
+    """One person's visit."""
+    width, height = SCREENS[screen]
+    where = pictures / person.__name__ / f"{screen}-{theme}" if pictures else None
+    if where:
+        where.mkdir(parents=True, exist_ok=True)
+    options = {"viewport": {"width": width, "height": height}, "color_scheme": theme, "bypass_csp": True}
+    page = browser.new_context(**options, permissions=["clipboard-write"]).new_page()
+    page.set_default_timeout(120_000)
+    visit = Visit(page, folder, where)
+    page.goto(address)
+    page.wait_for_function("window.omnimirror?.look.sensor.camera")
+    person(visit)
+    page.context.close()
+    return visit
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument(
+        "--pictures", type=Path, help="a folder for a picture of every step, on every screen, in both themes"
+    )
+    parser.add_argument("--people", nargs="*", default=[person.__name__ for person in PEOPLE])
+    arguments = parser.parse_args()
+    load = other_load()
+    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    rows = []
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
+        folder = Path(name)
+        prepare(folder)
+        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        cameras = [folder / f"camera{number}.mp4" for number in range(1, CAMERAS + 1)]
+        view = ("view", *cameras, "--sensor", "paper-spherical")
+        with served("studio") as studio, served(*view) as wall:
+            for person in (p for p in PEOPLE if p.__name__ in arguments.people):
+                address = wall if person is integrator else studio
+                visit = visited(browser, address, person, folder, None, "1280", "light")
+                for step, presses, seconds in visit.steps[1 if person is photographer else 0 :]:
+                    rows.append(f"| {person.__name__} | {step} | {presses} | {seconds:.1f} |")
+                    print(rows[-1], flush=True)
+                for screen in SCREENS if arguments.pictures else ():
+                    for theme in THEMES:
+                        visited(browser, address, person, folder, arguments.pictures, screen, theme)
+        version = browser.version
+        browser.close()
+    head = (
+        f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics "
+        f"card.{load}"
+    )
+    lines = ["# First minutes", "", head, "", "| who | sees | presses | s |", "|---|---|---|---|", *rows]
+    write_text(arguments.out / "first_minutes.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
