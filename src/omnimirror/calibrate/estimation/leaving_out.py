@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..helpers import Helpers
+from ..physical import SensorModel
 from .bundle.adjustment import Adjustment, adjust
 from .bundle.linearisation import UNSEEN_PX, as_placed
 from .bundle.observations import rms_px
@@ -38,7 +41,7 @@ def folds(count: int, seed: int = 0) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.random.default_rng(seed).permutation(count), GROUPS))
 
 
-def held_out(adjustment: Adjustment, *, seed: int = 0) -> HeldOut:
+def held_out(adjustment: Adjustment, *, seed: int = 0, spread: Helpers | None = None) -> HeldOut:
     """Leave pictures out, fit all others, then place the boards of those left out and nothing else.
 
     Of surveyed points a tenth at a time is left out, and nothing is placed anew: the others place them.
@@ -49,6 +52,8 @@ def held_out(adjustment: Adjustment, *, seed: int = 0) -> HeldOut:
         Of all pictures; each fit begins there.
     seed
         Of the groups of many pictures.
+    spread
+        Processes that take their part, where fits take long.
 
     Returns
     -------
@@ -60,17 +65,25 @@ def held_out(adjustment: Adjustment, *, seed: int = 0) -> HeldOut:
     if len(sightings) < 2 and not sightings[0].is_surveyed:
         return HeldOut(float("nan"), residuals)
     boards = np.array([i for i, s in enumerate(sightings) if not s.is_surveyed], dtype=np.int64)
-    for fold in folds(len(boards), seed) if len(boards) else ():
-        out = boards[fold]
-        others = [s for i, s in enumerate(sightings) if i not in out]
-        fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=STEPS, settled=SETTLED)
-        placed = adjust(fit.model, [sightings[i] for i in out], shape=fit.shape, fixed=fit.names, most_steps=STEPS)
-        lost = np.where(placed.seen[:, None], placed.residuals, UNSEEN_PX)
-        for number, where in zip(out, placed.question.stack.slices, strict=True):
-            residuals[adjustment.question.stack.slices[number]] = lost[where]
+    jobs = [(adjustment, boards[fold]) for fold in (folds(len(boards), seed) if len(boards) else ())]
+    is_dear = isinstance(adjustment.model, SensorModel)
+    lost = spread.map(_left_out, jobs) if spread is not None and is_dear else list(starmap(_left_out, jobs))
+    for (_, out), found in zip(jobs, lost, strict=True):
+        for number, wrong in zip(out, found, strict=True):
+            residuals[adjustment.question.stack.slices[number]] = wrong
     if len(boards) < len(sightings):
         _leave_points_out(adjustment, seed, residuals)
     return HeldOut(rms_px(residuals), residuals)
+
+
+def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
+    """Residuals (n, 2) of each of some boards, by a fit to all others."""
+    sightings = adjustment.sightings
+    others = [s for i, s in enumerate(sightings) if i not in out]
+    fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=STEPS, settled=SETTLED)
+    placed = adjust(fit.model, [sightings[i] for i in out], shape=fit.shape, fixed=fit.names, most_steps=STEPS)
+    lost = np.where(placed.seen[:, None], placed.residuals, UNSEEN_PX)
+    return [lost[where] for where in placed.question.stack.slices]
 
 
 def _leave_points_out(adjustment: Adjustment, seed: int, residuals: Array) -> None:

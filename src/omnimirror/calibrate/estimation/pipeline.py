@@ -13,6 +13,7 @@ from ...camera_models.base import CameraModel
 from ...camera_models.spheres import Unified
 from ...camera_models.splines import ViewpointSpline
 from ...errors import InvalidParameter, OmnimirrorError
+from ..helpers import Helpers
 from ..physical import SensorModel
 from .bundle.adjustment import CAUCHY, Adjustment, Prior, adjust, shared_names
 from .bundle.board_shape import BoardShape
@@ -120,15 +121,29 @@ class CalibrationPlan:
 
 def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     """Begin, climb to every model, reject outliers by the best, compare, and choose."""
-    watch.at("placing boards", 0.0)
+    with Helpers() as spread:
+        if SensorModel.KIND in map(_kind, plan.wanted):
+            spread.begin()
+        watch.at("placing boards", 0.0)
+        base = _lowest_rung(plan, course)
+        _climb_and_choose(base, plan, watch, course, spread)
+    watch.at("done", 1.0)
+
+
+def _lowest_rung(plan: CalibrationPlan, course: Course) -> Adjustment:
+    """A unified model of pictures that are not all alike, their boards seen from the front."""
     fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
     low = begun(
         plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
     )  # fmt: skip
     course.fit, course.strangers = low.fit, low.strangers
     check_poses(low.fit.sightings)
-    base = replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
-    fits = _all_climbed(base, plan, watch, course)
+    return replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
+
+
+def _climb_and_choose(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
+    """From the lowest rung to the model that is chosen."""
+    fits = _all_climbed(base, plan, watch, course, spread)
     plan.known.check(fits.values())
     judge = _judge(fits)
     watch.at("looking for outliers", 0.4)
@@ -141,17 +156,16 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     if wandering:
         course.wandering = _frozen(min(wandering, key=lambda fit: fit.question.noise_px), judge, course)
     course.fit = judge if judge.model.KIND in names else course.fit
-    _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course)
-    watch.at("done", 1.0)
+    _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course, spread)
 
 
-def _compare(fits: dict[str, Adjustment], plan: CalibrationPlan, watch: Watch, course: Course) -> None:
+def _compare(fits: dict[str, Adjustment], plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
     """Leave pictures out of each model's fit, the best fits first; not of one whose fit alone is worse than that."""
     compared: list[tuple[Adjustment, HeldOut | None]] = []
     for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
         watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
         is_beaten = course.held is not None and fit.rms_px > HOPELESS * course.held.rms_px
-        compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed)))
+        compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed, spread=spread)))
         best, course.candidates = chosen(compared)
         course.fit, course.held = compared[best]
 
@@ -160,7 +174,9 @@ def _kind(wanted: str | CameraModel) -> str:
     return wanted if isinstance(wanted, str) else wanted.KIND
 
 
-def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course) -> dict[str, Adjustment]:
+def _all_climbed(
+    base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers
+) -> dict[str, Adjustment]:
     """Robust fits of the wanted models, and of those by which outliers are told."""
     ladder: list[str | CameraModel] = list(plan.wanted)
     if len(base.sightings) >= FEWEST_FOR_JUDGES:
@@ -173,7 +189,7 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
         watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
         try:
             starts = [wanted] if isinstance(wanted, CameraModel) else _starts(wanted, unified, base, fits)
-            fits[kind] = _best_climbed(base, starts, plan)
+            fits[kind] = _best_climbed(base, starts, plan, spread)
         except OmnimirrorError as e:
             course.failures[kind] = str(e)
             continue
@@ -199,7 +215,9 @@ def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjus
     return [usual, far] if sized is None else [sized, usual, far]
 
 
-def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan) -> Adjustment:
+def _best_climbed(
+    base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: Helpers
+) -> Adjustment:
     """From the start that leaves the least after some steps with some of the points, gross errors counted as such."""
 
     def known(into: CameraModel) -> dict[str, Any]:
@@ -210,16 +228,12 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
         return climbed(base, starts[0], **known(starts[0]))
     every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
     some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
-    tried, options, failed = [], [], []
-    for into, is_conic_first in product(starts, (False, True)):
-        own = known(into)
-        try:
-            tried.append(_trial(some, into, own, is_conic_first))
-            options.append(own)
-        except OmnimirrorError as e:  # a start that leads to no mirror; another may
-            failed.append(e)
+    jobs = [(some, into, known(into), is_conic_first) for into, is_conic_first in product(starts, (False, True))]
+    found = spread.map(_trial, jobs)
+    tried = [fit for fit in found if isinstance(fit, Adjustment)]
+    options = [own for fit, (_, _, own, _) in zip(found, jobs, strict=True) if isinstance(fit, Adjustment)]
     if not tried:
-        raise failed[0]
+        raise next(fit for fit in found if isinstance(fit, OmnimirrorError))
     loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
     sums = [loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)) for fit in tried]
     number = int(np.argmin(sums))
@@ -229,7 +243,17 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
     return adjust(best.model, best.sightings, **options[number] | {"shape": best.shape}, loss="cauchy", settled=ROUGHLY)
 
 
-def _trial(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
+def _trial(
+    some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
+) -> Adjustment | OmnimirrorError:
+    """Some steps from a start; or why it leads to no mirror, since another may."""
+    try:
+        return _some_steps(some, into, known, is_conic_first)
+    except OmnimirrorError as e:
+        return e
+
+
+def _some_steps(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
     """Some steps from a start; with a mirror's aspheric terms free at once, or once the conic fits.
 
     With its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is; with its

@@ -1,0 +1,100 @@
+"""Processes that share jobs: what comes back, what they raise, and that none outlives what asked."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from omnimirror.calibrate.helpers import Helpers
+from omnimirror.errors import InvalidParameter
+
+
+@pytest.fixture(autouse=True)
+def _three_cores(monkeypatch):
+    monkeypatch.setattr("omnimirror.calibrate.helpers.usable_cores", lambda: 3)
+
+
+def where(number: int, seconds: float) -> tuple[int, int]:
+    """Of a job, in which process it was done."""
+    time.sleep(seconds)
+    return number, os.getpid()
+
+
+def refusing(number: int) -> int:
+    if number % 3 == 2:
+        raise InvalidParameter(f"{number} is not valid")
+    return number
+
+
+def dying_once(number: int, path: str) -> int:
+    """The first process but one that gets here dies of it."""
+    if os.getpid() != number:
+        try:
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return 1
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def test_jobs_come_back_in_their_order_from_several_processes():
+    with Helpers() as spread:
+        found = spread.map(where, [(i, 0.3) for i in range(12)])
+        assert [number for number, _ in found] == list(range(12))
+        processes = {process for _, process in found}
+        assert len(processes) > 1
+        assert os.getpid() in processes
+        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same are asked again
+        assert {process for _, process in again} <= processes
+    for process in processes - {os.getpid()}:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+def test_arrays_are_the_same_to_the_bit():
+    values = [(np.random.default_rng(i).normal(size=(50, 50)),) for i in range(6)]
+    with Helpers() as spread:
+        for found, (given,) in zip(spread.map(np.linalg.inv, values), values, strict=True):
+            assert (found == np.linalg.inv(given)).all()
+
+
+def test_what_the_first_of_them_raised_is_raised():
+    with Helpers() as spread, pytest.raises(InvalidParameter, match=r"^[25] is not valid$"):
+        spread.map(refusing, [(i,) for i in range(6)])
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there are no signals that kill here")
+def test_a_helper_that_dies_leaves_no_job_undone(tmp_path):
+    with Helpers() as spread:
+        found = spread.map(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
+    assert len(found) == 40
+    assert None not in found
+
+
+def test_without_other_processes_this_one_does_all(monkeypatch):
+    def none(*_, **__):
+        raise OSError("too many processes")
+
+    monkeypatch.setattr(subprocess, "Popen", none)
+    with Helpers() as spread:
+        assert spread.map(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
+    assert Helpers().map(divmod, []) == []
+
+
+def test_a_script_without_a_guard_may_ask(tmp_path):
+    """What multiprocessing would begin again, in each of its processes."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import omnimirror.calibrate.helpers as h\n"
+        "h.usable_cores = lambda: 2\n"
+        "with h.Helpers() as spread:\n"
+        "    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
+    )
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert (run.stdout, run.returncode) == ("[(3, 1), (2, 1)]\n", 0), run.stderr
