@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 
+import omnimirror as om
 from omnimirror.calibrate.helpers import Helpers
 from omnimirror.errors import InvalidParameter
 
@@ -85,6 +86,49 @@ def test_without_other_processes_this_one_does_all(monkeypatch):
     with Helpers() as spread:
         assert spread.map(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
     assert Helpers().map(divmod, []) == []
+
+
+def chessboards(count: int) -> list[np.ndarray]:
+    """Boards of 5 x 4 corners, each a little larger, and one picture of nothing."""
+    boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
+    for side, picture in enumerate(boards, 24):
+        v, u = np.mgrid[: 5 * side, : 6 * side]
+        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where((u // side + v // side) % 2, 200, 40)
+    return [*boards, np.full((200, 240), 99, np.uint8)]
+
+
+@pytest.mark.parametrize("long_s", [-1.0, 1e9])
+def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_path):
+    monkeypatch.setattr("omnimirror.calibrate.targets.finding.LONG_S", long_s)
+    board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
+    om.write_image(tmp_path / "a.png", pictures[0])
+    told = []
+    found = om.find_boards(
+        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"], board, progress=lambda done, _: told.append(done)
+    )
+    assert told == list(range(1, 9))
+    assert [one.name for one in found] == [*(f"picture {i}" for i in range(1, 7)), "a.png", "missing.png"]
+    for one, picture in zip(found, pictures, strict=False):
+        alone = om.find_board(picture, board)
+        assert (one.corners_px == alone.corners_px).all()
+        assert one.ids.tolist() == alone.ids.tolist()
+    assert [len(one.ids) for one in found[:6]] == [20] * 5 + [0]
+    assert (found[6].corners_px == found[0].corners_px).all()
+    assert "there is no" in found[7].reason
+
+
+@pytest.mark.parametrize("long_s", [-1.0, 1e9])
+def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
+    monkeypatch.setattr("omnimirror.calibrate.targets.finding.LONG_S", long_s)
+
+    def stop(done: int, _: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), progress=stop)
+    assert len(found) == 8
+    assert sum("was stopped" in (one.reason or "") for one in found) == 6
+    assert found[0].found
 
 
 def test_a_script_without_a_guard_may_ask(tmp_path):

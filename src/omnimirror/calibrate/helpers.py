@@ -11,10 +11,12 @@ import pickle
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from queue import SimpleQueue
 from threading import Thread
-from typing import IO, Any, Self, TypeVar
+from typing import IO, Any, Generic, Self, TypeVar
 
 from ..native import usable_cores
 
@@ -58,39 +60,37 @@ class Helpers:
         Raises
         ------
         Exception
-            That of the first job that raised one.
+            What one of them raised.
         """
-        waiting, results = deque(enumerate(jobs)), [None] * len(jobs)
-        failures: dict[int, Exception] = {}
+        results: list[T | None] = [None] * len(jobs)
+        for number, found in self.each(function, jobs):
+            results[number] = found
+        return results  # type: ignore[return-value]
 
-        def work(compute: Callable[[tuple[Any, ...]], Any]) -> None:
-            """Take jobs until there are none; what a helper that died had in hand is taken by another."""
-            while waiting and not failures:
+    def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
+        """The same one by one, as they are done, each with its number."""
+        waiting, done = deque(enumerate(jobs)), SimpleQueue[_Done[T]]()
+        for helper in self._enough(min(len(jobs), usable_cores()) - 1):
+            Thread(target=_take, args=(helper, function, waiting, done), daemon=True).start()
+        try:
+            left = len(jobs)
+            while left:
                 try:
                     number, job = waiting.popleft()
-                except IndexError:  # another was quicker
-                    return
-                try:
-                    results[number] = compute(job)
-                except _Dead:
-                    waiting.appendleft((number, job))
-                    return
-                except Exception as e:
-                    failures[number] = e
-
-        others = [
-            Thread(target=work, args=(lambda job, helper=helper: _asked(helper, function, job),), daemon=True)
-            for helper in self._enough(min(len(jobs), usable_cores()) - 1)
-        ]
-        for other in others:
-            other.start()
-        work(lambda job: function(*job))
-        for other in others:
-            other.join()
-        work(lambda job: function(*job))  # what helpers that died left over
-        if failures:
-            raise failures[min(failures)]
-        return results  # type: ignore[return-value]
+                except IndexError:  # helpers have the last ones in hand
+                    finished = [done.get()]
+                else:
+                    finished = [_Done(number, function(*job))]
+                while not done.empty():
+                    finished.append(done.get())
+                for one in finished:
+                    if one.failure is not None:
+                        raise one.failure
+                    if one.number is not None:
+                        left -= 1
+                        yield one.number, one.found  # type: ignore[misc]
+        finally:
+            waiting.clear()
 
     def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
         """So many helpers that live, if they can be had."""
@@ -102,8 +102,39 @@ class Helpers:
         return self._begun[: max(count, 0)]
 
 
+@dataclass(frozen=True)
+class _Done(Generic[T]):
+    """What came of a job."""
+
+    number: int | None = None
+    """none: a helper has died, and there may be jobs to do"""
+    found: T | None = None
+    failure: Exception | None = None
+
+
 class _Dead(Exception):
     """A helper has ended."""
+
+
+def _take(
+    helper: subprocess.Popen[bytes],
+    function: Callable[..., T],
+    waiting: deque[tuple[int, Any]],
+    done: SimpleQueue[_Done[T]],
+) -> None:
+    """Have a helper do jobs until none waits; what it had in hand when it died waits again, which is told."""
+    while True:
+        try:
+            number, job = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            done.put(_Done(number, _asked(helper, function, job)))
+        except _Dead:
+            waiting.appendleft((number, job))
+            return done.put(_Done())
+        except Exception as e:
+            return done.put(_Done(failure=e))
 
 
 def _one_more() -> subprocess.Popen[bytes]:

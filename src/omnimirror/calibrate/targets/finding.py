@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from ...arguments import checked, instance
 from ...cameras import Camera
 from ...errors import InvalidParameter, OmnimirrorError
+from ..helpers import Helpers
 from .boards import Board
 from .detections import Detection
 from .refinement import refine_corners
@@ -38,6 +40,7 @@ WHOLE_SHARE = 0.8
 """Of a chessboard's corners that must be measured."""
 NOTHING = "no board was found"
 TILES = "squares were found that go on past {board}, as tiles, a checked cloth or a larger board have them"
+LONG_S = 2.0  # of pictures to come, from which on other processes are worth their beginning
 STOPPED = "the search was stopped before this picture"
 
 
@@ -166,30 +169,49 @@ def find_boards(
     >>> [(d.name, d.used) for d in found]
     [('picture 1', True), ('picture 2', False), ('picture 3', False)]
     """
-    from ...media import read_image
-
     given = list(pictures)
     if not given:
         raise InvalidParameter("there are no pictures; at least one is needed")
     names = _names(given) if names is None else list(names)
     if len(names) != len(given):
         raise InvalidParameter(f"there are {len(names)} names for {len(given)} pictures; each needs one")
-    found: list[Detection] = []
-    done = 0
+    jobs = [(picture, board, name, camera, several) for name, picture in zip(names, given, strict=True)]
+    found = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
     try:
-        for name, picture in zip(names, given, strict=True):
-            try:
-                pixels = read_image(picture) if isinstance(picture, str | Path) else picture
-                boards = _several(pixels, board, name) if several and not board.has_markers else []
-                found += boards or [find_board(pixels, board, name=name, camera=camera)]
-            except OmnimirrorError as e:
-                found.append(Detection(name, (0, 0), reason=str(e)))
-            done += 1
+        for done, (number, boards) in enumerate(_looked_through(jobs), 1):
+            found[number] = boards
             if progress is not None:
                 progress(done, len(given))
     except KeyboardInterrupt:
-        found += [Detection(name, (0, 0), reason=STOPPED) for name in names[done:]]
-    return compared(found, board)
+        pass  # what was found until then is kept
+    return compared([one for boards in found.values() for one in boards], board)
+
+
+def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
+    """Boards of each picture, as they are found; by several processes where that takes long."""
+    for number, job in enumerate(jobs):
+        began = time.perf_counter()
+        yield number, _boards_in(*job)
+        rest = jobs[number + 1 :]
+        if (time.perf_counter() - began) * len(rest) > LONG_S:
+            with Helpers() as helpers:
+                for later, boards in helpers.each(_boards_in, rest):
+                    yield number + 1 + later, boards
+            return
+
+
+def _boards_in(
+    picture: Picture | str | Path, board: Board, name: str, camera: Camera | None, several: bool
+) -> list[Detection]:
+    """Boards of a picture or file, or why there is none."""
+    from ...media import read_image
+
+    try:
+        pixels = read_image(picture) if isinstance(picture, str | Path) else picture
+        boards = _several(pixels, board, name) if several and not board.has_markers else []
+        return boards or [find_board(pixels, board, name=name, camera=camera)]
+    except OmnimirrorError as e:
+        return [Detection(name, (0, 0), reason=str(e))]
 
 
 def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
