@@ -78,6 +78,19 @@ def test_a_helper_that_dies_leaves_no_job_undone(tmp_path):
     assert None not in found
 
 
+def test_what_cannot_be_handed_over_is_done_here():
+    with Helpers() as spread:
+        assert spread.map(lambda a: a + 1, [(1,), (2,), (3,)]) == [2, 3, 4]
+
+
+def test_what_is_broken_off_leaves_nothing_for_the_next():
+    with Helpers() as spread:
+        for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
+            assert number >= 0
+            break
+        assert [number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])] == list(range(10, 16))
+
+
 def test_without_other_processes_this_one_does_all(monkeypatch):
     def none(*_, **__):
         raise OSError("too many processes")
@@ -141,4 +154,4 @@ def test_a_script_without_a_guard_may_ask(tmp_path):
         "    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
     )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)
-    assert (run.stdout, run.returncode) == ("[(3, 1), (2, 1)]\n", 0), run.stderr
+    assert (run.stdout, run.stderr, run.returncode) == ("[(3, 1), (2, 1)]\n", "", 0)

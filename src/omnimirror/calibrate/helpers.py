@@ -41,6 +41,9 @@ class Helpers:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
         """End all, whatever they are at."""
         for helper in self._begun:
             helper.kill()
@@ -72,8 +75,8 @@ class Helpers:
         waiting, done = deque(enumerate(jobs)), SimpleQueue[_Done[T]]()
         for helper in self._enough(min(len(jobs), usable_cores()) - 1):
             Thread(target=_take, args=(helper, function, waiting, done), daemon=True).start()
+        left = len(jobs)
         try:
-            left = len(jobs)
             while left:
                 try:
                     number, job = waiting.popleft()
@@ -91,6 +94,8 @@ class Helpers:
                         yield one.number, one.found  # type: ignore[misc]
         finally:
             waiting.clear()
+            if left:  # broken off: what helpers still have in hand nobody waits for
+                self._end()
 
     def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
         """So many helpers that live, if they can be had."""
@@ -113,7 +118,7 @@ class _Done(Generic[T]):
 
 
 class _Dead(Exception):
-    """A helper has ended."""
+    """A helper has ended, or cannot be told the job."""
 
 
 def _take(
@@ -150,7 +155,10 @@ def _one_more() -> subprocess.Popen[bytes]:
 def _asked(helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]) -> Any:
     assert helper.stdin is not None
     assert helper.stdout is not None
-    message = pickle.dumps((function, job))
+    try:
+        message = pickle.dumps((function, job))
+    except Exception as e:  # of a class that has no name elsewhere, say
+        raise _Dead from e
     try:
         helper.stdin.write(len(message).to_bytes(8, "little") + message)
         helper.stdin.flush()
@@ -172,9 +180,12 @@ def _message(stream: IO[bytes]) -> bytes:
 def _serve() -> None:
     """Do jobs until nobody asks any more."""
     answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what a job prints is no answer
-    with suppress(EOFError, BrokenPipeError):
+    with suppress(BrokenPipeError):
         while True:
-            function, job = pickle.loads(_message(sys.stdin.buffer))
+            try:
+                function, job = pickle.loads(_message(sys.stdin.buffer))
+            except Exception:  # no more jobs, or one of a script's own class: whoever asked does it
+                return
             try:
                 message = pickle.dumps((function(*job), None))
             except Exception as e:
