@@ -19,7 +19,7 @@ import omnimirror as om
 WEB = Path(__file__).parents[2] / "web"
 PAGE = Path(om.__file__).parent / "studio" / "page"
 MADE = runpy.run_path(str(WEB / "tests" / "fixtures" / "make.py"))
-LARGEST = {"index.html": 130_000, "bench.js": 180_000, "space.js": 20_000, "calibrate.js": 60_000}
+LARGEST = {"index.html": 135_000, "bench.js": 180_000, "space.js": 20_000, "calibrate.js": 60_000}
 """Bytes; what grows past them by more than a feature needs is noticed."""
 COMPRESSED = 150_000  # bytes of everything but the view in space; twice as many are asked for
 

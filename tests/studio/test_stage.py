@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -226,7 +225,7 @@ def check_colours(page, folder, index: int) -> None:
     """One of several views shows what its own command line does, of its own picture."""
     told = page.evaluate(AT, index)
     dewarper = python_view(told["line"], folder)
-    wanted = dewarper(read_image(Path(shlex.split(told["line"])[2])))
+    wanted = dewarper(read_image(folder / shlex.split(told["line"])[2]))
     compared = 0
     for (x, y), (r, g, b, opaque) in zip(told["places"], told["colours"], strict=True):
         if opaque == 255 and wanted[y, x].any():
@@ -260,6 +259,12 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     lines = page.evaluate("window.omnimirror.look.commands()").split("\n")
     words = ("yard.png", "paper-hyperboloidal", "--view dome")
     assert [[word in line for word in words] for line in lines] == [[False] * 3, [True] * 3]
+    write_image(folder / "own.png", pattern((1024, 1024))[:, ::-1])
+    drop(page, folder / "own.png")  # in the place of the first
+    page.get_by_role("button", name="yard.png").click()
+    page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
+    page.wait_for_function(seen)
+    check_colours(page, folder, 0)
     page.wait_for_function("location.hash.includes('yard.png')")
     page.reload()  # the link holds all of it
     page.wait_for_function("window.omnimirror?.look.sensor.camera")

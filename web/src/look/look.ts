@@ -72,7 +72,7 @@ export class Look {
       calibrated: (file, name) => this.sensor.load(file, name),
     });
     this.others = new Others({
-      open: (source) => this.sources.feedOfServer(source),
+      open: (source) => this.sources.feedNamed(source),
       fetch: (s) => this.sensor.fetch(s),
       fit: (camera, feed, rim) => this.rim.fit(camera, feed, rim),
       states: () => this.views.others(),

@@ -112,8 +112,15 @@ export class Sources {
     await this.open(`Opening ${name}`, async () => this.hands.take(source) ?? this.feedOfServer(source), source, isAsked);
   }
 
+  /** A picture that the browser has kept, or what the server offers. */
+  async feedNamed(source: string): Promise<Feed> {
+    const identity = identityIn(source);
+    const file = identity && (await keptPicture(identity));
+    return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source);
+  }
+
   /** A picture or stream that the server offers. */
-  async feedOfServer(source: string): Promise<Feed> {
+  private async feedOfServer(source: string): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
     if (!option) throw new api.Refused(`This server does not offer ${id}.`);
