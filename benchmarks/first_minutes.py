@@ -174,7 +174,7 @@ def engineer(visit: Visit) -> None:
     visit.button("Pin")
     visit.see("the design pinned")
     visit.button("Try errors")
-    visit.page.get_by_text("Each error alone").wait_for()
+    visit.page.wait_for_selector("svg.tornado rect")
     visit.see("what each error does")
 
 
