@@ -13,14 +13,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -28,7 +24,7 @@ from typing import TypeAlias
 import av
 import numpy as np
 from circumstances import other_load, processor
-from page_load import FLAGS
+from page_load import FLAGS, served
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 import omnimirror as om
@@ -205,17 +201,6 @@ def film(path: Path, picture: np.ndarray) -> None:
         out.mux(stream.encode())
 
 
-@contextmanager
-def served(*words: str | Path) -> Iterator[str]:
-    """The address of a studio of its own."""
-    command = [sys.executable, "-m", "omnimirror", *words, "--no-open"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        try:
-            yield re.search(r"http://\S+", server.stdout.readline())[0]
-        finally:
-            server.terminate()
-
-
 def visited(
     browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str
 ) -> Visit:
@@ -252,7 +237,7 @@ def main() -> None:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
         cameras = [folder / f"camera{number}.mp4" for number in range(1, CAMERAS + 1)]
         view = ("view", *cameras, "--sensor", "paper-spherical")
-        with served("studio") as studio, served(*view) as wall:
+        with served() as studio, served(*view) as wall:
             for person in (p for p in PEOPLE if p.__name__ in arguments.people):
                 address = wall if person is integrator else studio
                 visit = visited(browser, address, person, folder, None, "1280", "light")

@@ -96,10 +96,10 @@ def opened(browser: Browser, address: str) -> Page:
 
 
 @contextmanager
-def served() -> Iterator[str]:
-    """The address of a studio of its own."""
-    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+def served(*words: str | Path) -> Iterator[str]:
+    """The address of a studio of its own, by a command; an empty one without."""
+    command = [sys.executable, "-m", "omnimirror", *(words or ("studio",)), "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
             yield re.search(r"http://\S+", server.stdout.readline())[0]
         finally:

@@ -261,10 +261,18 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     worst = blur[part].max()
     assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
     (tmp_path / "wanted.toml").write_text(
-        "[field]\nomega_max_deg = 90\n[mirror]\nmapping = 'equiangular'\nrim_radius_mm = 40\n"
+        "[field]\nomega_max_deg = 90\nobject_distance_mm = [1000, 12000]\n"
+        "[mirror]\nmapping = 'equiangular'\nrim_radius_mm = 40\n"
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
     )
     bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
+    farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
+    farthest.wait_for()
+    assert farthest.input_value() == "12000"
+    size = bench.viewport_size
+    bench.set_viewport_size({"width": 1280, "height": 800})
+    assert farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0  # all of the number is read
+    bench.set_viewport_size(size)
     bench.get_by_role("button", name="Design from requirements").click()
     bench.wait_for_function(f"{NOW}.tables.mirror.kind === 'equiangular'")
     settled(bench)

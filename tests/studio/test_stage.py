@@ -277,6 +277,20 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     page.context.close()
 
 
+def test_a_camera_that_cannot_be_had_says_so_in_its_place(browser, tmp_path):
+    for name in ("here.png", "gone.png"):
+        write_image(tmp_path / name, pattern((200, 200)))
+    with serving(Studio(Sources([str(tmp_path / "here.png"), str(tmp_path / "gone.png")]))) as address:
+        (tmp_path / "gone.png").unlink()
+        page = open_page(browser, f"{address}#source=server%3Asource", 800, 700, reduced_motion="reduce")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'here.png'")
+        page.get_by_role("button", name="All views").click()
+        page.wait_for_function("/gone.png: .*(no|not|cannot)/.test(document.querySelector('#cells').textContent)")
+        assert page.evaluate("window.omnimirror.look.laid.places.map((p) => !!p.seen)") == [True, False]
+        assert page.problems == []
+        page.context.close()
+
+
 @pytest.mark.parametrize(
     "size",
     [pytest.param((390, 844), id="upright", marks=pytest.mark.full), pytest.param((844, 390), id="across")],

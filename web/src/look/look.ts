@@ -187,7 +187,7 @@ export class Look {
     put("command-line", this.command(this.place));
     this.level.follow(camera, this.feed);
     this.level.show(camera, this.canvas, this.place);
-    this.views.label(places, this.canvas);
+    this.views.label(places, this.canvas, (s) => this.others.doubt(s));
     this.showFiles(camera, this.feed);
     this.showDoubt(camera, this.feed);
   }

@@ -28,7 +28,9 @@ class AutoOptions(Options):
     """A camera that nobody knows, and which mirror it has."""
 
     auto: bool | None = option(
-        is_flag=True, help="The camera: find the mirror's rim in the pictures, and take it for that of --mirror."
+        is_flag=True,
+        help="The camera: find the mirror's rim in the pictures, and take it for that of --mirror; a ball is levelled "
+        "by what stands upright.",
     )
     mirror: str | None = option(
         metavar="PRESET|FILE|NAME",

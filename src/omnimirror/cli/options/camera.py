@@ -42,7 +42,7 @@ class CameraOptions(Options):
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
-        help="Where the optical axis points.  [default: the sensor's, or up]",
+        help="Where the optical axis points.  [default: the sensor's, or up; of --mirror ball and convex forward]",
     )
     forward_azimuth_deg: float | None = option(
         type=angle, metavar="DEG",

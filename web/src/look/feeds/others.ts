@@ -18,6 +18,7 @@ interface Hands {
 export class Others {
   private readonly feeds = new Map<string, Feed | null>(); // by source; null while they are opened
   private readonly cameras = new Map<string, Camera | null>();
+  private readonly troubles = new Map<string, string>(); // by source, or by camera: why it cannot be had
 
   constructor(private readonly hands: Hands) {}
 
@@ -28,6 +29,7 @@ export class Others {
       if (!states.some((s) => s.source === source)) {
         feed?.close();
         this.feeds.delete(source);
+        this.troubles.delete(source);
       }
     for (const s of states) {
       if (!this.feeds.has(s.source)) void this.open(s.source);
@@ -39,6 +41,11 @@ export class Others {
   seenBy(s: State): Seen | null {
     const [feed, camera] = [this.feeds.get(s.source), this.cameras.get(nameOf(s))];
     return feed && camera ? { feed, camera: this.hands.fit(camera, feed, s.rim) } : null;
+  }
+
+  /** Why nothing is seen yet of what a state is of; "" where something is. */
+  doubt(s: State): string {
+    return this.seenBy(s) ? "" : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
   }
 
   /** Let go of a picture that is shown by itself from now on; null where it is not held. */
@@ -57,8 +64,8 @@ export class Others {
 
   private async open(source: string): Promise<void> {
     this.feeds.set(source, null);
-    const feed = await this.hands.open(source).catch(() => null); // its place stays empty
-    if (!feed || this.feeds.get(source) !== null || !this.feeds.has(source)) return feed?.close();
+    const feed = await this.hands.open(source).catch((e: unknown) => this.fail(source, e));
+    if (!feed || this.feeds.get(source) !== null) return feed?.close();
     this.feeds.set(source, feed);
     this.follow(source, feed);
     this.hands.changed();
@@ -66,9 +73,15 @@ export class Others {
 
   private async fetch(s: State): Promise<void> {
     this.cameras.set(nameOf(s), null);
-    const camera = await this.hands.fetch(s).catch(() => null);
+    const camera = await this.hands.fetch(s).catch((e: unknown) => this.fail(nameOf(s), e));
     this.cameras.set(nameOf(s), camera);
     this.hands.changed();
+  }
+
+  private fail(what: string, e: unknown): null {
+    this.troubles.set(what, e instanceof Error ? e.message : String(e));
+    this.hands.changed();
+    return null;
   }
 
   /** Say so whenever a picture that moves is another one. */

@@ -59,16 +59,16 @@ export class ViewsPanel {
     if (at >= 0 && places.length > 1 && at !== this.active) this.go(at);
   }
 
-  /** Say which view is which, where there are several. */
-  label(places: readonly Place[], canvas: HTMLElement): void {
+  /** Say which view is which, where there are several, and of those that show nothing why. */
+  label(places: readonly Place[], canvas: HTMLElement, doubt: (s: State) => string): void {
     const shown = places.length > 1 ? places : [];
     while (this.cells.children.length > shown.length) this.cells.lastElementChild!.remove();
     while (this.cells.children.length < shown.length) this.cells.append(h("div", {}, h("span", {})));
-    shown.forEach(({ left, top, width, height }, i) => {
+    shown.forEach(({ left, top, width, height, state, seen }, i) => {
       const cell = this.cells.children[i] as HTMLElement;
       cell.className = i === this.active ? "moved" : "";
       Object.assign(cell.style, { left: `${canvas.offsetLeft + left}px`, top: `${canvas.offsetTop + top}px`, width: `${width}px`, height: `${height}px` });
-      cell.firstElementChild!.textContent = this.kept[i].name;
+      cell.firstElementChild!.textContent = seen ? this.kept[i].name : `${this.kept[i].name}: ${doubt(state)}`;
     });
   }
 
