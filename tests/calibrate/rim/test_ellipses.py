@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnimirror.calibrate.rim.edges import EdgePoints
-from omnimirror.calibrate.rim.ellipses import Ellipse, laid_through
+from omnimirror.calibrate.rim.ellipses import Ellipse, Shift, laid_through, shifted
 
 
 def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:
@@ -38,6 +38,20 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
     found = laid_through(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
     assert found.centre == (pytest.approx(200, abs=0.5), pytest.approx(150, abs=0.5))
     assert found.semi_axes == (pytest.approx(100, abs=0.5), pytest.approx(98, abs=0.5))
+
+
+def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
+    """Past a crowd of arcs, each nearer to the circle than the ellipse is along some of the way."""
+    edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
+    arcs = [edges_on(100.0 + k, 100.0 + k, 0.0, (200.0, 150.0), share=0.25) for k in (-1.5, 0.5, 1.5)]
+    crowd = EdgePoints(*(np.concatenate([getattr(one, name) for one in (edges, *arcs)])
+                         for name in ("points", "normals", "steps", "weights")))  # fmt: skip
+    start = Ellipse((200.0, 150.0), 100.0)
+    moved = shifted(crowd, start, Shift(4.0, 2.0, turns=72, stretch_px=4.0))
+    found = laid_through(crowd, moved, (2.0, 1.0, 0.7))
+    assert found.centre == (pytest.approx(203, abs=0.2), pytest.approx(148, abs=0.2))
+    assert found.semi_axes == (pytest.approx(104, abs=0.2), pytest.approx(96, abs=0.2))
+    assert found.angle_deg == pytest.approx(30, abs=2)
 
 
 def test_points_lie_on_their_own_ellipse():

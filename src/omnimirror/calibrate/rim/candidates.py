@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cues import FAMILY_OFFSET, SAME_RING, SECTORS, Ring, ring_of
+from .cues import FAMILY_OFFSET, SAME_RING, SECTORS, Finer, Ring, ring_of
 from .edges import FINER_PX, EdgePoints, Working, at_working_size, edges_of
 from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, Shift, laid_through, shifted
 from .votes import LEAST_RADIUS, circles
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
-SHIFT = Shift(reach_px=4.0, step_px=1.0, turns=72)  # of circles that were voted for, which edges beside them draw away
+SHIFT = Shift(4.0, 2.0, turns=72, stretch_px=4.0)  # of circles that were voted for, which edges beside them draw away
 FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
 PROFILE_PX = 0.5
 BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
@@ -61,7 +61,7 @@ def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple
     for ring in _clearest(found, FINER_FAMILIES, FAMILY_OFFSET):
         for ellipse in beside(fine[1], ring.ellipse.scaled(scale), FINER):
             placed = laid_through(fine[1], ellipse, AGAIN_PX)
-            _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER)
+            _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER, Finer(fine[1], fine[0].size, scale))
 
 
 def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
@@ -75,7 +75,10 @@ def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
     return best
 
 
-def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING) -> None:
+def _add(
+    found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING,
+    finer: Finer | None = None,
+) -> None:  # fmt: skip
     """Add a ring, unless it is there as clearly, or none that a mirror could have."""
     short = min(working.size)
     u, v = ellipse.centre
@@ -86,7 +89,7 @@ def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellips
     twins = _twins(found, ellipse, same)
     if len(_twins([found[i] for i in twins], ellipse, SAME_FIT)):
         return
-    ring = ring_of(working, edges, ellipse, max((found[i].close for i in twins), default=-1.0))
+    ring = ring_of(working, edges, ellipse, max((found[i].close for i in twins), default=-1.0), finer)
     if ring is None:
         return
     if len(twins):

@@ -98,9 +98,26 @@ class Ring:
         return float(np.mean(sums < CALM))
 
 
-def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse, least_close: float = -1.0) -> Ring | None:
-    """What is seen on and round an ellipse; None where there are next to no edges on it, or too few close to it."""
+@dataclass(frozen=True)
+class Finer:
+    """Edges of a finer picture, in which a ring may be seen apart from the one beside it."""
+
+    edges: EdgePoints
+    size: tuple[int, int]
+    scale: float
+    """Pixels of it in one of working size."""
+
+
+def ring_of(
+    working: Working, edges: EdgePoints, ellipse: Ellipse, least_close: float = -1.0, finer: Finer | None = None
+) -> Ring | None:
+    """What is seen on and round an ellipse; None where there are next to no edges on it, or too few close to it.
+
+    A ring that at working size is one with its neighbour has its edges where it is seen apart from it.
+    """
     support, close, chance, seen = _support(edges, working.size, ellipse)
+    if support < LEAST_SUPPORT and finer is not None:
+        support, close, chance, seen = _support(finer.edges, finer.size, ellipse.scaled(finer.scale))
     if support < LEAST_SUPPORT or close <= least_close:
         return None
     polar, inside = unrolled(working, ellipse)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,15 +93,29 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far and how finely an ellipse is moved and grown, working pixels; how many parts of its way round count."""
+    """How far and how finely an ellipse is moved, grown and stretched, working pixels; how many parts of its way round
+    count."""
 
     reach_px: float
     step_px: float
     turns: int
+    stretch_px: float = 0.0
+    """Of its semi-axes, at most."""
+
+    @property
+    def cell_px(self) -> float:
+        """Width of the cells in which edges are counted."""
+        return self.step_px / 2
+
+    @property
+    def half(self) -> int:
+        """Cells that may be reached to each side of the ring."""
+        return int(np.ceil((3 * self.reach_px + 2 * self.stretch_px) / self.cell_px))
 
 
 def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) -> Ellipse:
-    """The ring moved and grown by a little to where most of the way round has an edge: what is beside it pulls nothing.
+    """The ring moved, grown and stretched by a little to where most of the way round has an edge: what is beside it
+    pulls nothing.
 
     Parameters
     ----------
@@ -114,27 +129,36 @@ def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) 
     Returns
     -------
     Ellipse
-        Of the same stretch.
     """
     circle = ring.on_circle(edges.points)
     away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
     turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
-    cell = shift.step_px / 2
-    half = int(np.ceil(3 * shift.reach_px / cell))
-    there = np.zeros((shift.turns, 2 * half + 1))
-    at = np.clip(np.round(away / cell).astype(int) + half, 0, 2 * half)
+    there = np.zeros((shift.turns, 2 * shift.half + 1))
+    at = np.clip(np.round(away / shift.cell_px).astype(int) + shift.half, 0, 2 * shift.half)
     sector = (turn * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
     np.maximum.at(there, (sector, at), edges.weights)
     there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
-    moves = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
-    u, v, r = (a.ravel() for a in np.meshgrid(moves, moves, moves, indexing="ij"))
-    out = ring.outward(turns(shift.turns) + np.pi / shift.turns)
-    wanted = np.round((u[:, None] * out[:, 0] + v[:, None] * out[:, 1] + r[:, None]) / cell).astype(int) + half
     known = max(int(np.count_nonzero(there.any(axis=1))), 1)
-    share = there[np.arange(shift.turns), wanted].sum(axis=1) / known
-    best = int(np.argmax(share - SHIFT_COST * np.sqrt(u**2 + v**2 + r**2)))
-    centre = ring.centre[0] + float(u[best]) * scale, ring.centre[1] + float(v[best]) * scale
-    return Ellipse(centre, ring.radius + float(r[best]) * scale, ring.stretch)
+    moves, cost, wanted = _moves(shift, ring.stretch)
+    share = there.astype(np.float32).ravel()[wanted].sum(axis=0) / known
+    u, v, r, p, q = (float(move) * scale for move in moves[int(np.argmax(share - cost))])
+    stretch = ring.stretch[0] + p / ring.radius, ring.stretch[1] + q / ring.radius
+    return Ellipse((ring.centre[0] + u, ring.centre[1] + v), ring.radius + r, stretch)
+
+
+@lru_cache(maxsize=4)
+def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, NDArray[np.int32]]:
+    """Of every move of a ring of some shape: how far (n, 5) to the right, down, outwards and in both stretches, working
+    pixels; what each costs (n,); and the cell (turns, n) of each part of the way round that is then on the ring."""
+    steps = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
+    bends = np.arange(-shift.stretch_px, shift.stretch_px + 0.01, shift.step_px)
+    moves = np.stack([a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1)
+    turn = turns(shift.turns) + np.pi / shift.turns
+    out = Ellipse((0.0, 0.0), 1.0, stretch).outward(turn)
+    outwards = np.stack([out[:, 0], out[:, 1], np.ones_like(turn), np.cos(2 * turn), np.sin(2 * turn)])
+    cells = np.round(outwards.T @ moves.T / shift.cell_px).astype(np.int32) + shift.half
+    cells += np.arange(shift.turns, dtype=np.int32)[:, None] * (2 * shift.half + 1)
+    return moves, SHIFT_COST * np.linalg.norm(moves, axis=1), cells
 
 
 def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
