@@ -13,11 +13,10 @@ from omnimirror.calibrate.physical.shape_rates import profile_rates
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.native import backend
 from omnimirror.torch import differentiable
-from omnimirror.torch.compiled import NOT_SETTLED, SEEN, SETTLED
-from omnimirror.torch.pieces import CELLS, meridian_table, rate_table
-from omnimirror.torch.reflection import CLOSE, SEARCH
-from omnimirror.torch.tables import MirrorTables
-from omnimirror.tracing.reflection import Ends, specular_points
+from omnimirror.torch.pieces import rate_table
+from omnimirror.torch.reflection import CLOSE
+from omnimirror.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
+from omnimirror.tracing.reflection.beginning import NOT_SETTLED, SEARCH, SEEN, SETTLED
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 from tests.samplers import instructions

@@ -12,27 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..native import backend
-from ..tracing.reflection import LONGEST_STEP, RIM_SLACK
+from ..tracing.reflection import MirrorTables
+from ..tracing.reflection.beginning import NOT_SETTLED, SEEN, SETTLED, Search
 from .library import Tensor, torch
-from .tables import MirrorTables
 
 Array = NDArray[np.float64]
-
-SETTLED = 1e-7  # of the rim radius: the step after it is as small as its square
-NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2
-
-
-class Search(NamedTuple):
-    """How long is searched: steps of Newton's rule, and of it in the meridian, what ends these, how far out."""
-
-    steps: int
-    first_steps: int
-    first_close: float
-    reach: float
-
-    def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
-        """As kernels take it; in the meridian no closer than a lens that is seen aside of the axis leaves it."""
-        return (self.steps, self.first_steps, close, max(self.first_close, aside), LONGEST_STEP, self.reach, RIM_SLACK)
 
 
 def serves(like: Tensor) -> bool:
@@ -67,9 +51,8 @@ def reflections(
     """Where the lens sees targets, components (n,) in the mirror's frame: points, or unit vectors if distant."""
     asked = _columns(target)
     rows, states = np.empty((8, asked.shape[1])), np.empty(asked.shape[1], np.uint8)
-    surface = tables.surface(pupil, telecentric)
-    x, y, z = surface[4:7]
-    until = search.until(SETTLED, float(np.hypot(x, y)) / abs(z))
+    x, y, z = (_number(part) for part in pupil)
+    surface, until = tables.surface((x, y, z), telecentric), search.until(SETTLED, float(np.hypot(x, y)) / abs(z))
     backend.kernels.find_reflections(
         surface, until, tables.by_omega, tables.omegas, tables.middle_mm, distant, asked, rows, states
     )
@@ -93,10 +76,14 @@ def meetings(
     assert tables.depth is not None  # of a telecentric lens rays do not come from a pupil
     asked = _columns(way)
     rows, states = np.empty((6, asked.shape[1])), np.empty(asked.shape[1], np.uint8)
-    surface = tables.surface(pupil, False)
+    surface = tables.surface(tuple(_number(part) for part in pupil), False)
     backend.kernels.meet_mirror(surface, search.until(close), tables.depth, tables.most_tangent, asked, rows, states)
     x, y, z, sx, sy, _ = _tensors(rows, way[0])
     return Meetings((x, y, z), (sx, sy), torch.from_numpy(states) == SEEN)
+
+
+def _number(part: Tensor) -> float:
+    return float(part.detach() if hasattr(part, "detach") else part)
 
 
 def _columns(parts: tuple[Tensor, ...]) -> Array:

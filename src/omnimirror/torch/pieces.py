@@ -8,31 +8,10 @@ from numpy.typing import NDArray
 from ..calibrate.physical.names import NamedNumber
 from ..calibrate.physical.shape_rates import profile_rates
 from ..mirrors import Mirror
-from ..tracing.reflection import continued_profile
+from ..tracing.reflection import CELLS, cubic_pieces, radii
 from .library import Tensor, torch
 
 Array = NDArray[np.float64]
-
-CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are then right to 1e-9 mm and 1e-9
-BEYOND = 256  # as wide, past the rim, to which an estimate may have to come nearer than the drawing says
-
-
-def radii(mirror: Mirror) -> Array:
-    """The nodes (n,) mm of its tables, one of them at the rim."""
-    return np.linspace(0.0, (CELLS + BEYOND) / CELLS * mirror.rim_radius_mm, CELLS + BEYOND + 1)
-
-
-def meridian_table(mirror: Mirror) -> Array:
-    """Cubic pieces (n, 8) of sag and slope between the nodes, four coefficients each.
-
-    >>> from omnimirror.mirrors import Sphere
-    >>> table = meridian_table(Sphere(50.0, 40.0))
-    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
-    ((1280, 8), array([10.  ,  0.75]))
-    """
-    sag, slope, curvature = continued_profile(mirror, radii(mirror))
-    step = mirror.rim_radius_mm / CELLS
-    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
 
 
 def rate_table(mirror: Mirror, place: NamedNumber) -> Array:
@@ -40,17 +19,6 @@ def rate_table(mirror: Mirror, place: NamedNumber) -> Array:
     sag, slope, curvature = profile_rates(mirror, radii(mirror), (place,))[..., 0]
     step = mirror.rim_radius_mm / CELLS
     return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
-
-
-def cubic_pieces(values: Array, rates: Array) -> Array:
-    """Coefficients (n, 4) of Hermite's cubics between n + 1 nodes, rates per cell.
-
-    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
-    array([1., 3., 3., 1.])
-    """
-    rise = np.diff(values)
-    low, high = rates[:-1], rates[1:]
-    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
 
 
 class Pieces:

@@ -16,20 +16,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..mirrors import Mirror
-from ..tracing.reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, specular_points
-from .compiled import Search, SeenPoints, meetings, reflections, serves
+from ..tracing.reflection import CELLS, LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, MirrorTables, specular_points
+from ..tracing.reflection.beginning import FIRST_CLOSE, FIRST_STEPS, REACH, SEARCH, STEPS
+from .compiled import SeenPoints, meetings, reflections, serves
 from .library import Tensor, torch
-from .pieces import BEYOND, CELLS, Pieces
-from .tables import MirrorTables
+from .pieces import Pieces
 
 Components = tuple[Tensor, Tensor, Tensor]
 
-STEPS, FIRST_STEPS = 24, 6
 CLOSE = 1e-9  # of the rim radius: the step that is recorded leaves its square
-FIRST_CLOSE = 3e-5  # the step after it is as small as that
 AXIS = 1e-24  # mm^2, added to squared distances from the axis: there they have a derivative then
-REACH = (CELLS + BEYOND) / CELLS
-SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
 
 
 class Met(NamedTuple):

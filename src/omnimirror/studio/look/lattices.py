@@ -116,24 +116,27 @@ def _windows(combine: np.ufunc, values: Mask, side: int) -> Mask:
 
 
 def continued(values: Array) -> Array:
-    """A lattice (n, n, m) with some more nodes around where it is known, as its third differences go on."""
-    rim = len(AHEAD)
-    values = np.pad(values, ((rim, rim), (rim, rim), (0, 0)), constant_values=np.nan)
-    known = np.logical_and.reduce([np.isfinite(channel) for channel in np.moveaxis(values, -1, 0)])
+    """A lattice (n, n, m), filled in for some nodes around where it is known, as its third differences go on."""
+    known: Mask = np.asarray(np.isfinite(values).all(axis=2))
     for _ in range(BEYOND):
-        beside = np.logical_or.reduce([np.roll(known, (-dy, -dx), (0, 1)) for dx, dy in AROUND])
-        row, column = np.nonzero(beside[rim:-rim, rim:-rim] & ~known[rim:-rim, rim:-rim])
-        values[row + rim, column + rim] = found = _next(values, row + rim, column + rim)
-        known[row + rim, column + rim] = np.isfinite(found).all(axis=1)
-    return values[rim:-rim, rim:-rim]
+        beside = _windows(np.logical_or, np.pad(known, 1), 3)
+        row, column = np.nonzero(beside & ~known)
+        values[row, column] = found = _next(values, row, column)
+        known[row, column] = np.isfinite(found).all(axis=1)
+    return values
 
 
 def _next(values: Array, row: NDArray[np.intp], column: NDArray[np.intp]) -> Array:
     """Values (k, m) of nodes: those that they have, or the mean of what the lines of nodes around them come to."""
-    guesses = np.stack([
-        sum(a * values[row + k * dy, column + k * dx] for k, a in enumerate(AHEAD, 1)) for dx, dy in AROUND
-    ])  # fmt: skip
-    told = np.isfinite(guesses)
-    mean = np.where(told, guesses, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
+    total, told = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
+    last = len(values) - 1
+    for dx, dy in AROUND:
+        ends = row + len(AHEAD) * dy, column + len(AHEAD) * dx
+        (inside,) = np.nonzero((np.minimum(*ends) >= 0) & (np.maximum(*ends) <= last))
+        guess = sum(a * values[row[inside] + k * dy, column[inside] + k * dx] for k, a in enumerate(AHEAD, 1))
+        is_told = np.isfinite(guess)
+        total[inside] += np.where(is_told, guess, 0.0)
+        told[inside] += is_told
     old = values[row, column]
-    return np.where(np.isnan(old), np.where(told.any(axis=0), mean, np.nan), old)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isnan(old), total / told, old)

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mirrors import Mirror
-from ..tracing.meridian import trace_chief_rays
-from .library import Tensor
-from .pieces import CELLS, cubic_pieces, meridian_table
+from ...mirrors import Mirror
+from ..meridian import trace_chief_rays
+from .surface import continued_profile
 
 Array = NDArray[np.float64]
 
+CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are then right to 1e-9 mm and 1e-9
+BEYOND = 256  # as wide, past the rim, to which an estimate may have to come nearer than the drawing says
 TIP = 1e-3  # of the rim radius: nearer to the tip of a pointed mirror nothing is looked for first
 
 
@@ -68,13 +69,38 @@ class MirrorTables:
             TIP * rim if mirror.is_pointed else 0.0,
         )
 
-    def surface(self, pupil: tuple[Tensor, ...], telecentric: bool) -> tuple[Any, ...]:
+    def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
         """As kernels take it, with where the lens is."""
-        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *map(_number, pupil), telecentric)
+        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
 
 
-def _number(part: Tensor) -> float:
-    return float(part.detach() if hasattr(part, "detach") else part)
+def radii(mirror: Mirror) -> Array:
+    """The nodes (n,) mm of its tables, one of them at the rim."""
+    return np.linspace(0.0, (CELLS + BEYOND) / CELLS * mirror.rim_radius_mm, CELLS + BEYOND + 1)
+
+
+def meridian_table(mirror: Mirror) -> Array:
+    """Cubic pieces (n, 8) of sag and slope between the nodes, four coefficients each.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> table = meridian_table(Sphere(50.0, 40.0))
+    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
+    ((1280, 8), array([10.  ,  0.75]))
+    """
+    sag, slope, curvature = continued_profile(mirror, radii(mirror))
+    step = mirror.rim_radius_mm / CELLS
+    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
+
+
+def cubic_pieces(values: Array, rates: Array) -> Array:
+    """Coefficients (n, 4) of Hermite's cubics between n + 1 nodes, rates per cell.
+
+    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
+    array([1., 3., 3., 1.])
+    """
+    rise = np.diff(values)
+    low, high = rates[:-1], rates[1:]
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
 
 
 def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -12,82 +12,26 @@ All of it is in the mirror's own frame. An end is a point, or the direction towa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..mirrors import Mirror
-from ..mirrors.form import NO_FORM, MirrorForm, SurfaceHeights
-from ..numerics.roots import NEWTON_CLOSE
-from .meridian import trace_chief_rays
-from .space import LIFT, hollowness, intersect
+from ...mirrors import Mirror
+from ...mirrors.form import NO_FORM, MirrorForm
+from ...numerics.roots import NEWTON_CLOSE
+from ..meridian import trace_chief_rays
+from ..space import LIFT, hollowness, intersect
+from .beginning import compiled_places
+from .ends import Ends, Specular
+from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK
+from .surface import Surface
 
 Array = NDArray[np.float64]
 Shape = tuple[Mirror, MirrorForm]
-Mask = NDArray[np.bool_]
 
 CHUNK = 1 << 13  # pairs worked on at a time: their arrays stay in the cache
-MAX_STEPS = 60
-LONGEST_STEP = 0.3  # of the rim radius, and of the distance from the tip of a pointed mirror
 UPHILL = 1e-12  # relative; a path this much longer than before is rounding
-REFLECTS = 1e-9  # largest miss of the law of reflection, as a sine
-RIM_SLACK = 1e-9  # relative; a point this little past the rim is on it
 GUESS_NODES = 129
 RESTARTS = 8  # around a pointed mirror
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Points (n, 3) mm, or, if they are distant, unit vectors (n, 3) from the mirror towards them."""
-
-    xyz: Array
-    distant: bool = False
-
-    @classmethod
-    def of(cls, xyz: ArrayLike, distant: bool = False) -> Ends:
-        """Ends of any array-like; directions may have any length but 0."""
-        ends = np.atleast_2d(np.asarray(xyz, dtype=float))
-        if distant:
-            with np.errstate(invalid="ignore", divide="ignore"):
-                ends = ends / np.linalg.norm(ends, axis=-1, keepdims=True)
-        return cls(ends, distant)
-
-    def __getitem__(self, which: slice | NDArray[np.integer]) -> Ends:
-        return Ends(self.xyz[which], self.distant)
-
-    def spread(self, count: int) -> Ends:
-        """As many ends as asked for, from one or as many."""
-        return Ends(np.broadcast_to(self.xyz, (count, 3)), self.distant)
-
-
-class Specular(NamedTuple):
-    """The mirror points of n pairs of ends; NaN where not valid, but for ``points``."""
-
-    points: Array
-    """(n, 3) mm; where the mirror ends too early, on its smooth continuation beyond the rim."""
-    normals: Array
-    """(n, 3) unit vectors towards the side of the lens."""
-    to_pupils: Array
-    """(n, 3) unit vectors from the mirror points."""
-    to_targets: Array
-    """(n, 3) unit vectors from the mirror points."""
-    path: Array
-    """(n,) mm: length of the path of light; of a distant end, from a plane through the vertex."""
-    reflects: Mask
-    """(n,) whether the law of reflection holds with both ends in front of the surface or its continuation."""
-    valid: Mask
-    """(n,) whether, besides, the point is within the rim and nothing stands in between."""
-    seen_at: Array
-    """(n, 3) mm: points that the pupils look at, on the mirror or, where that is seen in a second one, on that."""
-
-    @property
-    def chief_slopes(self) -> Array:
-        """Slopes (n, 2) against the axis under which the pupils see them."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slopes: Array = self.to_pupils[:, :2] / self.to_pupils[:, 2:]
-        return slopes
 
 
 def specular_points(
@@ -118,13 +62,23 @@ def specular_points(
     pupils, targets = pupils.spread(count), targets.spread(count)
     xy = np.empty((count, 2))
     with np.errstate(all="ignore"):  # what is not finite is not valid
-        first = guess(mirror, pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
+        first = _first((mirror, form), pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
         for begin in range(0, count, CHUNK):
             part = slice(begin, begin + CHUNK)
             xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
         if mirror.is_pointed:
             _leave_the_tip((mirror, form), pupils, targets, xy)
         return _proven((mirror, form), pupils, targets, xy)
+
+
+def _first(shape: Shape, pupils: Ends, targets: Ends) -> Array:
+    """Where (n, 2) mm to begin: where compiled kernels have ended, if they serve, else at a guess."""
+    places = compiled_places(*shape, pupils, targets)
+    if places is None:
+        return guess(shape[0], pupils, targets)
+    lost = np.flatnonzero(np.isnan(places[:, 0]))
+    places[lost] = guess(shape[0], pupils[lost], targets[lost])
+    return places
 
 
 def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
@@ -141,20 +95,6 @@ def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
         x = np.maximum(x, 1e-3 * mirror.rim_radius_mm)
     azimuth = np.arctan2(towards[:, 1], towards[:, 0])
     return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
-
-
-def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
-    """Sag, slope and curvature of a mirror, and beyond its rim of the parabola that continues it.
-
-    >>> from omnimirror.mirrors import Sphere
-    >>> [float(v) for v in continued_profile(Sphere(50.0, 30.0), np.array([32.0]))[0].round(6)]
-    [11.578125]
-    """
-    inside = np.minimum(x, mirror.rim_radius_mm)
-    sag, slope, curvature = mirror.profile(inside)
-    beyond = x - inside
-    bend = np.where(beyond > 0, np.maximum(curvature, 0.0), curvature)
-    return sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend
 
 
 def footprint(
@@ -190,55 +130,6 @@ def footprint(
         mixed = np.linalg.det(motion @ surface.tangents.transpose(0, 2, 1))
         area: Array = np.abs(mixed / (a * c - b * b))
     return area
-
-
-class Surface:
-    """Points of the continued surface over (x, y) with first and second derivatives."""
-
-    def __init__(self, mirror: Mirror, xy: Array, form: MirrorForm = NO_FORM) -> None:
-        x, y = xy[:, 0], xy[:, 1]
-        r = np.hypot(x, y)
-        sag, slope, bend = continued_profile(mirror, r)
-        on_axis = r == 0
-        safe = np.where(on_axis, 1.0, r)
-        cos, sin = np.where(on_axis, 1.0, x / safe), y / safe
-        hoop = np.where(on_axis, bend, slope / safe)
-        self.points = np.stack([x, y, sag], axis=-1)
-        self.slopes = np.stack([slope * cos, slope * sin], axis=-1)
-        self.second = (
-            bend * cos * cos + hoop * sin * sin,
-            (bend - hoop) * cos * sin,
-            bend * sin * sin + hoop * cos * cos,
-        )
-        if not form.is_empty:
-            self._add(form.heights(mirror.rim_radius_mm, xy))
-
-    def _add(self, form: SurfaceHeights) -> None:
-        self.points[:, 2] += form.z
-        self.slopes += np.stack([form.gx, form.gy], axis=-1)
-        xx, xy, yy = self.second
-        self.second = xx + form.hxx, xy + form.hxy, yy + form.hyy
-
-    @property
-    def tangents(self) -> Array:
-        """Derivatives (n, 2, 3) of the points by x and by y."""
-        tangents = np.zeros((len(self.points), 2, 3))
-        tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
-        tangents[:, :, 2] = self.slopes
-        return tangents
-
-    @property
-    def bend(self) -> Array:
-        """Second derivatives (n, 2, 2) of the height."""
-        xx, xy, yy = self.second
-        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=1)
-
-    @property
-    def normals(self) -> Array:
-        """Unit normals (n, 3) towards the side of the lens."""
-        normals = np.concatenate([self.slopes, np.full((len(self.points), 1), -1.0)], axis=1)
-        unit: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        return unit
 
 
 def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:

@@ -1,0 +1,26 @@
+"""Reflection points: ends of the ways of light, the surface between them, the search, and tables for its kernels."""
+
+from .ends import Ends, Specular
+from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK
+from .search import footprint, specular_points
+from .surface import Surface, continued_profile
+from .tables import BEYOND, CELLS, MirrorTables, cubic_pieces, meridian_table, radii
+
+__all__ = [
+    "BEYOND",
+    "CELLS",
+    "LONGEST_STEP",
+    "MAX_STEPS",
+    "REFLECTS",
+    "RIM_SLACK",
+    "Ends",
+    "MirrorTables",
+    "Specular",
+    "Surface",
+    "continued_profile",
+    "cubic_pieces",
+    "footprint",
+    "meridian_table",
+    "radii",
+    "specular_points",
+]
