@@ -14,6 +14,7 @@ Exact = Callable[[Array], Array]
 
 STEP = 4  # nodes from one exact value to the next
 TAPS = 6  # exact values that are interpolated between, in each direction
+NODES, COLUMNS = 64, 128  # of a product
 OFF_MIDDLE = np.array([2, 1]) / STEP  # of a cell: where two errors cancel, in the next cell they do not
 AROUND = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
 AHEAD = (4, -6, 4, -1)  # of the nodes in a line, the next one of which a cubic through them comes to
@@ -61,10 +62,8 @@ def lattice_of(exact: Exact, side: Array) -> Array:
 def _interpolated(coarse: Array, known: Mask, side: Array, exact: Exact) -> tuple[Array, Mask]:
     """Values (n, n, m) between exact ones, and the cells (k, k) in which they hold."""
     cells = len(coarse) - 1
-    weights = _weights(len(side), cells)
     filled = np.where(known[..., None], coarse, 0.0)
-    values = np.einsum("ik,klm->ilm", weights, filled, optimize=True)
-    values = np.einsum("jl,ilm->ijm", weights, values, optimize=True)
+    values = _between(_between(filled).transpose(1, 0, 2)).transpose(1, 0, 2)
     first = np.clip(np.arange(cells) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
     smooth: Mask = _windows(np.logical_and, known, TAPS)[np.ix_(first, first)]
 
@@ -80,14 +79,32 @@ def _interpolated(coarse: Array, known: Mask, side: Array, exact: Exact) -> tupl
     return values, smooth
 
 
-def _weights(nodes: int, cells: int) -> Array:
-    """Of the exact values (cells + 1) in each of the nodes (nodes, cells + 1), along one direction."""
-    at = np.arange(nodes) / STEP
+def _between(exact: Array) -> Array:
+    """Values (STEP k + 1, n, m) of exact ones (k + 1, n, m) along the first axis.
+
+    By products so small that BLAS leaves them to this thread: others wait for more a tenth of a second, busily.
+    """
+    cells = len(exact) - 1
+    at = np.arange(STEP * cells + 1) / STEP
     first = np.clip(np.floor(at).astype(int) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
-    weights = np.zeros((nodes, cells + 1))
+    flat = exact.reshape(cells + 1, -1)
+    values = np.empty((len(at), flat.shape[1]))
+    for begin in range(0, len(at), NODES):
+        nodes = slice(begin, begin + NODES)
+        low = first[begin]
+        weights = _weights(at[nodes] - low, first[nodes] - low)
+        for left in range(0, flat.shape[1], COLUMNS):
+            columns = slice(left, left + COLUMNS)
+            np.matmul(weights, flat[low : low + weights.shape[1], columns], out=values[nodes, columns])
+    return values.reshape(len(at), *exact.shape[1:])
+
+
+def _weights(at: Array, first: NDArray[np.intp]) -> Array:
+    """Of the exact values from the first on, one apart, in each of the nodes (n,), which take TAPS of them each."""
+    weights = np.zeros((len(at), int(first[-1]) + TAPS))
     for k in range(TAPS):
         others = [j for j in range(TAPS) if j != k]
-        weights[np.arange(nodes), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
+        weights[np.arange(len(at)), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
     return weights
 
 
