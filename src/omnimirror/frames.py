@@ -19,11 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_fields, checked, number
 from .errors import InvalidParameter
+from .numerics.products import product
 
 Array = NDArray[np.float64]
 CameraLooks = Literal["up", "down", "forward"]
-
-ROWS_AT_A_TIME = 1 << 14  # of 3 x 3 products; OpenBLAS takes threads from 29128 rows on
 
 
 @dataclass(frozen=True)
@@ -163,20 +162,12 @@ def camera_direction(omega: Array, phi: Array) -> Array:
 def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
     """``vectors @ matrix`` of vectors (..., d) and a small matrix (d, k), also while other threads compute.
 
-    OpenBLAS shares large products out among threads of its own, and mixes up those of several callers now and then
-    (0.3.31, some rows in one call of forty with three callers). Pieces of this size stay in the caller's thread.
-
     >>> turned([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
     array([[-2.,  1.],
            [-4.,  3.]])
     """
     vectors = np.asarray(vectors, dtype=float)
-    rows = vectors.reshape(-1, vectors.shape[-1])
-    result = np.empty((len(rows), matrix.shape[1]))
-    for first in range(0, len(rows), ROWS_AT_A_TIME):
-        piece = slice(first, first + ROWS_AT_A_TIME)
-        np.matmul(rows[piece], matrix, out=result[piece])
-    return result.reshape(*vectors.shape[:-1], matrix.shape[1])
+    return product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(*vectors.shape[:-1], matrix.shape[1])
 
 
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....numerics.products import product
 from ..boards import CornerWindow
 from .local_maps import LocalMaps, maps_about
 from .saddles import fit_saddles
@@ -120,11 +121,14 @@ def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32
     free = np.minimum(*np.abs(np.meshgrid(steps, steps))) <= max(arm - 0.5, 1)
     weight = (free / free.sum()).astype(np.float32)
     template = (np.outer(ramp, ramp) * weight).astype(np.float32)
-    product = np.tensordot(windows, template, axes=([-2, -1], [0, 1]))
-    mean = np.tensordot(windows, weight, axes=([-2, -1], [0, 1]))
-    power = np.tensordot(windows**2, weight, axes=([-2, -1], [0, 1])) - mean**2
+    flat, both = (
+        np.ascontiguousarray(windows).reshape(-1, template.size),
+        np.stack([template.ravel(), weight.ravel()], 1),
+    )
+    likeness, mean = product(flat, both).T
+    power = product(flat * flat, both)[:, 1] - mean**2
     own = float(np.sum(np.outer(ramp, ramp) ** 2 * weight))
-    return np.asarray(product / np.sqrt(np.maximum(power * own, 1e-6)))
+    return np.asarray(likeness / np.sqrt(np.maximum(power * own, 1e-6))).reshape(windows.shape[:-2])
 
 
 def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....numerics.products import product
 from .growing import LatticePart, coloured
 
 Array = NDArray[np.float64]
@@ -64,10 +65,10 @@ def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
     at = ring.astype(np.float32)
     values = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR).astype(float)
     values -= values.mean(axis=1, keepdims=True)
-    wave = values @ np.exp(-2j * turn) / len(turn)
-    power = 2 * np.abs(wave) ** 2
+    even, odd = product(values, np.stack([np.cos(2 * turn), -np.sin(2 * turn)], axis=1)).T / len(turn)
+    power = 2 * (even * even + odd * odd)
     # a ring of steep edges has a part of its changes in higher harmonics: 8 / pi^2 is in this one
-    return -np.angle(wave) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
+    return -np.arctan2(odd, even) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
 
 
 def find_seeds(picture: Grey, most: int = MOST_SEEDS) -> list[LatticePart]:
