@@ -46,6 +46,6 @@ void add_exposure(nb::module_& m);    // exposure/module.cpp: omnimirror.simulat
 void add_surfaces(nb::module_& m);    // exposure/surfaces_module.cpp: omnimirror.simulate.scenes
 void add_deblurring(nb::module_& m);  // deblur/module.cpp: omnimirror.simulate.restoration
 void add_tolerancing(nb::module_& m);   // tolerancing/module.cpp: omnimirror.tolerancing
-void add_reflection(nb::module_& m);    // reflection/module.cpp: omnimirror.torch
+void add_reflection(nb::module_& m);    // reflection/module.cpp: omnimirror.tracing, omnimirror.torch
 
 }  // namespace omnimirror

@@ -22,7 +22,7 @@ from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 9  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 10  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -186,9 +186,7 @@ class Kernels(Protocol):
 
     def Optics(self, **numbers: Any) -> object: ...
     def Environment(self, light: Array) -> object: ...
-    def Surfaces(
-        self, places: Array, texture_coordinates: Array, kinds: Array, sizes: Array, texels: Array
-    ) -> CompiledSurfaces: ...
+    def Surfaces(self, records: Array, sizes: Array, texels: Array) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
         pixels: Array, block: int, kernels: Array, tiles: Array,
@@ -215,7 +213,7 @@ class Kernels(Protocol):
         refocus: int, floor: float, merits: Array, moved: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- reflection points: torch --------------------------------------------------------------------
+    # -- reflection points: tracing, torch --------------------------------------------------------------------
 
     def find_reflections(
         self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
@@ -252,6 +250,9 @@ class AxialCamera(Protocol):
 
 class CompiledSurfaces(Protocol):
     """Flat textured surfaces, and the first of them that a ray meets."""
+
+    @property
+    def records(self) -> Array: ...
 
     def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...
 

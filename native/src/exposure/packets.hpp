@@ -105,7 +105,7 @@ inline void meet(const Surface& s, int32_t index, Rays& r) {
     const Three from = {r.origin[0] - s.corner[0], r.origin[1] - s.corner[1], r.origin[2] - s.corner[2]};
     const Three q = cross(from, side);
     const Wide a = dot(from, p) * inverse, b = dot(direction, q) * inverse, t = dot(other, q) * inverse;
-    const Wide end = s.triangle ? a + b : most(a, b);
+    const Wide end = s.triangle() ? a + b : most(a, b);
     const Mask nearer = (t < r.distance) | ((t == r.distance) & (index < r.surface));
     const Mask met = (a >= -BESIDE) & (b >= -BESIDE) & (end <= 1 + BESIDE) & (t > 0) & nearer;
     if (!any(met)) return;
@@ -142,7 +142,7 @@ inline float between(float x, float low, float high) { return x > low ? (x < hig
 
 // Light and clear share at a place on a surface: between texels linear.
 Four look_up(const SurfaceTree& tree, const Surface& s, float a, float b) {
-    const Texture& t = tree.textures[s.texture];
+    const Texture& t = tree.textures[s.texture()];
     float u = s.texel[0] + a * s.texel_side[0][0] + b * s.texel_side[1][0];
     float v = s.texel[1] + a * s.texel_side[0][1] + b * s.texel_side[1][1];
     const float far = 1e9f;  // whole numbers go no farther

@@ -14,9 +14,12 @@ namespace omnimirror {
 struct alignas(64) Surface {
     float corner[3], side[2][3];
     float texel[2], texel_side[2][2];  // column and row of the corner, and what the sides add
-    int32_t texture : 31;
-    uint32_t triangle : 1;  // the half of the parallelogram that adjoins the corner
+    int32_t kind;  // the texture; of a triangle, the half of the parallelogram that adjoins the corner, -1 minus that
+
+    bool triangle() const { return kind < 0; }
+    int32_t texture() const { return kind < 0 ? -1 - kind : kind; }
 };
+constexpr int SURFACE_FLOATS = sizeof(Surface) / sizeof(float);
 
 // Texels (height, width, 4): red, green, blue, and the share of what is behind that comes through.
 struct Texture {
@@ -78,6 +81,9 @@ class Surfaces {
     SurfaceTree tree() const {
         return {nodes_.empty() ? nullptr : nodes_.data(), surfaces_.data(), textures_.data(), texels_.get()};
     }
+
+    // As the tree has ordered them.
+    const std::vector<Surface>& surfaces() const { return surfaces_; }
 
     // For rays (n): light (n, 4) and distances (n), infinite where nothing is met, on the pool.
     void radiance(const float* origins, const float* directions, int64_t count, float* light, float* distances) const;

@@ -1,6 +1,7 @@
 // Textured surfaces as omnimirror.simulate.scenes.surfaces calls them.
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -24,30 +25,32 @@ std::vector<Texture> textures_of(const Ints& sizes, size_t texels) {
     return textures;
 }
 
-Surfaces* make_surfaces(const Floats& places, const Floats& texture_coordinates, const Ints& kinds, const Ints& sizes,
-                        const Floats& texels) {
-    const size_t count = kinds.ndim() == 2 ? kinds.shape(0) : 0;
-    require(kinds.ndim() == 2 && kinds.shape(1) == 2, "kinds are (n, 2): texture, triangle");
-    require(places.size() == 9 * count && texture_coordinates.size() == 6 * count,
-            "places are (n, 3, 3) and places on textures (n, 3, 2): corner and two sides");
+Surfaces* make_surfaces(const Floats& records, const Ints& sizes, const Floats& texels) {
+    require(records.ndim() == 2 && records.shape(1) == SURFACE_FLOATS, "records are (n, 16), as surfaces.hpp has them");
+    const size_t count = records.shape(0);
     require(count < (1u << 27), "there are too many surfaces");
-    const auto is_number = [](float x) { return std::fabs(x) < 1e15f; };
-    require(std::all_of(places.data(), places.data() + places.size(), is_number) &&
-                std::all_of(texture_coordinates.data(), texture_coordinates.data() + texture_coordinates.size(), is_number),
-            "a place is no number, or too far away");
-    std::vector<Texture> textures = textures_of(sizes, texels.size());
     std::vector<Surface> surfaces(count);
-    for (size_t i = 0; i < count; ++i) {
-        Surface& s = surfaces[i];
-        const float *p = places.data() + 9 * i, *t = texture_coordinates.data() + 6 * i;
-        std::copy_n(p, 3, s.corner), std::copy_n(p + 3, 6, &s.side[0][0]);
-        std::copy_n(t, 2, s.texel), std::copy_n(t + 2, 4, &s.texel_side[0][0]);
-        const int32_t texture = kinds.data()[2 * i];
-        require(texture >= 0 && texture < static_cast<int32_t>(textures.size()), "there is no such texture");
-        s.texture = texture, s.triangle = kinds.data()[2 * i + 1] != 0;
+    if (count) std::memcpy(surfaces.data(), records.data(), count * sizeof(Surface));
+    std::vector<Texture> textures = textures_of(sizes, texels.size());
+    const auto are_numbers = [](const float* x, int many) {
+        return std::all_of(x, x + many, [](float value) { return std::fabs(value) < 1e15f; });
+    };
+    for (const Surface& s : surfaces) {
+        require(are_numbers(s.corner, 3) && are_numbers(&s.side[0][0], 6) && are_numbers(s.texel, 2) &&
+                    are_numbers(&s.texel_side[0][0], 4),
+                "a place is no number, or too far away");
+        require(s.texture() < static_cast<int32_t>(textures.size()), "there is no such texture");
     }
     std::shared_ptr<const float> shared(texels.data(), [kept = texels](const float*) {});
     return new Surfaces(std::move(surfaces), std::move(textures), std::move(shared));
+}
+
+// As they were given, in the order of the tree and without those that have no width; of the same memory.
+auto records_of(nb::handle self) {
+    static const Surface none{};  // an array of nothing begins somewhere too
+    const std::vector<Surface>& surfaces = nb::cast<const Surfaces&>(self).surfaces();
+    const Surface* first = surfaces.empty() ? &none : surfaces.data();
+    return nb::ndarray<nb::numpy, const float>(first, {surfaces.size(), SURFACE_FLOATS}, self);
 }
 
 void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& directions, const FloatsOut& light,
@@ -64,7 +67,8 @@ void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& dir
 
 void add_surfaces(nb::module_& m) {
     nb::class_<Surfaces>(m, "Surfaces")
-        .def(nb::new_(&make_surfaces), "places"_a, "texture_coordinates"_a, "kinds"_a, "sizes"_a, "texels"_a)
+        .def(nb::new_(&make_surfaces), "records"_a, "sizes"_a, "texels"_a)
+        .def_prop_ro("records", &records_of)
         .def("radiance", &radiance, "origins"_a, "directions"_a, "light"_a, "distances"_a);
 }
 

@@ -10,7 +10,7 @@ namespace omnimirror {
 namespace {
 
 constexpr int BINS = 16;
-constexpr int MOST = 8;              // surfaces that are left together
+constexpr int FEW = 4, MOST = 8;     // surfaces that are left together anyhow, and where that costs no more
 constexpr float SURFACE_COST = 2;    // of meeting one, in boxes
 constexpr int HALVED_FROM = 32;      // levels: below, surfaces are halved by number, which bounds the depth
 
@@ -31,7 +31,7 @@ Box box_of(const Surface& s) {
     Box box;
     for (int c = 0; c < 3; ++c) {
         const float p = s.corner[c], a = s.side[0][c], b = s.side[1][c];
-        const float far = s.triangle ? p : p + a + b;
+        const float far = s.triangle() ? p : p + a + b;
         box.low[c] = std::min({p, p + a, p + b, far}), box.high[c] = std::max({p, p + a, p + b, far});
         const float grain = 1e-5f * std::max({1.f, std::fabs(box.low[c]), std::fabs(box.high[c])});
         box.low[c] -= grain, box.high[c] += grain;  // what is flat has a box all the same
@@ -93,7 +93,7 @@ class Builder {
         const int count = end - first;
         const Division best = count > 1 && level < HALVED_FROM ? best_division(first, end, middles) : Division{};
         const float together = SURFACE_COST * static_cast<float>(count) * all.area();
-        if (count == 1 || (count <= MOST && 2 * all.area() + SURFACE_COST * best.cost >= together)) {
+        if (count <= FEW || (count <= MOST && 2 * all.area() + SURFACE_COST * best.cost >= together)) {
             made.first = first, made.count = static_cast<uint16_t>(count), made.axis = 0;
             return;
         }

@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.torch.reflection calls.
+// The part of omnimirror._native that omnimirror.tracing.reflection and omnimirror.torch.compiled call.
 
 #include <nanobind/stl/tuple.h>
 

@@ -64,7 +64,7 @@ def test_a_triangle_of_corners_that_are_not_there_is_refused(tmp_path, corner):
 def test_indices_that_only_hold_a_zero_are_good(tmp_path):
     corners = "".join(f"v 1 {i % 3 - 1} {i // 3}\n" for i in range(12))
     path = written(tmp_path, "good.obj", f"# f 0 1 2\n{corners}f 10 1 5\nf -1 -2 -6\n")
-    assert len(load_mesh(path).surfaces.places) == 2
+    assert len(load_mesh(path).surfaces.records) == 2
 
 
 def test_a_gltf_and_a_ply_that_name_what_is_not_there_are_refused(tmp_path):

@@ -45,7 +45,7 @@ def clutter(count: int, rng: np.random.Generator) -> Surfaces:
         Texture(rng.uniform(0, 1, (3, 2, 4)).astype(np.float32), repeats=True),
     )
     texels = rng.uniform(-3, 9, (count, 3, 2))
-    return Surfaces(places, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures)
+    return Surfaces.of(places, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures)
 
 
 @pytest.fixture(params=instructions())
@@ -105,7 +105,7 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
 def test_many_surfaces_at_one_place_are_met():
     wall = np.array([[5.0, 1, -1], [0, -2, 0], [0, 0, 2]])
     count = 5000  # which no plane divides
-    scene = Surfaces(
+    scene = Surfaces.of(
         np.tile(wall, (count, 1, 1)),
         np.zeros((count, 3, 2)),
         np.zeros(count, int),
@@ -133,10 +133,25 @@ def test_kernels_share_texels_and_keep_them():
 
 
 @needs_native
+def test_what_is_compiled_is_kept_once():
+    """Records of 64 bytes, in the order of the tree: what is seen is the same, and no second copy stays."""
+    rng = np.random.default_rng(7)
+    scene = facets(rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32))
+    given = np.sort(scene.records, order=["texel"])
+    before = scene._seen_by_all(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
+    kept = scene.native.records
+    assert kept.nbytes == 500 * 64
+    assert np.shares_memory(scene.records, kept)
+    assert np.array_equal(np.sort(scene.records, order=["texel"]), given)
+    for now, then in zip(scene._seen_by_all(np.zeros((99, 3)), towards), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+@needs_native
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e20])
 def test_places_that_are_no_numbers_are_refused(bad):
     wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, bad]]])
-    scene = Surfaces(
+    scene = Surfaces.of(
         wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (Texture(np.ones((1, 1, 4), np.float32)),)
     )
     with pytest.raises(ValueError, match="no number"):
@@ -147,7 +162,7 @@ def test_a_texture_lies_on_its_surface_as_one_reads_it():
     texels = np.zeros((2, 3, 4), np.float32)
     texels[..., 0] = [[0, 1, 2], [3, 4, 5]]
     wall = np.array([[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]])  # corner top left, as seen from the origin
-    scene = Surfaces(
+    scene = Surfaces.of(
         wall, np.array([[[-0.5, -0.5], [3, 0], [0, 2]]]), np.zeros(1, int), np.zeros(1, bool), (Texture(texels),)
     )
     towards = np.array([[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]])

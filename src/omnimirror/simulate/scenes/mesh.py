@@ -14,7 +14,7 @@ from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
 from .mesh_checks import check_corners, check_faces, check_file
 from .surfaces import Surfaces, Texture
-from .triangles import combined, facets
+from .triangles import combined, facets, halves
 from .worlds.painted import Surroundings
 
 TO_WORLD = {
@@ -108,10 +108,8 @@ def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
     """Triangles (n, 3, 3) with a picture at places (n, 3, 2), counted from its lower left corner to 1."""
     height, width = picture.shape[:2]
     at = np.stack([uv[..., 0] * width - 0.5, (1 - uv[..., 1]) * height - 0.5], axis=-1)
-    count = len(triangles)
-    places, texels = (np.stack([a[:, 0], a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]], axis=1) for a in (triangles, at))
-    textures = (Texture(picture, repeats=True),)
-    return Surfaces(places, texels, np.zeros(count, int), np.ones(count, bool), textures)
+    at[:, 1:] -= at[:, :1]
+    return halves(triangles, at, Texture(picture, repeats=True))
 
 
 def _texture(visual: Any) -> Light | None:

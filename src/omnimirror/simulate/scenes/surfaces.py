@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,37 +37,65 @@ class Seen(NamedTuple):
     """(n,) in lengths of the direction, infinite where they meet nothing."""
 
 
+RECORD = np.dtype([
+    ("corner", "<f4", 3),
+    ("sides", "<f4", (2, 3)),
+    ("texel", "<f4", 2),
+    ("texel_sides", "<f4", (2, 2)),
+    ("kind", "<i4"),
+])  # fmt: skip
+"""A surface as compiled kernels have it: corner and sides in mm, column and row of the corner in its texture and what
+the sides add; and which texture that is, of a triangle (the half of the parallelogram that adjoins the corner) -1 minus
+it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Surfaces (n,), each a corner and two sides; seen from both sides.
+    """Surfaces, each a corner and two sides; seen from both sides.
 
     Parameters
     ----------
-    places : (n, 3, 3) array, mm
-        Corner and the two sides, in the world frame.
-    texture_coordinates : (n, 3, 2) array, texels
-        Column and row of the corner in its texture, and what the sides add.
-    texture_of : (n,) array
-        Index of each surface's texture.
-    is_triangle : (n,) array
-        Whether it is the half of the parallelogram that adjoins the corner.
+    records : (n,) array of :data:`RECORD`
+        In any order; once they are compiled, in that of their tree, and in its memory: there may be millions.
     textures
 
     Examples
     --------
     >>> white = Texture(np.array([[[1, 1, 1, 0]]], np.float32))
     >>> wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, 2]]])
-    >>> scene = Surfaces(wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (white,))
+    >>> scene = Surfaces.of(wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (white,))
     >>> seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [1.0, 1.0, 0]]))
     >>> seen.distance
     array([ 5., inf], dtype=float32)
     """
 
-    places: Array
-    texture_coordinates: Array
-    texture_of: NDArray[Any]
-    is_triangle: NDArray[np.bool_]
+    records: NDArray[np.void]
     textures: tuple[Texture, ...]
+
+    @classmethod
+    def of(
+        cls, places: Array, texture_coordinates: NDArray[np.floating], texture_of: NDArray[np.integer] | int,
+        is_triangle: NDArray[np.bool_] | bool, textures: tuple[Texture, ...],
+    ) -> Surfaces:  # fmt: skip
+        """Surfaces of their parts.
+
+        Parameters
+        ----------
+        places : (n, 3, 3) array, mm
+            Corner and the two sides, in the world frame.
+        texture_coordinates : (n, 3, 2) array, texels
+            Column and row of the corner in its texture, and what the sides add.
+        texture_of : (n,) array, or of all
+            Index of each surface's texture.
+        is_triangle : (n,) array, or of all
+            Whether it is the half of the parallelogram that adjoins the corner.
+        textures
+        """
+        records = np.empty(len(places), RECORD)
+        records["corner"], records["sides"] = places[:, 0], places[:, 1:]
+        records["texel"], records["texel_sides"] = texture_coordinates[:, 0], texture_coordinates[:, 1:]
+        records["kind"] = np.where(is_triangle, -1 - np.asarray(texture_of), texture_of)
+        return cls(records, textures)
 
     def seen(self, origins_mm: Array, directions: Array) -> Seen:
         """What rays from origins (n, 3) mm in directions (n, 3) meet first."""
@@ -84,19 +112,19 @@ class Surfaces:
         """The compiled surfaces."""
         texels = [t.texels.reshape(-1, 4) for t in self.textures]
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
-        return backend.kernels.Surfaces(
-            np.ascontiguousarray(self.places, np.float32),
-            np.ascontiguousarray(self.texture_coordinates, np.float32),
-            np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),
+        made = backend.kernels.Surfaces(
+            np.ascontiguousarray(self.records).view(np.float32).reshape(len(self.records), RECORD.itemsize // 4),
             np.array(sizes, np.int32).reshape(-1, 3),
             np.ascontiguousarray(texels[0] if len(texels) == 1 else np.concatenate(texels), np.float32),
         )
+        object.__setattr__(self, "records", made.records.view(RECORD)[:, 0])
+        return made
 
     # -- without anything compiled ---------------------------------------------------------------
 
     def _seen_by_all(self, origins: Array, directions: Array) -> Seen:
         """Every ray against every surface; the same answers, slowly."""
-        step = max(1, RAYS_AT_ONCE // max(1, len(self.places)))
+        step = max(1, RAYS_AT_ONCE // max(1, len(self.records)))
         parts = [
             self._seen_at_once(origins[i : i + step], directions[i : i + step]) for i in range(0, len(origins), step)
         ]
@@ -111,16 +139,21 @@ class Surfaces:
         nearest = distance[rays, first]
         hit = np.isfinite(nearest)
         light = np.zeros((len(origins), 4), np.float32)
+        met = self.records[first]
+        texture_of = np.where(met["kind"] < 0, -1 - met["kind"], met["kind"])
         for number, texture in enumerate(self.textures):
-            on = np.flatnonzero(hit & (self.texture_of[first] == number))
-            corner, along_a, along_b = np.moveaxis(self.texture_coordinates[first[on]], 1, 0)
-            place = corner + a[on, first[on], None] * along_a + b[on, first[on], None] * along_b
+            on = np.flatnonzero(hit & (texture_of == number))
+            along_a, along_b = np.moveaxis(met["texel_sides"][on], 1, 0)
+            place = met["texel"][on] + a[on, first[on], None] * along_a + b[on, first[on], None] * along_b
             light[on] = _look_up(texture, place)
         return Seen(light[:, :3], light[:, 3], nearest.astype(np.float32))
 
     def _meet(self, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
         """Distances (n, surfaces), infinite where missed, and places on the sides (Moeller and Trumbore, 1997)."""
-        corner, side, other = np.moveaxis(self.places, 1, 0)
+        corner, (side, other) = (
+            self.records["corner"].astype(float),
+            np.moveaxis(self.records["sides"], 1, 0).astype(float),
+        )
         p = np.cross(directions[:, None], other)
         start = origins[:, None] - corner
         q = np.cross(start, side)
@@ -129,7 +162,7 @@ class Surfaces:
             a = np.einsum("nsj,nsj->ns", start, p) * inverse
             b = np.einsum("nj,nsj->ns", directions, q) * inverse
             t = np.einsum("sj,nsj->ns", other, q) * inverse
-            end = np.where(self.is_triangle, a + b, np.maximum(a, b))
+            end = np.where(self.records["kind"] < 0, a + b, np.maximum(a, b))
             on = (np.minimum(a, b) >= -BESIDE) & (end <= 1 + BESIDE) & (t > 0)
         return np.where(on, t, np.inf), a, b
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..colour import Light, hex_colour
 from .boxes import Box
@@ -29,23 +30,25 @@ def facets(triangles: Array, colours: Light) -> Surfaces:
     for (i, j), light in {(0, 0): a, (0, 1): b, (1, 0): c, (1, 1): b + c - a}.items():
         blocks[row, column, i, j, :3] = light
     texels = blocks.transpose(0, 2, 1, 3, 4).reshape(2 * blocks.shape[0], 2 * columns, 4)
-    places = np.stack([triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], axis=1)
-    corner = 2.0 * np.stack([column, row], axis=-1)
-    sides = np.broadcast_to(np.eye(2), (count, 2, 2))
-    at = np.concatenate([corner[:, None], sides], axis=1)
-    return Surfaces(places, at, np.zeros(count, int), np.ones(count, bool), (Texture(texels),))
+    at = np.empty((count, 3, 2), np.float32)
+    at[:, 0], at[:, 1:] = 2 * np.stack([column, row], axis=-1), np.eye(2)
+    return halves(triangles, at, Texture(texels))
+
+
+def halves(triangles: Array, at: NDArray[np.floating], texture: Texture) -> Surfaces:
+    """Triangles (n, 3, 3), mm, and where in their texture the first corner lies and what both sides add (n, 3, 2)."""
+    places = np.concatenate([triangles[:, :1], triangles[:, 1:] - triangles[:, :1]], axis=1)
+    return Surfaces.of(places, at, 0, True, (texture,))
 
 
 def combined(parts: Sequence[Surfaces]) -> Surfaces:
     """Several sets of surfaces as one."""
-    shifts = np.cumsum([0, *(len(part.textures) for part in parts)])
-    return Surfaces(
-        np.concatenate([part.places for part in parts]),
-        np.concatenate([part.texture_coordinates for part in parts]),
-        np.concatenate([part.texture_of + shift for part, shift in zip(parts, shifts, strict=False)]),
-        np.concatenate([part.is_triangle for part in parts]),
-        tuple(texture for part in parts for texture in part.textures),
+    records = np.concatenate([part.records for part in parts])
+    shifts = np.repeat(
+        np.cumsum([0, *(len(part.textures) for part in parts[:-1])]), [len(part.records) for part in parts]
     )
+    records["kind"] += np.where(records["kind"] < 0, -shifts, shifts).astype(np.int32)
+    return Surfaces(records, tuple(texture for part in parts for texture in part.textures))
 
 
 RINGS, SPOKES = 7, 14

@@ -27,7 +27,7 @@ def surfaces_of(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
     texels = np.array([((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float)
     count = len(faces)
     textures = tuple(Texture(np.ascontiguousarray(p, np.float32)) for p in pictures)
-    return Surfaces(places.reshape(-1, 3, 3), texels, np.arange(count), np.zeros(count, dtype=bool), textures)
+    return Surfaces.of(places.reshape(-1, 3, 3), texels, np.arange(count), False, textures)
 
 
 def outsides(boxes: Sequence[Box]) -> list[Face]:
