@@ -2,7 +2,7 @@
 
 The committee that chooses was learned from seeds below 1000 (``rim_learning.py``, with `--learn`); failures of those
 were looked at while the finder was made, and of 1000 to 1059, 5000 to 5199 and 7000 to 7199. Those from 9100 on, which
-are counted, and from 12000 on were looked at once, when the finder was done.
+are counted, from 12000 and from 20000 on were looked at once each, when the finder was done.
 
     python benchmarks/rim.py --environments ../shared/data/environments --ways composed --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --first 5000 --out out/benchmarks

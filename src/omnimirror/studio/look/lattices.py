@@ -79,6 +79,19 @@ def _interpolated(coarse: Array, known: Mask, side: Array, exact: Exact) -> tupl
     return values, smooth
 
 
+def weights_between(at: Array, first: NDArray[np.intp]) -> Array:
+    """How much values one apart count at places (n,) between them, by Lagrange's polynomials of TAPS of them each.
+
+    >>> weights_between(np.array([2.5]), np.array([0])) * 256
+    array([[   3.,  -25.,  150.,  150.,  -25.,    3.]])
+    """
+    weights = np.zeros((len(at), int(first[-1]) + TAPS))
+    for k in range(TAPS):
+        others = [j for j in range(TAPS) if j != k]
+        weights[np.arange(len(at)), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
+    return weights
+
+
 def _between(exact: Array) -> Array:
     """Values (STEP k + 1, n, m) of exact ones (k + 1, n, m) along the first axis.
 
@@ -92,20 +105,11 @@ def _between(exact: Array) -> Array:
     for begin in range(0, len(at), NODES):
         nodes = slice(begin, begin + NODES)
         low = first[begin]
-        weights = _weights(at[nodes] - low, first[nodes] - low)
+        weights = weights_between(at[nodes] - low, first[nodes] - low)
         for left in range(0, flat.shape[1], COLUMNS):
             columns = slice(left, left + COLUMNS)
             np.matmul(weights, flat[low : low + weights.shape[1], columns], out=values[nodes, columns])
     return values.reshape(len(at), *exact.shape[1:])
-
-
-def _weights(at: Array, first: NDArray[np.intp]) -> Array:
-    """Of the exact values from the first on, one apart, in each of the nodes (n,), which take TAPS of them each."""
-    weights = np.zeros((len(at), int(first[-1]) + TAPS))
-    for k in range(TAPS):
-        others = [j for j in range(TAPS) if j != k]
-        weights[np.arange(len(at)), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
-    return weights
 
 
 def _at(exact: Exact, x: Array, y: Array) -> Array:

@@ -20,7 +20,7 @@ from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...sensor import Sensor
 from ...specs import AnyCamera
-from .lattices import Exact, continued, lattice_of
+from .lattices import TAPS, Exact, continued, lattice_of, weights_between
 from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 ENTRIES = 2048  # what every WebGL2 texture can be wide
 LATTICE = 513
 LIMITS = 1024
-HALVINGS = 24
+STEP = 2e-7  # of sin(Omega/2), to which the end of the field is known
+FEW, TOGETHER = 64, 16  # azimuths at which it is looked for first, and parts into which a width is divided at once
+NEAR = (STEP / 2, 2.0**-12)  # to both sides of where the others tell it
 MARGIN = 1.02
 
 
@@ -197,15 +199,40 @@ def _projection(camera: AnyCamera) -> Exact:
 
 
 def _limits(project: Exact) -> Array:
-    """Where the field ends, sin(Omega/2), in even steps of the azimuth."""
+    """Where the field ends, sin(Omega/2), in even steps of the azimuth.
+
+    Some azimuths tell the others. Of each of these it is asked whether the field ends between two places close to each
+    other, of which the inner one is seen; if not, between two farther apart; if not, it is looked for everywhere.
+    """
     phi = _azimuths()[:-1]
-    towards = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
-    low, high = np.zeros(LIMITS), np.ones(LIMITS)
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        seen = np.isfinite(project(middle[:, None] * towards)[:, 0])
-        low, high = np.where(seen, middle, low), np.where(seen, high, middle)
+    few = _narrowed(project, phi[:: LIMITS // FEW], np.zeros(FEW), 1.0)
+    places = TAPS // 2 - 1 + np.arange(0.0, 1.0, FEW / LIMITS)
+    beside = np.stack([np.roll(few, TAPS // 2 - 1 - k) for k in range(TAPS)], axis=1)
+    told = (beside @ weights_between(places, np.zeros(len(places), int)).T).ravel()
+    ends, unknown = np.zeros(LIMITS), np.arange(LIMITS)
+    for near in NEAR:
+        inner, outer = told[unknown] - near, np.minimum(told[unknown] + near, 1.0)
+        is_there = _seen(project, phi[unknown], inner) & ~_seen(project, phi[unknown], outer)
+        found, unknown = unknown[is_there], unknown[~is_there]
+        ends[found] = _narrowed(project, phi[found], inner[is_there], 2 * near)
+    ends[unknown] = _narrowed(project, phi[unknown], ends[unknown], 1.0)
+    return ends
+
+
+def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
+    """Ends (n,) of the field at azimuths (n,), which lie by no more than a width above others, to :data:`STEP`."""
+    parts = TOGETHER if len(phi) <= 2 * FEW else 2  # calls cost as much as so many places
+    while width > STEP and len(phi):
+        width /= parts
+        tried = low + width * np.arange(1, parts)[:, None]
+        seen = _seen(project, np.broadcast_to(phi, tried.shape).ravel(), tried.ravel()).reshape(tried.shape)
+        low = low + width * np.where(seen.all(axis=0), parts - 1, seen.argmin(axis=0))
     return low
+
+
+def _seen(project: Exact, phi: Array, sine: Array) -> NDArray[np.bool_]:
+    """Whether directions at azimuths (n,) and sin(Omega/2) (n,) are seen."""
+    return np.asarray(np.isfinite(project(sine[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1))[:, 0]))
 
 
 def _azimuths() -> Array:
