@@ -259,7 +259,18 @@ def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
     assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
 
 
+DRAWN_LATE = """() => {
+  const draw = CanvasRenderingContext2D.prototype.drawImage;
+  let late = 3;
+  CanvasRenderingContext2D.prototype.drawImage = function (what, ...where) {
+    if (!(what instanceof HTMLVideoElement) || late-- <= 0) draw.call(this, what, ...where);
+  };
+}"""
+
+
 def test_a_video_gives_pictures(page, tmp_path):
+    """Also where the browser has nothing to draw yet just after a seek, as busy ones."""
+    page.evaluate(DRAWN_LATE)
     path = tmp_path / "ride.webm"
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libvpx", rate=4, options={"crf": "4", "b": "6M"})

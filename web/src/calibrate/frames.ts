@@ -1,6 +1,7 @@
 import { Refused } from "../shared/api";
 
 const EVERY_S = 0.5;
+const LONGEST_WAIT_MS = 10_000; // for a picture that is not clear; those of videos hardly ever are
 
 /** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
 export async function framesOf(file: Blob, name: string, most: number, take: (picture: Blob, name: string, time: number) => Promise<boolean>): Promise<void> {
@@ -13,15 +14,27 @@ export async function framesOf(file: Blob, name: string, most: number, take: (pi
     for (let time = step / 2; time < seconds || time === step / 2; time += step) {
       video.currentTime = Math.min(time, seconds);
       await event(video, "seeked", name);
-      const canvas = document.createElement("canvas");
-      [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
-      canvas.getContext("2d")!.drawImage(video, 0, 0);
+      const canvas = await drawn(video);
       const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
       if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
     }
   } finally {
     URL.revokeObjectURL(address);
   }
+}
+
+/** What a video shows, as soon as the browser has it: where it is busy nothing is drawn just after a seek, which leaves what is clear. */
+async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
+  const context = canvas.getContext("2d", { willReadFrequently: true })!;
+  const end = performance.now() + LONGEST_WAIT_MS;
+  do {
+    context.drawImage(video, 0, 0);
+    if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3]! > 0) break;
+    await new Promise((then) => requestAnimationFrame(then));
+  } while (performance.now() < end);
+  return canvas;
 }
 
 function event(video: HTMLVideoElement, kind: "loadeddata" | "seeked", name: string): Promise<void> {
