@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
-SHIFT = Shift(4.0, 2.0, turns=72, stretch_px=4.0)  # of circles that were voted for, which edges beside them draw away
+SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # of circles that were voted for, which edges beside them draw away
 FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
 PROFILE_PX = 0.5
 BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
