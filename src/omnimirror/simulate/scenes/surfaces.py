@@ -150,10 +150,8 @@ class Surfaces:
 
     def _meet(self, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
         """Distances (n, surfaces), infinite where missed, and places on the sides (Moeller and Trumbore, 1997)."""
-        corner, (side, other) = (
-            self.records["corner"].astype(float),
-            np.moveaxis(self.records["sides"], 1, 0).astype(float),
-        )
+        corner, sides = (self.records[name].astype(float) for name in ("corner", "sides"))
+        side, other = np.moveaxis(sides, 1, 0)
         p = np.cross(directions[:, None], other)
         start = origins[:, None] - corner
         q = np.cross(start, side)

@@ -44,9 +44,8 @@ def halves(triangles: Array, at: NDArray[np.floating], texture: Texture) -> Surf
 def combined(parts: Sequence[Surfaces]) -> Surfaces:
     """Several sets of surfaces as one."""
     records = np.concatenate([part.records for part in parts])
-    shifts = np.repeat(
-        np.cumsum([0, *(len(part.textures) for part in parts[:-1])]), [len(part.records) for part in parts]
-    )
+    firsts = np.cumsum([0, *(len(part.textures) for part in parts[:-1])])
+    shifts = np.repeat(firsts, [len(part.records) for part in parts])
     records["kind"] += np.where(records["kind"] < 0, -shifts, shifts).astype(np.int32)
     return Surfaces(records, tuple(texture for part in parts for texture in part.textures))
 
