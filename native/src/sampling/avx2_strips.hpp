@@ -129,9 +129,10 @@ struct Avx2 {
 };
 
 struct Avx2Sums {
+    // Apart, so that what stays the same has registers.
     template <int C, class T>
-    static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count, Sum<T>* sums,
-                         uint16_t* inside) {
+    [[gnu::noinline]] static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count,
+                                           Sum<T>* sums, uint16_t* inside) {
         if constexpr (sizeof(T) == 1) {
             const Cubic<C> kernel(source);
             const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));

@@ -135,10 +135,15 @@ void find_sides(const Neighbourhood& n, int place, int to_next, int count, const
     }
 }
 
-// t is from -.5, half way to the neighbour before, to .5.
-void move(const float* x, const float* y, const Sides& sides, float t, int count, float* __restrict x_to,
+// t is from -.5, half way to the neighbour before, to .5. Without sides nothing moves.
+void move(const float* x, const float* y, const Sides* sides, float t, int count, float* __restrict x_to,
           float* __restrict y_to) {
-    const float *dx = sides.x[t < 0 ? 0 : 1], *dy = sides.y[t < 0 ? 0 : 1];
+    if (!sides) {
+        std::memcpy(x_to, x, sizeof *x * static_cast<size_t>(count));
+        std::memcpy(y_to, y, sizeof *y * static_cast<size_t>(count));
+        return;
+    }
+    const float *dx = sides->x[t < 0 ? 0 : 1], *dy = sides->y[t < 0 ? 0 : 1];
     const float part = t < 0 ? -t : t;
     for (int i = 0; i < count; ++i) x_to[i] = x[i] + part * dx[i], y_to[i] = y[i] + part * dy[i];
 }
@@ -166,12 +171,13 @@ void mean_of_some(const Job& job, const Sum<T>* sums, const uint16_t* inside, co
     }
 }
 
-bool are_all(const uint16_t* values, int wanted) {
+bool are_all(const uint16_t* values, int count, int wanted) {
     int differing = 0;
-    for (int i = 0; i < 8; ++i) differing |= values[i] ^ wanted;
+    for (int i = 0; i < count; ++i) differing |= values[i] ^ wanted;
     return !differing;
 }
 
+// Of an axis along which there is one tap alone, the sides do not matter.
 template <class Isa, class Sums, int C, class T>
 void average_strip(const Job& job, const Neighbourhood& n, int place, int count, int across, int down, T* out) {
     using F = Fraction<T>;
@@ -179,25 +185,28 @@ void average_strip(const Job& job, const Neighbourhood& n, int place, int count,
     const int padded = round_up8(count);
     const Footprints& f = job.footprints;
     Sides aside, upright;
-    find_sides(n, place, 1, padded, f, aside);
-    find_sides(n, place, Neighbourhood::STRIDE, padded, f, upright);
-    alignas(64) Sum<T> sums[STRIP * CHANNELS_OF_SUMS<C>] = {};
-    alignas(16) uint16_t inside[STRIP] = {};
+    if (across > 1) find_sides(n, place, 1, padded, f, aside);
+    if (down > 1) find_sides(n, place, Neighbourhood::STRIDE, padded, f, upright);
+    alignas(64) Sum<T> sums[STRIP * CHANNELS_OF_SUMS<C>];
+    alignas(16) uint16_t inside[STRIP];
+    std::memset(sums, 0, sizeof *sums * static_cast<size_t>(padded * CHANNELS_OF_SUMS<C>));
+    std::memset(inside, 0, sizeof *inside * static_cast<size_t>(padded));
     alignas(64) float x_across[STRIP], y_across[STRIP], x[STRIP], y[STRIP];
     alignas(64) Block<F> blocks[STRIP / 8];
     for (int i = 0; i < across; ++i) {
-        move(n.xs + place, n.ys + place, aside, tap_at(i, across), padded, x_across, y_across);
+        move(n.xs + place, n.ys + place, across > 1 ? &aside : nullptr, tap_at(i, across), padded, x_across, y_across);
         for (int j = 0; j < down; ++j) {
-            move(x_across, y_across, upright, tap_at(j, down), padded, x, y);
+            move(x_across, y_across, down > 1 ? &upright : nullptr, tap_at(j, down), padded, x, y);
             if (f.most2 > 0) keep_seen(f, padded, x, y);
             Isa::template locate<Interpolation::cubic>(x, y, padded, g, blocks);
             Sums::template add_taps<C, T>(job.source, blocks, padded, sums, inside);
         }
     }
-    Isa::template locate<Interpolation::cubic>(n.xs + place, n.ys + place, padded, g, blocks);
+    const bool is_whole = are_all(inside, count, across * down);
+    if (!is_whole) Isa::template locate<Interpolation::cubic>(n.xs + place, n.ys + place, padded, g, blocks);
     for (int i = 0; i < count; i += 8) {
         const Sum<T>* eight = sums + i * CHANNELS_OF_SUMS<C>;
-        if (count - i >= 8 && are_all(inside + i, across * down))
+        if (count - i >= 8 && are_all(inside + i, 8, across * down))
             Sums::template mean_of_8<C, T>(eight, across * down, out + i * C);
         else
             mean_of_some<C, T>(job, eight, inside + i, blocks[i / 8], smaller(count - i, 8), out + i * C);
@@ -208,12 +217,10 @@ template <class Isa, class Sums, int C, class T>
 void average_part(const Job& job, const Tile& part, int across, int down) {
     Neighbourhood n;
     n.find<Isa>(job, part);
-    for (int row = part.top; row < part.bottom; ++row) {
-        T* out = reinterpret_cast<T*>(job.target.data + row * job.target.stride);
-        for (int column = part.left; column < part.right; column += STRIP)
-            average_strip<Isa, Sums, C, T>(job, n, Neighbourhood::place(row - part.top, column - part.left),
-                                           smaller(STRIP, part.right - column), across, down,
-                                           out + static_cast<ptrdiff_t>(column) * C);
+    for (Cursor at(part); !at.is_done(); at.go_on()) {
+        const int place = Neighbourhood::place(at.row - part.top, at.column - part.left);
+        average_strip<Isa, Sums, C, T>(job, n, place, at.width(), across, down,
+                                       reinterpret_cast<T*>(place_in_target<C, T>(job, at.row, at.column)));
     }
 }
 
