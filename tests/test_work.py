@@ -69,6 +69,13 @@ def test_a_best_focus_traces_its_rays_twice_and_looks_at_few_focuses(counted, na
     assert counted["__call__"] <= 25  # the scan is one
 
 
+def test_the_field_that_a_picture_holds_costs_no_ray_but_its_ends(counted):
+    counted.calls_of(om.Sensor, "backproject")
+    counted.calls_of(om.Sensor, "project_directions")
+    om.views.panorama(om.load_sensor("paper-spherical"))
+    assert not counted
+
+
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 def test_designs_by_the_thousand_hold_their_columns_and_hardly_more():
     c = [0.6409, 0.155, -0.01] * np.ones((2000, 1))

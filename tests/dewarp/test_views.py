@@ -12,6 +12,8 @@ from omnimirror.dewarp.views.makers import WIDEST_PLANET_DEG
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 
+from ..conftest import sensor_of
+
 BALL = om.MirrorBall((499.5, 499.5), 480.0, 260.0, (1000, 1000))
 FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (319.5, 239.5), (640, 480), optics="fisheye")
 
@@ -39,6 +41,27 @@ def test_the_field_of_a_stretched_camera_is_sampled():
     assert stretched.symmetry is None
     assert b.tilt_min_deg == pytest.approx(a.tilt_min_deg, abs=0.05)
     assert b.tilt_max_deg == pytest.approx(a.tilt_max_deg, abs=0.05)
+
+
+class Unsymmetric:
+    """A camera that does not tell that it is symmetric."""
+
+    symmetry = None
+
+    def __init__(self, camera: om.Sensor):
+        self.image_size = camera.image_size
+        self.project, self.project_directions = camera.project, camera.project_directions
+        self.backproject = camera.backproject
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cone", "paraboloid", "slope-spline", "equidistant", "tabulated-mapping"])
+@pytest.mark.parametrize("looks", ["up", "down"])
+def test_a_field_that_the_picture_holds_is_counted_as_rays_would(kind, looks):
+    sensor = replace(sensor_of(kind), mount=Mount(looks))
+    counted, traced = field_of(sensor), field_of(Unsymmetric(sensor))
+    assert counted.pixels_per_degree == traced.pixels_per_degree
+    assert counted.tilt_min_deg == pytest.approx(traced.tilt_min_deg, abs=1.5)  # to the distance of its samples
+    assert counted.tilt_max_deg == pytest.approx(traced.tilt_max_deg, abs=1.5)
 
 
 def test_resolution_is_the_mean_one():

@@ -267,7 +267,8 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     )
     bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
     farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
-    farthest.wait_for()
+    # An empty one was there before the file was opened.
+    bench.wait_for_function("[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')")
     assert farthest.input_value() == "12000"
     size = bench.viewport_size
     bench.set_viewport_size({"width": 1280, "height": 800})

@@ -21,6 +21,29 @@ def saved(page, name: str) -> str:
     return download.value.path().read_text()
 
 
+MADE = """() => {
+  window.made = [];
+  const seen = (records) => {
+    const added = records.flatMap((record) => [...record.addedNodes]);
+    window.made.push(...added.filter((node) => node.nodeType === Node.ELEMENT_NODE).map((node) => node.tagName));
+  };
+  for (const place of document.querySelectorAll("#bench .compare, #bench .strip, #bench .marks")) {
+    new MutationObserver(seen).observe(place, { childList: true, subtree: true });
+  }
+}"""
+
+
+def test_a_slider_that_moves_makes_no_elements_anew(bench):  # noqa: F811
+    """Each would be given style and room by the browser, at every step."""
+    enter(bench, "F-number", "4.1")  # a design under its own name, and a mark where the slider was
+    before = bench.locator("#bench .strip").first.inner_html()
+    bench.evaluate(MADE)
+    for number in (4.2, 4.3, 4.4):
+        enter(bench, "F-number", str(number))
+    assert bench.evaluate("window.made") == []
+    assert bench.locator("#bench .strip").first.inner_html() != before
+
+
 def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F811
     first = sensor_on(bench)
     assert bench.get_by_label("Difference").is_hidden()

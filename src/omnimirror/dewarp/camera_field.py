@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import instance
-from ..cameras import AxialSymmetry, Camera
+from ..cameras import EDGE_SLACK, AxialSymmetry, Camera, Mask, inside_image
 from ..errors import OutsideField
 from .contracts import Annulus
 from .screens import Pole
@@ -66,6 +66,9 @@ def field_of(camera: Camera) -> FieldOfView:
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     pixels = _pixels_all_over(camera.image_size)
+    whole = _whole_field(camera, pixels)
+    if whole is not None:
+        return whole
     rays = camera.backproject(pixels)
     if not rays.valid.any():
         raise OutsideField("no pixel of the camera's picture sees anything of the scene")
@@ -73,8 +76,33 @@ def field_of(camera: Camera) -> FieldOfView:
     sphere = _directions_all_over()
     width, height = camera.image_size
     pixels_seen = rays.valid.mean() * width * height
-    square_degrees = max(camera.project_directions(sphere).valid.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
-    return FieldOfView(low, high, float(np.sqrt(pixels_seen / square_degrees)))
+    return FieldOfView(low, high, _resolution(pixels_seen, camera.project_directions(sphere).valid))
+
+
+def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
+    """Of a camera about a vertical axis whose picture holds its whole field: counted, without a ray; None of others."""
+    symmetry = camera.symmetry
+    if symmetry is None or not is_vertical(symmetry):
+        return None
+    ends = np.array([symmetry.omega_min, symmetry.omega_max])
+    inner, outer = np.sort(symmetry.radius_px(ends))
+    corners = np.add(symmetry.centre_px, outer * np.array([[-1.0, -1.0], [1.0, 1.0]]))
+    if not inside_image(corners, camera.image_size).all():
+        return None
+    radius = np.hypot(*(pixels - symmetry.centre_px).T)
+    seen = (radius >= inner - EDGE_SLACK) & (radius <= outer + EDGE_SLACK)
+    if not seen.any():
+        return None  # a field that lies between the pixels
+    omega = np.arccos(np.clip(_directions_all_over() @ symmetry.axis, -1, 1))
+    width, height = camera.image_size
+    resolution = _resolution(seen.mean() * width * height, (omega >= ends[0]) & (omega <= ends[1]))
+    return FieldOfView(*_sorted_degrees(symmetry.axis[2] * (np.pi / 2 - ends)), resolution)
+
+
+def _resolution(pixels_seen: float, directions_seen: Mask) -> float:
+    """Square root of the pixels to a square degree, of so many, and of directions all over the sphere."""
+    square_degrees = max(directions_seen.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
+    return float(np.sqrt(pixels_seen / square_degrees))
 
 
 def pole_of(camera: Camera) -> Pole:

@@ -73,7 +73,17 @@ export function choices<T extends string>(place: HTMLElement, name: string, all:
   };
 }
 
+/** Have an element say a text, unless it does; in the node that it has: a new one is given style and room anew. */
+export function write(element: Element, text: string): void {
+  if (element.textContent === text) return;
+  if (element.childNodes.length === 1 && element.firstChild instanceof Text) element.firstChild.data = text;
+  else element.textContent = text;
+}
+
 /** Put a text where it stands, unless it stands there. */
-export function put(id: string, text: string): void {
-  if (byId(id).textContent !== text) byId(id).textContent = text;
+export const put = (id: string, text: string): void => write(byId(id), text);
+
+/** Show an element, or hide it, unless it is so. */
+export function reveal(element: HTMLElement, isShown: boolean): void {
+  if (element.hidden === isShown) element.hidden = !isShown;
 }

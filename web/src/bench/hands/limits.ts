@@ -1,4 +1,4 @@
-import { h } from "../../shared/dom";
+import { h, reveal } from "../../shared/dom";
 import type { JudgementOf, QuantityOf } from "../../shared/messages";
 import { clamp, words } from "../../shared/numbers";
 import type { Tables } from "../designs/design";
@@ -52,7 +52,7 @@ export class LimitLines implements Over {
 
   lay(area: Area, first: Curves | null): void {
     this.area = area;
-    for (const element of this.elements) element.hidden = !first;
+    for (const element of this.elements) reveal(element, first !== null);
     this.draw();
   }
 

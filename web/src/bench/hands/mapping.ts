@@ -1,3 +1,4 @@
+import { reveal } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import type { Area, Curves, Over } from "../plots/charts";
 import { interpolated } from "../plots/cursor";
@@ -32,7 +33,7 @@ export class MappingHandles implements Over {
     this.curve = first?.of.found.facts?.not_optimised === null ? first : null;
     AT.forEach((share, i) => {
       const element = this.elements[i];
-      element.hidden = !this.curve;
+      reveal(element, this.curve !== null);
       if (!this.curve) return;
       if (!element.isConnected) area.layer.append(element);
       const [omega, height] = this.at(share);

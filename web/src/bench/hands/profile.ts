@@ -1,3 +1,4 @@
+import { reveal } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import type { Found } from "../found";
 import { interpolated } from "../plots/cursor";
@@ -44,12 +45,14 @@ export class ProfileHandles {
     const canBend = reason === null && table !== null;
     let next: [left: number, top: number] = [Infinity, Infinity];
     for (const [i, element] of [...this.elements.entries()].reverse()) {
-      element.hidden = !canBend;
-      if (!canBend) continue;
+      if (!canBend) {
+        reveal(element, false);
+        continue;
+      }
       const x = AT[i] * rim;
       this.places[i] = [interpolated(table.column("x_mm"), table.column("z_mm"), x), x];
       const [left, top] = drawing.at(this.places[i]);
-      element.hidden = Math.max(Math.abs(left - next[0]), Math.abs(top - next[1])) < APART;
+      reveal(element, Math.max(Math.abs(left - next[0]), Math.abs(top - next[1])) >= APART);
       if (!element.hidden) next = [left, top];
       place(element, left, top, this.places[i][0], `z ${words(this.places[i][0])} mm at x ${words(x)} mm`);
     }

@@ -1,4 +1,4 @@
-import { h, unique } from "../../shared/dom";
+import { h, reveal, unique, write } from "../../shared/dom";
 import type { ParameterOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
@@ -15,6 +15,8 @@ export class Field {
   private readonly back = h("button", { type: "button", className: "back", hidden: true }, "↺");
   private readonly marks = h("span", { className: "marks", "aria-hidden": "true" });
   private readonly meets = h("span", { className: "hidden" });
+  private complaint: string | null = null;
+  private marked = "";
   private met: { scale: Scale; spans: readonly Span[] } | null = null;
   /** The value with which the design came to the bench. */
   private first: number;
@@ -96,9 +98,10 @@ export class Field {
 
   /** Say why the value cannot be, beside it; null when it can. */
   complain(sentence: string | null): void {
-    this.problem.hidden = sentence === null;
-    const words = (sentence ?? "").replace(/^./, (c) => c.toUpperCase());
-    if (this.problem.textContent !== words) this.problem.textContent = words;
+    if (sentence === this.complaint) return;
+    this.complaint = sentence;
+    reveal(this.problem, sentence !== null);
+    write(this.problem, (sentence ?? "").replace(/^./, (c) => c.toUpperCase()));
     this.number.setAttribute("aria-invalid", String(sentence !== null));
   }
 
@@ -128,7 +131,7 @@ export class Field {
   private show(value: number, from?: HTMLInputElement): void {
     if (from !== this.number) this.number.value = String(Number(value.toPrecision(6)));
     if (from !== this.slider) this.slider.value = String(this.scale.from(value));
-    [this.scale.low, this.scale.high].forEach((end, i) => (this.ends[i].textContent = words(end, 3)));
+    [this.scale.low, this.scale.high].forEach((end, i) => write(this.ends[i], words(end, 3)));
     this.mark();
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
   }
@@ -139,12 +142,14 @@ export class Field {
     const all: [string, number][] = [["stop", this.p.low], ["stop", this.p.high], ["first", this.first]];
     if (this.p.default !== null) all.push(["usual", this.p.default]);
     const shown = all.filter(([, v]) => v >= low - 1e-9 * Math.abs(low) && v <= high + 1e-9 * Math.abs(high));
-    const spans = shown.map(([kind, v]) => h("span", { className: kind, style: `left: ${(100 * this.scale.from(v)).toFixed(2)}%` }));
+    const spans = shown.map(([kind, v]) => [kind, `left: ${(100 * this.scale.from(v)).toFixed(2)}%`]);
     const met = (this.met?.spans ?? []).map((span) => span.map((place) => 100 * this.scale.from(this.met!.scale.to(place))));
-    const bars = met.map(([from, to]) => h("span", { className: "met", style: `left: ${from.toFixed(2)}%; width: ${(to - from).toFixed(2)}%` }));
-    this.marks.replaceChildren(...bars, ...spans);
+    const bars = met.map(([from, to]) => ["met", `left: ${from.toFixed(2)}%; width: ${(to - from).toFixed(2)}%`]);
+    const marked = [...bars, ...spans];
+    if (marked.join() !== this.marked) this.marks.replaceChildren(...marked.map(([className, style]) => h("span", { className, style })));
+    this.marked = marked.join();
     const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
-    this.back.hidden = !isMoved;
+    reveal(this.back, isMoved);
     this.back.title = `Back to ${words(this.first)}, as it came`;
     this.back.setAttribute("aria-label", this.back.title);
   }

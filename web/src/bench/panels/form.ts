@@ -1,4 +1,4 @@
-import { h, unique } from "../../shared/dom";
+import { h, reveal, unique, write } from "../../shared/dom";
 import type { BenchStart, ParameterOf, PartOf, Slide, Trouble } from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
 import { label } from "../labels";
@@ -75,8 +75,9 @@ export class Form {
   complain(trouble: Trouble | null): void {
     const key = trouble && ([...this.fields.keys()].find((k) => k.startsWith(trouble.path.join(".")) && trouble.path.length > 1) ?? this.last);
     for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
-    this.problem.hidden = !trouble || this.fields.has(key ?? "");
-    this.problem.textContent = this.problem.hidden ? "" : trouble!.sentence;
+    const isOfNoField = trouble !== null && !this.fields.has(key ?? "");
+    reveal(this.problem, isOfNoField);
+    write(this.problem, isOfNoField ? trouble.sentence : "");
   }
 
   /** The numbers that sliders which are seen stand for, and values along each. */

@@ -1,4 +1,4 @@
-import { h, unique } from "../../shared/dom";
+import { h, reveal, unique, write } from "../../shared/dom";
 import type { BenchStart, Facts, JudgementOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
@@ -50,8 +50,8 @@ export class RequirementsPanel {
 
   /** Say of each requirement whether it is met, by how much, and where it is worst. */
   judge(rows: JudgementOf[], trouble: string | null): void {
-    this.problem.hidden = trouble === null;
-    this.problem.textContent = trouble ?? "";
+    reveal(this.problem, trouble !== null);
+    write(this.problem, trouble ?? "");
     for (const mark of this.marks.values()) mark.replaceChildren();
     const others: HTMLElement[] = [];
     for (const row of rows) {
@@ -61,9 +61,8 @@ export class RequirementsPanel {
     }
     this.body.querySelector(".others")?.replaceChildren(...others);
     const missed = rows.filter((r) => !r.is_met).length;
-    this.verdict.hidden = !rows.length;
-    const text = missed ? `${missed} of ${rows.length} not met` : `All ${rows.length} met`;
-    if (this.verdict.textContent !== text) this.verdict.textContent = text;
+    reveal(this.verdict, rows.length > 0);
+    write(this.verdict, missed ? `${missed} of ${rows.length} not met` : `All ${rows.length} met`);
     this.verdict.classList.toggle("missed", missed > 0);
   }
 

@@ -1,5 +1,5 @@
 import { ServerTask } from "../../shared/api";
-import { h, unique } from "../../shared/dom";
+import { h, reveal, unique, write } from "../../shared/dom";
 import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design } from "../designs/design";
@@ -45,10 +45,10 @@ export class WorkPanel {
 
   /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
   show(design: Design, reason: string | null): void {
-    this.design.hidden = !design.requirements?.mirror;
-    this.keepsLabel.hidden = !limitsOf(design.requirements).length;
-    this.reason.hidden = reason === null;
-    this.reason.textContent = reason ?? "";
+    reveal(this.design, Boolean(design.requirements?.mirror));
+    reveal(this.keepsLabel, limitsOf(design.requirements).length > 0);
+    reveal(this.reason, reason !== null);
+    write(this.reason, reason ?? "");
     this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 

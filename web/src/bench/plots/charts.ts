@@ -118,11 +118,19 @@ export class ChartView {
 
   /** Lowest and highest value, without what only the point of a mirror has. */
   private spread(): [number, number] {
-    const of = (share: number): [number, number] => {
-      const values = this.curves.flatMap((c) => c.values.flatMap((column) => Array.from(column).filter((v, i) => Number.isFinite(v) && c.heights[i] >= share * c.rim)));
-      return [Math.min(...values), Math.max(...values)];
-    };
-    const [all, outside] = [of(0), of(POINT)];
+    const all: [number, number] = [Infinity, -Infinity];
+    const outside: [number, number] = [Infinity, -Infinity];
+    for (const { values, heights, rim } of this.curves) {
+      for (const column of values) {
+        column.forEach((v, i) => {
+          if (!Number.isFinite(v) || !(heights[i] >= 0)) return;
+          for (const range of heights[i] >= POINT * rim ? [all, outside] : [all]) {
+            if (v < range[0]) range[0] = v;
+            if (v > range[1]) range[1] = v;
+          }
+        });
+      }
+    }
     const isSteep = all[1] - all[0] > STEEP * (outside[1] - outside[0]) && outside[1] > outside[0];
     return isSteep ? outside : all;
   }

@@ -1,4 +1,4 @@
-import { h, svg } from "../../shared/dom";
+import { h, svg, write } from "../../shared/dom";
 import type { Facts } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { dashes, type Drawn } from "./charts";
@@ -23,34 +23,52 @@ export interface PinHands {
 
 /** The design in hand and the pinned ones, number by number: the legend of all plots. */
 export class CompareTable {
-  readonly element = h("div", { className: "compare", tabIndex: 0, role: "region", "aria-label": "Designs compared" });
+  readonly element: HTMLElement;
+  private readonly body = h("tbody", {});
+  private rows: Row[] = [];
 
-  constructor(private readonly hands: PinHands) {}
-
-  show(drawn: Drawn[]): void {
+  constructor(private readonly hands: PinHands) {
     const head = h("tr", {}, h("th", { scope: "col" }, "Design"), h("td", {}), ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))));
-    const rows = drawn.map((d, i) => h("tr", {}, this.name(d), h("td", {}, ...(i ? this.buttons(d, i - 1) : [])), ...COLUMNS.map(([, , value]) => h("td", {}, value(d.found.facts!)))));
-    const held = document.activeElement instanceof HTMLElement && this.element.contains(document.activeElement);
-    if (held) return this.refill(rows);
-    this.element.replaceChildren(h("table", {}, h("thead", {}, head), h("tbody", {}, ...rows)));
+    this.element = h("div", { className: "compare", tabIndex: 0, role: "region", "aria-label": "Designs compared" }, h("table", {}, h("thead", {}, head), this.body));
   }
 
-  /** New numbers, while a button in the table has the focus. */
-  private refill(rows: HTMLTableRowElement[]): void {
-    const old = this.element.querySelectorAll("tbody tr");
-    if (old.length !== rows.length) return this.element.querySelector("tbody")!.replaceChildren(...rows);
-    rows.forEach((row, i) => [...row.cells].forEach((cell, j) => j !== 1 && old[i].children[j].replaceWith(cell)));
+  /** Rows stay as long as there are as many, and so does the focus on one of their buttons. */
+  show(drawn: Drawn[]): void {
+    if (drawn.length !== this.rows.length) {
+      this.rows = drawn.map((_, i) => new Row(i, this.hands));
+      this.body.replaceChildren(...this.rows.map((row) => row.element));
+    }
+    this.rows.forEach((row, i) => row.show(drawn[i]));
+  }
+}
+
+/** One design: which line it is, its name, what can be done with it if it is pinned, and its numbers. */
+class Row {
+  readonly element: HTMLTableRowElement;
+  private readonly name = h("th", { scope: "row" });
+  private readonly values = COLUMNS.map(() => h("td", {}, ""));
+  private readonly buttons: HTMLButtonElement[];
+  private shown = "";
+
+  constructor(index: number, hands: PinHands) {
+    const take = h("button", { type: "button", title: "Put it on the bench", onclick: () => hands.take(index - 1) }, "Take");
+    const drop = h("button", { type: "button", title: "Unpin", onclick: () => hands.drop(index - 1) }, "×");
+    this.buttons = index ? [take, drop] : [];
+    this.element = h("tr", {}, this.name, h("td", {}, ...this.buttons), ...this.values);
   }
 
-  private name(d: Drawn): HTMLElement {
+  show(d: Drawn): void {
+    const shown = `${d.dots} ${d.ink} ${d.name}`;
+    if (shown !== this.shown) this.introduce(d);
+    this.shown = shown;
+    COLUMNS.forEach(([, , value], i) => write(this.values[i], value(d.found.facts!)));
+  }
+
+  private introduce(d: Drawn): void {
     const line = svg("line", { x1: 0, x2: 34, y1: 4, y2: 4, stroke: d.ink, "stroke-width": d.dots ? 2 : 3, "stroke-dasharray": dashes(d.dots)?.join(" ") ?? "none" });
     const swatch = svg("svg", { class: "swatch", viewBox: "0 0 34 8", "aria-hidden": "true" }, line);
-    return h("th", { scope: "row", title: d.name }, swatch, d.dots ? h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots)) : null, d.name);
-  }
-
-  private buttons(d: Drawn, index: number): HTMLElement[] {
-    const take = h("button", { type: "button", title: "Put it on the bench", "aria-label": `Take ${d.name}`, onclick: () => this.hands.take(index) }, "Take");
-    const drop = h("button", { type: "button", title: "Unpin", "aria-label": `Unpin ${d.name}`, onclick: () => this.hands.drop(index) }, "×");
-    return [take, drop];
+    this.name.title = d.name;
+    this.name.replaceChildren(swatch, ...(d.dots ? [h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots))] : []), d.name);
+    this.buttons.forEach((button, i) => button.setAttribute("aria-label", `${["Take", "Unpin"][i]} ${d.name}`));
   }
 }

@@ -1,4 +1,4 @@
-import { colour, h } from "../../shared/dom";
+import { colour, h, reveal, write } from "../../shared/dom";
 import type { QuantityOf } from "../../shared/messages";
 import type { Found } from "../found";
 import { type Design, nameOf, type Pin } from "../designs/design";
@@ -82,7 +82,7 @@ export class Desk {
     this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
     this.showLimits(design, found[0]);
     for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
-    this.difference.closest("label")!.hidden = this.drawn.length < 2;
+    reveal(this.difference.closest("label")!, this.drawn.length > 1);
     if (this.shows("In space")) this.space.show(this.drawn);
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
@@ -116,9 +116,9 @@ export class Desk {
   /** Say what of the sensor the plots do not show; null where they show all. */
   remarked(sentence: string | null): void {
     this.place.classList.remove("stale");
-    this.trouble.hidden = true;
-    this.remark.hidden = sentence === null;
-    if (sentence !== this.remark.textContent) this.remark.textContent = sentence ?? "";
+    reveal(this.trouble, false);
+    reveal(this.remark, sentence !== null);
+    write(this.remark, sentence ?? "");
   }
 
   /** Show the plots that are wanted, and no others. */

@@ -5,6 +5,7 @@ import { ProfileHandles } from "../hands/profile";
 import { blocksLike, type Table } from "../found";
 import { dashes, type Drawn, files } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
+import { Drawing } from "./drawing";
 import { standalone } from "./export";
 import { Sizes } from "./sizes";
 
@@ -101,7 +102,7 @@ export class SectionView {
       for (const name of ["mirror", "secondary"]) frame.curve(d.found.block(name), d.ink, d === first ? "solid" : "other", d.dots);
       frame.curve(d.found.block("lens"), d.ink, "lens");
     }
-    frame.labels();
+    frame.end();
     this.handles?.lay(frame, first.found);
   }
 
@@ -120,7 +121,7 @@ export class SectionView {
     for (const d of this.drawn.slice(1)) frame.curve(d.found.block("mirror"), d.ink, "other", d.dots);
     frame.curve(first.found.block("mirror"), first.ink, "solid");
     for (const [name, text] of CURVES) frame.image(first.found.block(name), first.ink, `${name[0] === "S" ? "dashed " : ""}${name.endsWith("M") ? "fine" : "strong"}`, text);
-    frame.labels();
+    frame.end();
   }
 
   /** The ray of the angle that is read, and where its images lie. */
@@ -144,6 +145,7 @@ export class SectionView {
 }
 
 const framed = new WeakMap<SVGElement, Frame>();
+const drawings = new WeakMap<SVGElement, Drawing>();
 
 /** A drawing to scale in an SVG, in its own pixels. */
 class Frame {
@@ -152,6 +154,7 @@ class Frame {
   private readonly origin: Point;
   private readonly width: number;
   private readonly height: number;
+  private readonly drawing: Drawing;
   private readonly texts: { at: Point; text: string; anchor: Anchor }[] = [];
 
   constructor(private readonly place: SVGElement, box: { width: number; height: number }, private readonly window: Window) {
@@ -160,8 +163,9 @@ class Frame {
     this.height = Math.max(100, box.height);
     this.scale = Math.min(this.width / w, this.height / t);
     this.origin = [(this.width - w * this.scale) / 2, (this.height - t * this.scale) / 2];
-    place.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
-    place.replaceChildren();
+    this.drawing = drawings.get(place) ?? new Drawing(place);
+    this.drawing.begin(this.width, this.height);
+    drawings.set(place, this.drawing);
     framed.set(place, this);
   }
 
@@ -176,28 +180,28 @@ class Frame {
 
   axis(): void {
     const [, y] = this.at([0, 0]);
-    this.add("line", { class: "axis", x1: 0, x2: this.width, y1: y, y2: y });
+    this.drawing.add("line", { class: "axis", x1: 0, x2: this.width, y1: y, y2: y });
   }
 
   band([focus, near, far]: Float32Array): void {
     const [from] = this.at([near, 0]);
     const [to] = this.at([Number.isFinite(far) ? far : 1e6, 0]);
     const [at] = this.at([focus, 0]);
-    this.add("rect", { class: "band", x: from, y: 0, width: Math.max(0.5, Math.min(to, this.width) - from), height: this.height });
-    this.add("line", { class: "focus", x1: at, x2: at, y1: 0, y2: this.height });
+    this.drawing.add("rect", { class: "band", x: from, y: 0, width: Math.max(0.5, Math.min(to, this.width) - from), height: this.height });
+    this.drawing.add("line", { class: "focus", x1: at, x2: at, y1: 0, y2: this.height });
   }
 
   curve(table: Table | null, ink: string, look: string, dots = 0): void {
     if (!table) return;
     const style: Record<string, string> = dots ? { "stroke-dasharray": dashes(dots)!.join(" ") } : {};
-    this.add("path", { class: look, d: this.path(pointsOf(table)), stroke: ink, ...style });
+    this.drawing.add("path", { class: look, d: this.path(pointsOf(table)), stroke: ink, ...style });
   }
 
   image(table: Table | null, ink: string, look: string, text: string): void {
     if (!table) return;
     const points = pointsOf(table);
-    this.add("path", { class: `image ${look}`, d: this.path(points), stroke: ink });
-    this.add("path", { class: `image ${look}`, d: this.path(points.map(([z, x]): Point => [z, -x])), stroke: ink });
+    this.drawing.add("path", { class: `image ${look}`, d: this.path(points), stroke: ink });
+    this.drawing.add("path", { class: `image ${look}`, d: this.path(points.map(([z, x]): Point => [z, -x])), stroke: ink });
     const shown = points.filter((p) => this.holds(this.at(p)));
     if (shown.length) this.texts.push({ at: this.at(shown[shown.length - 1]), text, anchor: "start" });
   }
@@ -207,7 +211,7 @@ class Frame {
     const omega = Number(table.name.slice(4));
     const points = pointsOf(table);
     const end = this.edge(points[0], omega);
-    this.add("path", { class: "ray", d: this.path([end, ...points]), stroke: ink });
+    this.drawing.add("path", { class: "ray", d: this.path([end, ...points]), stroke: ink });
     const [u, v] = this.at(end);
     this.texts.push({ at: [u, v < 4 ? 12 : v - 3], text: `${omega}°`, anchor: "middle" });
   }
@@ -231,7 +235,7 @@ class Frame {
   }
 
   /** Words last, under others where they would lie on them, and left out where there is no room. */
-  labels(): void {
+  end(): void {
     const taken: { left: number; right: number; v: number }[] = [];
     for (const { at, text, anchor } of this.texts) {
       const [u, v] = [Math.min(Math.max(at[0], 2), this.width - 2), Math.min(Math.max(at[1], 11), this.height - 3)];
@@ -241,8 +245,9 @@ class Frame {
       const row = Array.from({ length: LABEL_ROWS }, (_, i) => v + i * LABEL_GAP).find((at) => isFree(at) && at < this.height);
       if (row === undefined) continue;
       taken.push({ left, right: left + width, v: row });
-      this.add("text", { x: left + width / 2, y: row, "text-anchor": "middle" }, text);
+      this.drawing.add("text", { x: left + width / 2, y: row, "text-anchor": "middle" }, text);
     }
+    this.drawing.end();
   }
 
   /** Where the ray from an object comes into the drawing. */
@@ -270,10 +275,6 @@ class Frame {
       isDown = is;
     }
     return d;
-  }
-
-  private add(tag: string, attributes: Record<string, string | number>, text: string | null = null): void {
-    this.place.append(svg(tag, attributes, text));
   }
 }
 

@@ -2,6 +2,7 @@ import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import type { Table } from "../found";
 import { type Drawn, files } from "./charts";
+import { Drawing } from "./drawing";
 import { standalone } from "./export";
 import { Sizes } from "./sizes";
 
@@ -15,6 +16,7 @@ export class SquaresView {
   readonly element: HTMLElement;
   private readonly image = svg("svg", { class: "strip", role: "img", "aria-label": "Images of squares" });
   private readonly object = svg("svg", { class: "strip", role: "img", "aria-label": "Blur of squares" });
+  private readonly drawings = new Map([this.image, this.object].map((place) => [place, new Drawing(place)]));
   private readonly sizes: Sizes;
   private first: Drawn | null = null;
 
@@ -61,60 +63,60 @@ export class SquaresView {
     const tallest = widest * scale;
     const [height, middle] = [tallest + 22, tallest / 2 + 18];
     const at = (px: number): number => 4 + (px - left) * scale;
-    this.reset(this.image, width, height);
+    const drawing = this.begun(this.image, width, height);
     const rim = radius * scale;
     const dip = rim - Math.sqrt(Math.max(0, rim * rim - (height / 2) ** 2));
-    this.image.append(
-      svg("line", { class: "axis", x1: 0, x2: width, y1: middle, y2: middle }),
-      svg("path", { class: "rimline", d: `M${at(radius) - dip} ${middle - height / 2}Q${at(radius) + dip} ${middle} ${at(radius) - dip} ${middle + height / 2}` }),
-    );
-    for (let i = 0; i < table.rows; i++) {
-      if (!Number.isFinite(dw[i])) continue;
-      const [w, t] = [OBJECT_DEG * dh[i] * scale, OBJECT_DEG * dw[i] * scale];
-      this.square(this.image, at(h_px[i]), middle, w, t, table, i);
-      this.spot(this.image, at(h_px[i]), middle, ENLARGED * table.column("blur_t_px")[i] * scale, ENLARGED * table.column("blur_s_px")[i] * scale);
-      this.text(this.image, at(h_px[i]), Math.max(11, middle - t / 2 - 4), `${words(table.column("omega_deg")[i], 2)}°`);
-    }
+    drawing.add("line", { class: "axis", x1: 0, x2: width, y1: middle, y2: middle });
+    drawing.add("path", { class: "rimline", d: `M${at(radius) - dip} ${middle - height / 2}Q${at(radius) + dip} ${middle} ${at(radius) - dip} ${middle + height / 2}` });
+    const shown = Array.from(dw.keys()).filter((i) => Number.isFinite(dw[i]));
+    const tall = (i: number): number => OBJECT_DEG * dw[i] * scale;
+    const enlarged = (name: string, i: number): number => ENLARGED * table.column(name)[i] * scale;
+    for (const i of shown) this.square(drawing, at(h_px[i]), middle, OBJECT_DEG * dh[i] * scale, tall(i), table, i);
+    drawing.add("path", { class: "spot", d: shown.map((i) => spot(at(h_px[i]), middle, enlarged("blur_t_px", i), enlarged("blur_s_px", i))).join("") });
+    for (const i of shown) this.text(drawing, at(h_px[i]), Math.max(11, middle - tall(i) / 2 - 4), `${words(table.column("omega_deg")[i], 2)}°`);
+    drawing.end();
   }
 
   private drawObject(table: Table): void {
     const width = Math.max(200, this.sizes.of(this.object).width);
-    const columns = Math.min(table.rows, Math.max(4, Math.floor(width / 66)));
+    const columns = Math.min(table.rows, Math.max(4, Math.floor(width / 78)));
     const pitch = Math.min(width / columns, 104);
     const side = 0.74 * pitch;
     const row = side + 38;
-    this.reset(this.object, width, row * Math.ceil(table.rows / columns));
-    for (let i = 0; i < table.rows; i++) {
-      const [x, top] = [pitch * ((i % columns) + 0.5), row * Math.floor(i / columns)];
-      const y = top + 16 + side / 2;
-      const [t, s] = [table.column("blur_t_deg")[i], table.column("blur_s_deg")[i]];
-      this.square(this.object, x, y, side, side, table, i);
-      this.text(this.object, x, top + 11, `${words(table.column("omega_deg")[i], 2)}°`);
-      if (!Number.isFinite(t) || !Number.isFinite(s)) continue;
-      const enlarged = (ENLARGED * side) / OBJECT_DEG;
-      this.spot(this.object, x, y, Math.min(side, Math.abs(s) * enlarged), Math.min(side, Math.abs(t) * enlarged));
-      this.text(this.object, x, y + side / 2 + 14, `${Math.abs(t).toFixed(2)} × ${Math.abs(s).toFixed(2)}`);
-    }
+    const drawing = this.begun(this.object, width, row * Math.ceil(table.rows / columns));
+    const places = Array.from({ length: table.rows }, (_, i) => [pitch * ((i % columns) + 0.5), row * Math.floor(i / columns)]);
+    const [blur_t, blur_s] = ["blur_t_deg", "blur_s_deg"].map((name) => table.column(name));
+    const blurred = [...places.keys()].filter((i) => Number.isFinite(blur_t[i]) && Number.isFinite(blur_s[i]));
+    const enlarged = (blur: number): number => Math.min(side, (Math.abs(blur) * ENLARGED * side) / OBJECT_DEG);
+    places.forEach(([x, top], i) => this.square(drawing, x, top + 16 + side / 2, side, side, table, i));
+    drawing.add("path", { class: "spot", d: blurred.map((i) => spot(places[i][0], places[i][1] + 16 + side / 2, enlarged(blur_s[i]), enlarged(blur_t[i]))).join("") });
+    places.forEach(([x, top], i) => this.text(drawing, x, top + 11, `${words(table.column("omega_deg")[i], 2)}°`));
+    for (const i of blurred) this.text(drawing, places[i][0], places[i][1] + side + 30, `${Math.abs(blur_t[i]).toFixed(2)} × ${Math.abs(blur_s[i]).toFixed(2)}`);
+    drawing.end();
   }
 
-  private reset(place: SVGElement, width: number, height: number): void {
-    place.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    place.setAttribute("height", String(Math.round(height)));
-    place.replaceChildren();
+  private begun(place: SVGElement, width: number, height: number): Drawing {
+    const tall = String(Math.round(height));
+    if (place.getAttribute("height") !== tall) place.setAttribute("height", tall);
+    const drawing = this.drawings.get(place)!;
+    drawing.begin(width, height);
+    return drawing;
   }
 
-  private square(place: SVGElement, x: number, y: number, w: number, t: number, table: Table, i: number): void {
-    const title = svg("title", {}, reading(table, i));
-    place.append(svg("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: this.first!.ink, fill: this.first!.ink }, title));
+  private square(drawing: Drawing, x: number, y: number, w: number, t: number, table: Table, i: number): void {
+    const { ink } = this.first!;
+    drawing.add("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: ink, fill: ink }, reading(table, i));
   }
 
-  private spot(place: SVGElement, x: number, y: number, w: number, t: number): void {
-    place.append(svg("ellipse", { class: "spot", cx: x, cy: y, rx: Math.max(SMALLEST, Math.abs(w) / 2), ry: Math.max(SMALLEST, Math.abs(t) / 2) }));
+  private text(drawing: Drawing, x: number, y: number, text: string): void {
+    drawing.add("text", { x, y, "text-anchor": "middle" }, text);
   }
+}
 
-  private text(place: SVGElement, x: number, y: number, text: string): void {
-    place.append(svg("text", { x, y, "text-anchor": "middle" }, text));
-  }
+/** An ellipse of so many px across and down, and large enough to be seen. */
+function spot(x: number, y: number, across: number, down: number): string {
+  const [rx, ry] = [across, down].map((size) => Math.max(SMALLEST, Math.abs(size) / 2));
+  return `M${x - rx} ${y}a${rx} ${ry} 0 1 0 ${2 * rx} 0a${rx} ${ry} 0 1 0 ${-2 * rx} 0z`;
 }
 
 /** What a square is, in words with units. */
