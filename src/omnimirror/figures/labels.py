@@ -10,12 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
 from ..quantities import QUANTITIES
 
 Array = NDArray[np.float64]
+
+INDENT_PT = 7.0  # of labels at the ends of lines, from the axes
 
 
 def axis_label(name: str, titled: bool = False) -> str:
@@ -107,7 +110,7 @@ class EndLabels:
             text,
             (x, y),
             xytext=(1.0, y),
-            textcoords=ax.get_yaxis_transform(),
+            textcoords=ax.get_yaxis_transform() + ScaledTranslation(INDENT_PT / 72, 0, self.figure.dpi_scale_trans),
             color=colour,
             size=self.size,
             va="center",
@@ -118,7 +121,6 @@ class EndLabels:
 
     def settle(self) -> Figure:
         """Give every label its place. Call it last: limits and sizes must be final."""
-        self._indent()
         self._lay_out()
         for ax, labels in self._labels.items():
             box = ax.get_window_extent()
@@ -129,14 +131,6 @@ class EndLabels:
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))
         return self.figure
-
-    def _indent(self) -> None:
-        """Start labels a fixed distance right of the axes, whose width the layout still decides."""
-        self._lay_out()
-        for ax, labels in self._labels.items():
-            width = ax.get_window_extent().width
-            for label in labels:
-                label.set_position((1.0 + 7.0 * self.figure.dpi / 72 / width, label.get_position()[1]))
 
     def _lay_out(self) -> None:
         """Give the axes the places in which they will be drawn, without drawing."""
