@@ -22,7 +22,7 @@ from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 10  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 11  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -204,6 +204,9 @@ class Kernels(Protocol):
         self, optics: object, surfaces: CompiledSurfaces, points: Array, shifted: bool, seed: int, left: int, top: int,
         light: Array, open_pixels: Array, open_rays: Array,
     ) -> int: ...  # fmt: skip
+
+    def meet_boxes(self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array) -> None: ...
+    def lead_through_boxes(self, corners: Array, origins: Array, segments: Array, through: Array) -> None: ...
 
     # -- sensors with errors: tolerancing ------------------------------------------------------------
 

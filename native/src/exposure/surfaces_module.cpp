@@ -1,4 +1,4 @@
-// Textured surfaces as omnimirror.simulate.scenes.surfaces calls them.
+// Textured surfaces, and boxes, as omnimirror.simulate.scenes calls them.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "bindings.hpp"
+#include "boxes.hpp"
 #include "surfaces.hpp"
 
 namespace omnimirror {
@@ -63,6 +64,33 @@ void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& dir
     surfaces.radiance(origins.data(), directions.data(), count, light.data(), distances.data());
 }
 
+Boxes boxes_of(const Doubles& corners) {
+    require(corners.ndim() == 3 && corners.shape(0) == 2 && corners.shape(2) == 3, "corners are (2, boxes, 3)");
+    const size_t count = corners.shape(1);
+    return {corners.data(), corners.data() + 3 * count, count_of(count)};
+}
+
+BoxRays rays_of(const Doubles& origins, const Doubles& directions, size_t count) {
+    require(origins.size() == 3 * count && directions.size() == 3 * count, "the arrays differ in size");
+    return {origins.data(), directions.data(), static_cast<int64_t>(count)};
+}
+
+void meet(const Doubles& corners, const Doubles& origins, const Doubles& directions, const DoublesOut& distances,
+          const IntsOut& faces) {
+    const Boxes boxes = boxes_of(corners);
+    require(boxes.count > 0 && faces.size() == distances.size(), "there is no box, or the arrays differ in size");
+    const BoxRays rays = rays_of(origins, directions, distances.size());
+    nb::gil_scoped_release released;
+    meet_boxes(boxes, rays, distances.data(), faces.data());
+}
+
+void lead_through(const Doubles& corners, const Doubles& origins, const Doubles& segments, const BytesOut& through) {
+    const Boxes boxes = boxes_of(corners);
+    const BoxRays ways = rays_of(origins, segments, through.size());
+    nb::gil_scoped_release released;
+    lead_through_boxes(boxes, ways, through.data());
+}
+
 }  // namespace
 
 void add_surfaces(nb::module_& m) {
@@ -70,6 +98,8 @@ void add_surfaces(nb::module_& m) {
         .def(nb::new_(&make_surfaces), "records"_a, "sizes"_a, "texels"_a)
         .def_prop_ro("records", &records_of)
         .def("radiance", &radiance, "origins"_a, "directions"_a, "light"_a, "distances"_a);
+    m.def("meet_boxes", &meet, "corners"_a, "origins"_a, "directions"_a, "distances"_a, "faces"_a);
+    m.def("lead_through_boxes", &lead_through, "corners"_a, "origins"_a, "segments"_a, "through"_a);
 }
 
 }  // namespace omnimirror

@@ -9,7 +9,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.imagers import Imager
 from omnimirror.media.keyframes import Keyframes
+from omnimirror.native import backend
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
 from tests.commands import omnimirror
 
 BODIES = """
@@ -111,3 +115,39 @@ def test_a_video_shows_bodies_where_they_are(tmp_path):
             u, v = np.round(pixel).astype(int)
             red, _, blue = frame[v, u].astype(int)
             assert blue > red + 80, (film.name, number)  # nothing else in the room is as blue
+
+
+BALL = om.load_sensor("paper-spherical")
+
+
+class Unpainted:
+    """A scene that does not tell that it is nothing but surfaces."""
+
+    def __init__(self, scene):
+        self.radiance, self.distance_mm = scene.radiance, scene.distance_mm
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.parametrize("blur", [True, False])
+def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
+    turns = {"x_mm": ((0.0, 900.0),), "pan_deg": ((0.0, 34.0),), "tilt_deg": ((0.0, 12.0),)}
+    lies = {"y_mm": ((0.0, -700.0),), "z_mm": ((0.0, -300.0),)}
+    bodies = (
+        om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)),
+        om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"),
+    )
+    scene, sensor = SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0), replace(BALL, imager=Imager(256, 256, 20.8))
+    seen, expected = (expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene)))
+    differs = np.abs(seen - expected).max(axis=-1)
+    assert (differs > 1e-5).sum() <= 3, "but for rays that graze an edge"
+    alone = expose(sensor, scene.scene, samples=4, blur=blur, seed=1)
+    assert (np.abs(alone - seen).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
+
+
+def test_rays_that_may_start_in_a_body_are_left_to_the_scene():
+    around = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 100.0),)}))
+    scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)
+    corners = np.full(3, -50.0), np.full(3, 50.0)
+    assert scene.surroundings_from(*corners) is None
+    assert SceneWithBodies(scene.scene).surroundings_from(*corners) is scene.scene.surroundings_from(*corners)
+    assert SceneWithBodies(Unpainted(scene.scene)).surroundings_from(*corners) is None

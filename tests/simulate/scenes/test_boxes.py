@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.simulate.scenes.boxes import FACES, Box, blocked, face_of, meet
+from omnimirror.native import backend
+from omnimirror.simulate.scenes.boxes import FACES, Box, blocked, blocked_in_numpy, face_of, meet, meet_in_numpy
 
 ROOM = Box((-3.0, -2.0, -1.0), (3.0, 4.0, 2.0))
 SOLIDS = (
@@ -37,6 +38,20 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     directions = rng.normal(size=(count, 3))
     directions[: count // 4, rng.integers(0, 3)] = 0.0  # along a plane
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+def test_compiled_boxes_are_those_of_numpy_to_the_last_bit():
+    """So that depth and light hang on neither; also along planes, from faces, and from inside a solid."""
+    origins, directions = rays(5000)
+    origins[:50, 0], origins[50:80] = ROOM.high[0], (1.5, 0.0, 0.0)
+    directions[:50, 0] = -abs(directions[:50, 0])
+    hits, expected = meet(ROOM, SOLIDS, origins, directions), meet_in_numpy(ROOM, SOLIDS, origins, directions)
+    np.testing.assert_array_equal(hits.distance, expected.distance)
+    np.testing.assert_array_equal(hits.face, expected.face)
+    ways = 1.7 * directions
+    np.testing.assert_array_equal(blocked(SOLIDS, origins, ways), blocked_in_numpy(SOLIDS, origins, ways))
+    assert not blocked((), origins, ways).any()
 
 
 def test_rays_end_where_marching_ends():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
+from ...native import backend
 from .contract import rays_from
 
 Array = NDArray[np.float64]
@@ -86,6 +87,15 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
     A ray is inside a box between the last of the three entries and the first of the three exits
     through its pairs of planes. A ray that starts inside a solid meets that solid at distance 0.
     """
+    if backend.is_compiled:
+        distance, face = np.empty(len(origins_mm)), np.empty(len(origins_mm), np.int32)
+        backend.kernels.meet_boxes(_corners((room, *solids)), *_rows(origins_mm, directions), distance, face)
+        return BoxHits(distance, face)
+    return meet_in_numpy(room, solids, origins_mm, directions)
+
+
+def meet_in_numpy(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
+    """The same as :func:`meet`, with nothing compiled."""
     towards = _without_zeros(directions)
     inverse = 1 / towards
     exits = _crossings(np.where(towards > 0, room.high, room.low), origins_mm, inverse)
@@ -128,12 +138,31 @@ def rays_inside(box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLik
 
 def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
     """Which straight ways (n, 3), from origins along segments and no farther, lead through a solid."""
+    if backend.is_compiled:
+        through = np.empty(len(origins_mm), np.bool_)
+        backend.kernels.lead_through_boxes(_corners(solids), *_rows(origins_mm, segments), through.view(np.uint8))
+        return through
+    return blocked_in_numpy(solids, origins_mm, segments)
+
+
+def blocked_in_numpy(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
+    """The same as :func:`blocked`, with nothing compiled."""
     origins, inverse = _by_axes(origins_mm, 1 / _without_zeros(segments))
     through = np.zeros(len(origins_mm), dtype=bool)
     for solid in solids:
         near, far = _passage(solid, origins, inverse)
         through |= np.maximum(near, 0) < np.minimum(far, 1)
     return through
+
+
+def _corners(boxes: Sequence[Box]) -> Array:
+    """Low and high corners (2, n, 3)."""
+    return np.array([[box.low for box in boxes], [box.high for box in boxes]], float).reshape(2, len(boxes), 3)
+
+
+def _rows(origins_mm: Array, directions: Array) -> tuple[Array, Array]:
+    """As kernels take them."""
+    return np.ascontiguousarray(origins_mm, np.float64), np.ascontiguousarray(directions, np.float64)
 
 
 def _without_zeros(directions: Array) -> Array:

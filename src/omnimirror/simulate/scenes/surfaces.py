@@ -165,6 +165,13 @@ class Surfaces:
         return np.where(on, t, np.inf), a, b
 
 
+def joined(one: Surfaces, other: Surfaces) -> Surfaces:
+    """The surfaces of both."""
+    added = other.records.copy()
+    added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(np.int32)
+    return Surfaces(np.concatenate([one.records, added]), one.textures + other.textures)
+
+
 def _look_up(texture: Texture, place: Array) -> Light:
     """Texels (n, 4), interpolated linearly, at columns and rows (n, 2)."""
     size = np.array(texture.texels.shape[1::-1])

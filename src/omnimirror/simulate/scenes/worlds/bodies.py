@@ -16,15 +16,19 @@ from ....files import read_tables
 from ....frames import turned
 from ....media.keyframes import Keyframes, keyframes_of
 from ...colour import Light, hex_colour
-from ..boxes import TINY
+from ..boxes import FACES, TINY, Box, Face, face_of
 from ..contract import Array, Scene, distances_mm
 from ..posed import POSE_NAMES, Pose
+from ..surfaces import joined
+from .painted import Painted, Surroundings, surfaces_of
 
 SHADES = np.array([0.75, 0.55, 1.0])
 """How light sides, fronts and tops are: enough to tell them apart."""
 NOTHING, BACKGROUND = 0, 1
 MOST = 1000
 """Bodies of one scene."""
+MOST_ORDERED_ANEW = 20_000
+"""Surfaces of a scene to which kernels see bodies added, at each moment."""
 
 
 @runtime_checkable
@@ -188,6 +192,25 @@ class SceneWithBodies:
             light[on] = hex_colour(box.colour) * SHADES[axis[on], None].astype(np.float32)
         return light
 
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between corners (3,), (3,) mm: the scene's surfaces and the bodies'.
+
+        None where the scene is more than surfaces, where it has so many that they are not ordered anew for a moment,
+        and where rays may start in a body.
+        """
+        own = self.scene.surroundings_from(low_mm, high_mm) if isinstance(self.scene, Painted) else None
+        if own is None or not self.bodies:
+            return own
+        poses = [box.pose_at(self.time_s) for box in self.bodies]
+        starts = [np.clip(pose.shift_mm, low_mm, high_mm) - pose.shift_mm for pose in poses]
+        reaches = [np.linalg.norm(box.size_mm) / 2 for box in self.bodies]
+        is_inside = any(np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True))
+        if is_inside or len(own.surfaces.records) > MOST_ORDERED_ANEW:
+            return None
+        faces = [face for box, pose in zip(self.bodies, poses, strict=True) for face in _faces_of(box, pose)]
+        pictures = [_plain(box, number // 2) for box in self.bodies for number in FACES]
+        return Surroundings(joined(own.surfaces, surfaces_of(faces, pictures)), own.background)
+
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """How far (n,) rays go, mm."""
         return self._first(origins_mm, directions)[0]
@@ -225,6 +248,22 @@ class SceneWithBodies:
             met = (near > 0) & (near < exits.min(axis=1)) & (near < nearest)
             nearest[met], body[met], axis[met] = near[met], number, entries.argmax(axis=1)[met]
         return nearest, body, axis
+
+
+def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
+    """Its sides in the scene, in the order of their numbers."""
+    length, width, height = (side / 2 for side in box.size_mm)
+    own, turn, placed = Box((-length, -width, -height), (length, width, height)), pose.rotation().T, []
+    for face in (face_of(own, number, inside=False) for number in FACES):
+        corner = pose.to_scene(face.corner[None])[0]
+        right, up, normal = turned(np.array([face.right, face.up, face.normal]), turn)
+        placed.append(Face(corner, right, up, normal, face.width_mm, face.height_mm))
+    return placed
+
+
+def _plain(box: MovingBox, axis: int) -> Light:
+    """The picture (1, 1, 4) of a side that lets nothing through."""
+    return np.array([[[*(hex_colour(box.colour) * SHADES[axis]), 0.0]]], np.float32)
 
 
 def with_bodies(scene: Scene, bodies: Sequence[MovingBox], time_s: float) -> Scene:
