@@ -4,8 +4,9 @@ A spherical mirror in 1000 x 1000 px to views of 1280 x 720 px, bilinear, uint8 
 ``table map`` is the best that NumPy and OpenCV do: one product per pixel, the radius from a table, float32,
 buffers kept, and ``cv2.remap``. ``NumPy map`` is what one would write first. Both know distant things only. All run
 interleaved in one process with the same number of threads, a few frames of each in turn as in a video, into pictures
-that are kept; medians. *Samples alone* take their places from a map that was made before: no view that moves can be had
-for less. The last row is a view of 1920 x 1080 px in pictures of 3840 x 2160, YUV 4:2:0, plane by plane.
+that are kept; medians. *Samples alone* take their places from a map that was made before: by the same sampler no view
+that moves can be had for less. The last row is a view of 1920 x 1080 px in pictures of 3840 x 2160, YUV 4:2:0, plane by
+plane.
 
     python benchmarks/moving_views.py --out out/benchmarks --picture photograph.jpg
 """

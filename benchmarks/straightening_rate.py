@@ -6,7 +6,7 @@ Maps are made once. The last two columns take panoramas straight from r(row) and
 *Copy* is a plain copy that moves as many bytes as a frame must: it reads the map and those lines of 64 bytes of the
 picture in which a value is taken, and writes the output; on one thread. *In cache* is the packed map's sampler with the
 same fractions in a picture of 64 x 64 px, which lies in the nearest cache: its arithmetic, without waiting for the
-picture. No frame takes less than the larger of both.
+picture. By this sampler no frame takes less than the larger of both.
 
     python benchmarks/straightening_rate.py --out out/benchmarks --picture photograph.jpg
 """

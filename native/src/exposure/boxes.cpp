@@ -4,7 +4,6 @@
 #include "boxes.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "pool.hpp"
@@ -49,9 +48,11 @@ void pass(const Bundle& rays, const double* low, const double* high, Lane& near,
     }
 }
 
-// The axis across which a ray crosses first, or last, the planes through the corner that it comes to first, or last.
-int crossed(const Bundle& rays, int i, const double* low, const double* high, bool entering, double& distance) {
+// The axis across which a ray enters a box, through the last of the three near planes, or leaves it, through the first
+// of the three far ones.
+int axis_of(const Bundle& rays, int i, const double* low, const double* high, bool entering) {
     int axis = 0;
+    double distance = 0;
     for (int k = 0; k < 3; ++k) {
         const bool forward = rays.inverse[k][i] > 0;
         const double plane = forward != entering ? high[k] : low[k];
@@ -76,8 +77,7 @@ void meet_some(const Boxes& boxes, const Bundle& rays, int many, double* distanc
     }
     for (int i = 0; i < many; ++i) {
         const int box = static_cast<int>(which[i]);
-        double unused = 0;
-        const int axis = crossed(rays, i, boxes.lows + 3 * box, boxes.highs + 3 * box, box > 0, unused);
+        const int axis = axis_of(rays, i, boxes.lows + 3 * box, boxes.highs + 3 * box, box > 0);
         const bool forward = rays.inverse[axis][i] > 0;
         distances[i] = nearest[i], faces[i] = 6 * box + 2 * axis + (forward == (box == 0) ? 1 : 0);
     }
