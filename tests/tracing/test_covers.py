@@ -17,7 +17,9 @@ from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.errors import InvalidParameter, SelfObstruction
 from omnimirror.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.native import backend
 from omnimirror.simulate.rendering.sight import sights
+from omnimirror.tracing import covered as covered_mirror
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
@@ -152,6 +154,21 @@ def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(
         assert seen.valid.all()
         assert np.abs(seen.pixels - pixel).max() < 1e-5
         assert np.abs(sensor.project_directions([turn @ way]).pixels - pixel).max() < 1e-5
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+@pytest.mark.parametrize("name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube"))
+def test_some_seven_rays_find_where_a_target_is_seen(monkeypatch: pytest.MonkeyPatch, name):
+    """One to begin with, three for a first step, one for each of two that keep its derivatives, and one to prove it."""
+    sensor, traced = covered(name), []
+    pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
+    rays = sensor.backproject(pixels)
+    sees, counted = rays.valid, covered_mirror.way_out
+    monkeypatch.setattr(covered_mirror, "way_out", lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d))
+    found = sensor.project_directions(rays.directions[sees])
+    assert found.valid.all()
+    np.testing.assert_allclose(found.pixels, pixels[sees], atol=1e-6)
+    assert 5 * sees.sum() <= sum(traced) < 9 * sees.sum()
 
 
 @pytest.mark.parametrize(

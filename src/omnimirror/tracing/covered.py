@@ -19,9 +19,9 @@ from ..numerics.lazy import cached_property
 from .covers import Cover
 from .meridian import Meridian
 from .posed import PosedMirror
-from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, Specular, Surface
+from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, Specular, Surface, compiled_places
 from .space import Reflections, reflect
-from .walls import let_out, pose_of
+from .walls import pose_of, way_out
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,6 +30,7 @@ CHUNK = 1 << 13  # rays worked on at a time: their arrays stay in the cache
 MAX_STEPS = 40
 DIFFERENCE = 1e-6  # of the rim radius, between neighbours whose rays tell derivatives
 FAR = 1e9  # rim radii: where a distant target is looked for to begin with
+KEPT = 1e-2  # of the miss before: derivatives that leave more are taken anew
 ARRIVED = 1e-12  # radians: a ray that misses its target by less is on it
 
 
@@ -84,9 +85,9 @@ class CoveredMirror:
         """The mirror points (n, 3) in which pupils see targets; ``start`` are points (n, 3) mm to begin from."""
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
-        begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
-        xy = np.array(np.broadcast_to(begin, (count, 2)), dtype=float)
         with np.errstate(all="ignore"):  # what is not finite is not valid
+            begin = self._begun(pupils, targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
+            xy = np.array(np.broadcast_to(begin, (count, 2)), dtype=float)
             for first in range(0, count, CHUNK):
                 part = slice(first, first + CHUNK)
                 xy[part] = self._aimed(pupils[part], targets[part], xy[part])
@@ -150,24 +151,20 @@ class CoveredMirror:
 
         What ends at an end of a tube in air goes on as it is: it never comes to the wall.
         """
-        found = let_out(self.shell, points, directions)
-        first, second = (np.linalg.norm(b - a, axis=1) for a, b in ((points, found.met), (found.met, found.points)))
-        passes = found.passed > 0
+        way = way_out(self.shell, points, directions)
+        left_at, outwards, passes, (first, second) = way.points, way.directions, way.passes, way.lengths
         if isinstance(self.shell, Tube):
-            height = pose_of(self.shell).to_mirror(found.met)[:, 2]
+            height = (way.met if self.shell.is_axial else pose_of(self.shell).to_mirror(way.met))[:, 2]
             low, high = self.ends_mm
-            meets = (height > low) & (height < high) & (found.met != points).any(axis=1)
-            if self.shell.outer_index == 1.0:
-                stays = ~meets[:, None]
-                unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-                found = found._replace(
-                    points=np.where(stays, points, found.points), directions=np.where(stays, unit, found.directions)
+            meets = (height > low) & (height < high) & way.meets
+            if self.shell.outer_index != 1.0:
+                passes = passes & meets
+            elif not meets.all():
+                left_at, outwards = (
+                    np.where(meets[:, None], new, old) for new, old in ((left_at, points), (outwards, way.incident))
                 )
-                first, second = (np.where(meets, way, 0.0) for way in (first, second))
-                passes |= ~meets
-            else:
-                passes &= meets
-        return found.points, found.directions, first + self.shell.index * second, first + second, passes
+                first, second, passes = first * meets, second * meets, passes | ~meets
+        return left_at, outwards, first + self.shell.index * second, first + second, passes
 
     def _ways(self, pupils: Ends, xy: Array) -> _Ways:
         surface = Surface(self.mirror.mirror, xy, self.mirror.form)
@@ -222,26 +219,49 @@ class CoveredMirror:
         x = self._meridian.first_guess(across, inside[:, 2])
         return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
 
+    def _begun(self, pupils: Ends, targets: Ends) -> Array:
+        """Points (n, 2) of the mirror, mm, to begin from: those in which it would throw light as far beside a target as
+        the cover turns it back where one viewpoint would see that."""
+        places = self._guess(targets)
+        for first in range(0, len(places), CHUNK):
+            part = slice(first, first + CHUNK)
+            ways = self._ways(pupils[part], places[part])
+            towards = ways.reflected + self._wanted(ways, targets[part]) - ways.outwards
+            inside = Ends.of(self.mirror.pose.turned_to_mirror(towards), distant=True)
+            found = compiled_places(self.mirror.mirror, self.mirror.form, self._inside(pupils[part]), inside)
+            if found is not None:
+                places[part] = np.where(np.isfinite(found), found, places[part])
+        return places
+
+    def _inside(self, ends: Ends) -> Ends:
+        """In the mirror's own frame."""
+        pose = self.mirror.pose
+        return Ends((pose.turned_to_mirror if ends.distant else pose.to_mirror)(ends.xyz), ends.distant)
+
     def _aimed(self, pupils: Ends, targets: Ends, start: Array) -> Array:
-        """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule."""
+        """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule.
+
+        Derivatives cost two rays more: they are kept as long as each step leaves a hundredth.
+        """
         rim = self.mirror.mirror.rim_radius_mm
         step, reach = DIFFERENCE * rim, LONGEST_STEP * rim
         xy, active = np.array(start), np.arange(len(start))
+        rates, before = np.zeros((2, len(start), 3)), np.zeros(len(start))
         for _ in range(MAX_STEPS):
             pupil, target, at = pupils[active], targets[active], xy[active]
             ways = self._ways(pupil, at)
-            e1, e2 = _across(ways.outwards)
             here = self._miss(ways, target)
-            rates = [(self._miss(self._ways(pupil, at + step * e), target) - here) / step for e in np.eye(2)]
-            (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in (e1, e2))
-            u, v = (np.einsum("ni,ni->n", here, e) for e in (e1, e2))
-            det = a * d - b * c
-            move = np.stack([b * v - d * u, c * u - a * v], axis=-1) / det[:, None]
+            missed = np.sqrt(np.einsum("ni,ni->n", here, here))
+            again = np.flatnonzero((missed > ARRIVED) & ~(missed < KEPT * before[active]))
+            for k, e in enumerate(np.eye(2)):
+                there = self._miss(self._ways(pupil[again], at[again] + step * e), target[again])
+                rates[k, active[again]] = (there - here[again]) / step
+            before[active] = missed
+            move = _solved(rates[:, active], here, ways.outwards)
             size = np.hypot(*move.T)
             move *= np.minimum(1.0, reach / np.where(size > 0, size, 1.0))[:, None]
             xy[active] += move
-            going = (np.hypot(u, v) > ARRIVED) & np.isfinite(size) & (size > 1e-14 * rim)
-            active = active[going]
+            active = active[(missed > ARRIVED) & np.isfinite(size) & (size > 1e-14 * rim)]
             if not active.size:
                 break
         return xy
@@ -269,6 +289,17 @@ class CoveredMirror:
             valid,
             ways.points,
         )
+
+
+def _solved(rates: Array, miss: Array, towards: Array) -> Array:
+    """Moves (n, 2) that undo misses (n, 3) across directions (n, 3), by rates (2, n, 3); 0 where none are known."""
+    across = _across(towards)
+    (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in across)
+    u, v = (np.einsum("ni,ni->n", miss, e) for e in across)
+    det = a * d - b * c
+    is_known = rates.any(axis=(0, 2))
+    move: Array = np.stack([b * v - d * u, c * u - a * v], axis=-1) / np.where(is_known, det, 1.0)[:, None]
+    return move
 
 
 def _across(directions: Array) -> tuple[Array, Array]:

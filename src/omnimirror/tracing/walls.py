@@ -12,6 +12,7 @@ from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 AXIS = np.array([0.0, 0.0, 1.0])
 
@@ -102,6 +103,29 @@ def passage(shell: Shell, points: Array, directions: Array) -> Passage:
     return let_out(shell, points, directions)
 
 
+class WayOut(NamedTuple):
+    """Where rays (n,) go through a wall; nothing of how much of their light does."""
+
+    points: Array
+    """(n, 3): where they leave it; of rays that do not meet it, where they start."""
+    directions: Array
+    """(n, 3), unit vectors: whereto, outside."""
+    met: Array
+    """(n, 3): where they meet the inner side."""
+    incident: Array
+    """(n, 3), unit vectors: whereto, inside."""
+    inwards: Array
+    """(n, 3), unit vectors: normals of the inner side where it is met."""
+    lengths: tuple[Array, Array]
+    """(n,) until the inner side is met, and within the wall."""
+    cosines: tuple[Array, Array]
+    """(n,) of the angles to the normals, inside and outside."""
+    meets: Mask
+    """(n,) False for rays along a tube, and those that come from the wrong side of a window."""
+    passes: Mask
+    """(n,) whether any light gets out."""
+
+
 def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
     """The same, and nothing passes of rays that start outside."""
     if not shell.is_axial:
@@ -111,16 +135,37 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
         return Passage(
             places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
         )
+    return _with_light(way_out(shell, points, directions), shell.index, shell.outer_index)
+
+
+def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """Where that leads, for half the price of knowing how much light passes."""
+    if not shell.is_axial:
+        pose = pose_of(shell)
+        way = way_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
+        turn = pose.turned_to_camera
+        return way._replace(
+            points=pose.to_camera(way.points), directions=turn(way.directions), met=pose.to_camera(way.met),
+            incident=turn(way.incident), inwards=turn(way.inwards),
+        )  # fmt: skip
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
-        return through_window(points, directions, shell.heights_mm, *indices)
+        return _way_through_window(points, directions, shell.heights_mm, *indices)
     inner, outer = shell.radii_mm
     if isinstance(shell, Tube):
-        found = through_tube(points, directions, AXIS, outer, shell.wall_mm, *indices)
+        way = _way_through_tube(points, directions, outer, shell.wall_mm, *indices)
     else:
         near, far = (AXIS * height for height in shell.centres_mm)
-        found = through_dome(points, directions, (near, inner), (far, outer), *indices)
-    return found._replace(passed=np.where(_from_middle(shell, points)[0] > inner, 0.0, found.passed))
+        way = _way_through_dome(points, directions, (near, inner), (far, outer), *indices)
+    return way._replace(passes=way.passes & (_from_middle(shell, points)[0] <= inner))
+
+
+def _with_light(way: WayOut, refractive_index: float, medium_index: float) -> Passage:
+    """What passes and what is thrown back; all of what never meets the wall."""
+    before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in way.cosines)
+    share = np.where(way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0)
+    back = way.incident + 2 * (way.cosines[0] * way.meets)[:, None] * way.inwards
+    return Passage(way.points, way.directions, way.met, back, np.where(way.passes, share, 0.0))
 
 
 def pose_of(shell: Shell) -> MirrorPose:
@@ -154,65 +199,72 @@ def through_window(
     refractive_index, medium_index
         Of the pane, and of what is outside.
     """
-    d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    up = np.broadcast_to(AXIS, d.shape)
-    down, above = d[:, 2] < 0, points[:, 2] > heights[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        met = points + ((heights[0] - points[:, 2]) / d[:, 2])[:, None] * d
-        inside = _refracted(d, up, 1 / refractive_index)
-        left = met + ((heights[1] - heights[0]) / inside[:, 2])[:, None] * inside
-        out = _refracted(inside, up, refractive_index / medium_index)
-    angles = (np.arccos(np.clip(-way[:, 2], 0, 1)) for way in (d, out))
-    passed = wall_transmission(next(angles), refractive_index, next(angles), medium_index)
-    passes = down & above
-    keep = passes[:, None]
-    return Passage(
-        np.where(keep, left, points),
-        np.where(keep, out, d),
-        np.where(keep, met, points),
-        np.where(keep, d * [1.0, 1.0, -1.0], d),
-        np.where(passes, passed, 0.0),
+    return _with_light(
+        _way_through_window(points, directions, heights, refractive_index, medium_index), refractive_index, medium_index
     )
+
+
+def _way_through_window(
+    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
+) -> WayOut:
+    d = _unit(directions)
+    up = np.broadcast_to(AXIS, d.shape)
+    passes = (d[:, 2] < 0) & (points[:, 2] > heights[0])
+    keep = passes[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before = (heights[0] - points[:, 2]) / d[:, 2]
+        met = points + before[:, None] * d
+        inside = _refracted(d, up, 1 / refractive_index)
+        within = (heights[1] - heights[0]) / inside[:, 2]
+        left = met + within[:, None] * inside
+        out = _refracted(inside, up, refractive_index / medium_index)
+    return WayOut(
+        np.where(keep, left, points), np.where(keep, out, d), np.where(keep, met, points), d, up,
+        (np.where(passes, before, 0.0), np.where(passes, within, 0.0)), (-d[:, 2], -out[:, 2]), passes, passes,
+    )  # fmt: skip
 
 
 def through_tube(
     points: Array,
     directions: Array,
-    axis: Array,
     outer_radius: float,
     wall: float,
     refractive_index: float,
     medium_index: float = 1.0,
 ) -> Passage:
-    """Rays from inside a tube about an axis through the origin, traced out through its wall by Snell's law.
+    """Rays from inside a tube about the axis z, traced out through its wall by Snell's law.
 
     Parameters
     ----------
     points, directions : (n, 3)
-    axis : (3,) unit vector
     outer_radius, wall
         In the unit of the points.
     refractive_index, medium_index
         Of the wall, and of what is outside.
     """
-    d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    across = np.linalg.norm(np.cross(d, axis), axis=1) > 1e-9
-    met, inwards = _meet(points, d, axis, outer_radius - wall)
-    inside = _refracted(d, inwards, 1 / refractive_index)
-    left, normal = _meet(met, inside, axis, outer_radius)
-    out = _refracted(inside, normal, refractive_index / medium_index)
-    cosine, behind = (-np.einsum("ni,ni->n", *pair) for pair in ((d, inwards), (out, normal)))
-    back = d + 2 * cosine[:, None] * inwards
-    angles = (np.arccos(np.clip(c, 0, 1)) for c in (cosine, behind))
-    passed = wall_transmission(next(angles), refractive_index, next(angles), medium_index)
-    keep = across[:, None]
-    return Passage(
-        np.where(keep, left, points),
-        np.where(keep, out, d),
-        np.where(keep, met, points),
-        np.where(keep, back, d),
-        np.where(across, passed, 1.0),
+    return _with_light(
+        _way_through_tube(points, directions, outer_radius, wall, refractive_index, medium_index),
+        refractive_index,
+        medium_index,
     )
+
+
+def _way_through_tube(
+    points: Array, directions: Array, outer_radius: float, wall: float, refractive_index: float, medium_index: float
+) -> WayOut:
+    d = _unit(directions)
+    meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
+    met, inwards, before = _meet(points, d, outer_radius - wall)
+    inside = _refracted(d, inwards, 1 / refractive_index)
+    left, normal, within = _meet(met, inside, outer_radius)
+    out = _refracted(inside, normal, refractive_index / medium_index)
+    cosines = -_dot(d, inwards), -_dot(out, normal)
+    passes = (cosines[0] > 0) & (cosines[1] > 0)
+    if not meets.all():
+        keep = meets[:, None]
+        left, out, met = (np.where(keep, new, old) for new, old in ((left, points), (out, d), (met, points)))
+        before, within, passes = before * meets, within * meets, passes | ~meets
+    return WayOut(left, out, met, d, inwards, (before, within), cosines, meets, passes)
 
 
 def through_dome(
@@ -238,37 +290,64 @@ def through_dome(
     Where both have one centre, a ray that passes it at a distance s leaves as far from it, and is turned by
     asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
     """
-    d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    met, inwards = _meet_sphere(points, d, *inner)
+    return _with_light(
+        _way_through_dome(points, directions, inner, outer, refractive_index, medium_index),
+        refractive_index,
+        medium_index,
+    )
+
+
+def _way_through_dome(
+    points: Array,
+    directions: Array,
+    inner: tuple[Array, float],
+    outer: tuple[Array, float],
+    refractive_index: float,
+    medium_index: float,
+) -> WayOut:
+    d = _unit(directions)
+    met, inwards, before = _meet_sphere(points, d, *inner)
     inside = _refracted(d, inwards, 1 / refractive_index)
-    left, normal = _meet_sphere(met, inside, *outer)
+    left, normal, within = _meet_sphere(met, inside, *outer)
     out = _refracted(inside, normal, refractive_index / medium_index)
-    cos_before, cos_behind = (-np.einsum("ni,ni->n", *pair) for pair in ((d, inwards), (out, normal)))
-    before, behind = (np.arccos(np.clip(c, 0, 1)) for c in (cos_before, cos_behind))
-    passed = wall_transmission(before, refractive_index, behind, medium_index)
-    return Passage(left, out, met, d + 2 * cos_before[:, None] * inwards, passed)
+    cosines = -_dot(d, inwards), -_dot(out, normal)
+    passes = (cosines[0] > 0) & (cosines[1] > 0)
+    return WayOut(left, out, met, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes)
 
 
-def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Where rays from inside meet a sphere, and its unit normals there, towards its centre."""
+def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Where rays from inside meet a sphere, its unit normals there, towards its centre, and after how long a way."""
     p = points - centre
-    b, c = np.einsum("ni,ni->n", p, d), np.einsum("ni,ni->n", p, p) - radius**2
-    t = -b + np.sqrt(np.maximum(b**2 - c, 0))
-    met = points + t[:, None] * d
-    return met, (centre - met) / radius
+    b, c = _dot(p, d), _dot(p, p) - radius**2
+    way = np.sqrt(np.maximum(b**2 - c, 0)) - b
+    met = points + way[:, None] * d
+    return met, (centre - met) / radius, way
 
 
-def _meet(points: Array, d: Array, axis: Array, radius: float) -> tuple[Array, Array]:
-    """Where rays from inside meet a cylinder, and its unit normals there, towards the axis."""
-    p, q = points - np.outer(points @ axis, axis), d - np.outer(d @ axis, axis)
-    a, b, c = (np.einsum("ni,ni->n", *pair) for pair in ((q, q), (p, q), (p, p)))
-    t = (-b + np.sqrt(np.maximum(b**2 - a * (c - radius**2), 0))) / np.maximum(a, 1e-18)
-    return points + t[:, None] * d, -(p + t[:, None] * q) / radius
+def _meet(points: Array, d: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Where rays from inside meet a cylinder, its unit normals there, towards the axis, and after how long a way."""
+    (x, y), (u, v) = points[:, :2].T, d[:, :2].T
+    a, b, c = u * u + v * v, x * u + y * v, x * x + y * y - radius**2
+    way = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)
+    met = points + way[:, None] * d
+    normals = met / -radius
+    normals[:, 2] = 0.0
+    return met, normals, way
+
+
+def _dot(a: Array, b: Array) -> Array:
+    products: Array = np.einsum("ni,ni->n", a, b)
+    return products
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.sqrt(_dot(vectors, vectors))[:, None]
+    return unit
 
 
 def _refracted(d: Array, normal: Array, ratio: float) -> Array:
     """Unit directions behind a surface, Snell's law; ``ratio`` is the index before over the one behind."""
-    cosine = -np.einsum("ni,ni->n", d, normal)
+    cosine = -_dot(d, normal)
     behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
     turned: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal
     return turned
