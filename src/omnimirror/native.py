@@ -22,7 +22,7 @@ from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 11  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 12  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -189,7 +189,7 @@ class Kernels(Protocol):
     def Surfaces(self, records: Array, sizes: Array, texels: Array) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
-        pixels: Array, block: int, kernels: Array, tiles: Array,
+        pixels: Array, block: int, kernels: Array, tiles: Array, concentration: Array,
     ) -> object: ...  # fmt: skip
     def Sharpening(self, kernels: object, roots: Array, guess: Array) -> Sharpening: ...
     def expose_environment(
@@ -263,7 +263,7 @@ class CompiledSurfaces(Protocol):
 class Sharpening(Protocol):
     """The sharp picture that is looked for."""
 
-    def improve(self, costs: Array, steps: int) -> None: ...
+    def improve(self, costs: Array, steps: Array) -> None: ...
     def log_steepness(self, logarithms: Array) -> None: ...
     def blurred(self, light: Array) -> None: ...
     def light(self, light: Array) -> None: ...

@@ -15,24 +15,25 @@ int64_t stride_of(int64_t columns) { return LINE * (((columns + LINE - 1) / LINE
 // The picture's own columns at the start, without the stairs of pixels, which would be taken for edges: each value is
 // the mean of the pixels that a square of a pixel's size about it touches.
 void refine(const Sharpening& s, const float* roots, float* fine) {
-    const int f = s.blur.fineness, width = s.blur.width, deep = f * s.blur.height, across = f * width;
-    std::vector<float> mean(static_cast<size_t>(width * s.channels));
-    for (int row = 0; row < deep; ++row) {
-        std::fill(mean.begin(), mean.end(), 0.0f);
-        for (int n = 0; n < f; ++n) {
-            const float* line = roots + int64_t{s.channels} * width * (std::clamp(row + n - f / 2, 0, deep - 1) / f);
-            for (size_t i = 0; i < mean.size(); ++i) mean[i] += line[i] / static_cast<float>(f * f);
-        }
-        for (int c = 0; c < s.channels; ++c)
-            for (int within = 0; within < f; ++within) {
-                float* out = fine + s.place(row, c, within);
-                for (int x = 0; x < width; ++x)
-                    for (int n = 0; n < f; ++n) {
-                        const int column = std::clamp(f * x + within + n - f / 2, 0, across - 1) / f;
-                        out[x] += mean[static_cast<size_t>(column * s.channels + c)];
-                    }
+    const int f = s.blur.fineness, width = s.blur.width, deep = f * s.blur.height;
+    std::vector<float> means(static_cast<size_t>(width) + 2);  // down a column, which go on at both ends
+    for (int row = 0; row < deep; ++row)
+        for (int c = 0; c < s.channels; ++c) {
+            std::fill(means.begin(), means.end(), 0.0f);
+            float* mean = means.data() + 1;
+            for (int n = 0; n < f; ++n) {
+                const int line = std::clamp(row + n - f / 2, 0, deep - 1) / f;
+                const float* root = roots + int64_t{s.channels} * width * line + c;
+                for (int x = 0; x < width; ++x) mean[x] += root[s.channels * x] / static_cast<float>(f * f);
             }
-    }
+            mean[-1] = mean[0], mean[width] = mean[width - 1];
+            for (int within = 0; within < f; ++within)
+                for (int n = 0; n < f; ++n) {
+                    const float* from = mean + (f + within + n - f / 2) / f - 1;
+                    float* out = fine + s.place(row, c, within);
+                    for (int x = 0; x < width; ++x) out[x] += from[x];
+                }
+        }
 }
 
 }  // namespace

@@ -42,7 +42,8 @@ struct BlurKernels {
     std::vector<int32_t> kernels;  // (height, groups * GROUP / block), or -1 where nothing is known
     std::vector<uint8_t> known;    // (height, width)
     std::vector<Part> tiles;
-    int reach;  // pixels that kernels go beyond their own, at most
+    std::vector<float> concentration;  // (height, width) of the weights in each pixel's kernel
+    int reach;                         // pixels that kernels go beyond their own, at most
 
     int groups() const { return (width + GROUP - 1) / GROUP; }
 };
@@ -88,8 +89,9 @@ class Sharpening {
 
 // What each instruction set implements, in a translation unit of its own.
 struct SharpeningKernel {
-    // A round of the picture's improvement, with costs (height, width) of steepness and so many steps.
-    void (*improve)(Sharpening&, const float* costs, int steps);
+    // A round of the picture's improvement, with costs (height, width) of steepness and so many steps (tiles); where
+    // they are 0 a tile stays as it is.
+    void (*improve)(Sharpening&, const float* costs, const int32_t* steps);
     // Mean logarithms (height, width) of the steepness in every pixel.
     void (*log_steepness)(const Sharpening&, float* logarithms);
     // Light (height, width, channels) of the blurred picture, where it is known.

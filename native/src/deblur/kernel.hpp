@@ -81,9 +81,8 @@ void fetch(const Work<C>& w) {
 
 template <int C>
 void set_stiffness(const Work<C>& w, const float* costs, int row) {
-    const auto f = static_cast<float>(w.f);
-    const float diagonal = 0.5f / (f * f * f * f),
-                *cost = costs + int64_t{w.s.blur.width} * (w.top + row / w.f) + w.left;
+    const int64_t pixels = int64_t{w.s.blur.width} * (w.top + row / w.f) + w.left;
+    const float *cost = costs + pixels, *concentration = w.s.blur.concentration.data() + pixels;
     for (int within = 0; within < w.f; ++within) {
         Steepness steepness;
         for (int c = 0; c < C; ++c) {
@@ -93,7 +92,7 @@ void set_stiffness(const Work<C>& w, const float* costs, int row) {
         float *stiffness = w.row_of(w.stiffness, row, within), *scale = w.row_of(w.scale, row, within);
         OMNIMIRROR_COLUMNS(x, w.values) {
             stiffness[x] = cost[x] / std::sqrt(steepness.squared<C>(x, BRIGHTEST));
-            scale[x] = 1 / (4 * stiffness[x] + diagonal);  // about the inverse of the second derivative's diagonal
+            scale[x] = 1 / (4 * stiffness[x] + concentration[x]);
         }
     }
 }
@@ -251,10 +250,25 @@ void improve_tile(const Work<C>& w, const float* costs, int steps) {
     keep(w, step);
 }
 
+// A tile stays as it is, with the column that is repeated on the right of the picture.
+inline void leave_tile(Sharpening& s, const Box& kept) {
+    const int f = s.blur.fineness, end = kept.right + (kept.right == s.blur.width);
+    for (int row = f * kept.top; row < f * kept.bottom; ++row)
+        for (int n = 0; n < s.channels * f; ++n) {
+            const int64_t first = s.place(row, 0, n) + kept.left;
+            std::copy_n(s.fine.data() + first, end - kept.left, s.improved.data() + first);
+        }
+}
+
 template <int C>
-void improve_all(Sharpening& s, const float* costs, int steps) {
-    in_parallel(static_cast<int>(s.blur.tiles.size()),
-                [&](int i) { improve_tile(Work<C>(s, s.blur.tiles[static_cast<size_t>(i)]), costs, steps); });
+void improve_all(Sharpening& s, const float* costs, const int32_t* steps) {
+    in_parallel(static_cast<int>(s.blur.tiles.size()), [&](int i) {
+        const Part& tile = s.blur.tiles[static_cast<size_t>(i)];
+        if (steps[i] > 0)
+            improve_tile(Work<C>(s, tile), costs, steps[i]);
+        else
+            leave_tile(s, tile.kept);
+    });
     std::swap(s.fine, s.improved);
 }
 
@@ -354,7 +368,7 @@ void light_all(const Sharpening& s, float* light) {
 
 // -- for any number of channels ----------------------------------------------------------------------------
 
-void improve(Sharpening& s, const float* costs, int steps) {
+void improve(Sharpening& s, const float* costs, const int32_t* steps) {
     s.channels == 1 ? improve_all<1>(s, costs, steps) : improve_all<3>(s, costs, steps);
 }
 

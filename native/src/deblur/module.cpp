@@ -47,6 +47,13 @@ void add_pixels(BlurKernels& k, const Ints& pixels, const Ints& kernels) {
     }
 }
 
+void add_concentration(BlurKernels& k, const Floats& concentration) {
+    require(concentration.ndim() == 2 && concentration.shape(0) == static_cast<size_t>(k.height) &&
+                concentration.shape(1) == static_cast<size_t>(k.width),
+            "every pixel has a concentration");
+    k.concentration.assign(concentration.data(), concentration.data() + concentration.size());
+}
+
 void add_tiles(BlurKernels& k, const Ints& tiles) {
     require(tiles.ndim() == 3 && tiles.shape(1) == 2 && tiles.shape(2) == 4, "tiles are (n, 2, 4)");
     const int reach = k.reach, groups = (reach + GROUP - 1) / GROUP * GROUP;
@@ -66,7 +73,7 @@ void add_tiles(BlurKernels& k, const Ints& tiles) {
 
 BlurKernels* make_kernels(int width, int height, int fineness, const Ints& firsts, const Ints& offsets,
                           const Floats& weights, const Ints& pixels, int block, const Ints& kernels,
-                          const Ints& tiles) {
+                          const Ints& tiles, const Floats& concentration) {
     require(width > 0 && height > 0 && width <= (1 << 14) && height <= (1 << 14), "valid are sides up to 16384");
     require(fineness >= 1 && fineness <= 4, "the fineness is 1 to 4");
     require(block == 1 || block == 2 || block == 4 || block == GROUP, "blocks have 1, 2, 4 or 8 pixels");
@@ -77,6 +84,7 @@ BlurKernels* make_kernels(int width, int height, int fineness, const Ints& first
     add_taps(*k, firsts, offsets, weights);
     add_pixels(*k, pixels, kernels);
     add_tiles(*k, tiles);
+    add_concentration(*k, concentration);
     return k.release();
 }
 
@@ -104,11 +112,11 @@ void require_light(const Sharpening& s, const FloatsOut& light) {
             "values are (height, width, channels)");
 }
 
-void improve_sharp(Sharpening& s, const Floats& costs, int steps) {
+void improve_sharp(Sharpening& s, const Floats& costs, const Ints& steps) {
     require_pixels(s, costs);
-    require(steps >= 1, "there is a step at least");
+    require(steps.size() == s.blur.tiles.size(), "every tile has its steps");
     nb::gil_scoped_release released;
-    sharpening_kernel().improve(s, costs.data(), steps);
+    sharpening_kernel().improve(s, costs.data(), steps.data());
 }
 
 void log_steepness_of(const Sharpening& s, const FloatsOut& logarithms) {
@@ -134,7 +142,7 @@ void light_of(const Sharpening& s, const FloatsOut& light) {
 void add_deblurring(nb::module_& m) {
     nb::class_<BlurKernels>(m, "BlurKernels")
         .def(nb::new_(&make_kernels), "width"_a, "height"_a, "fineness"_a, "firsts"_a, "offsets"_a, "weights"_a,
-             "pixels"_a, "block"_a, "kernels"_a, "tiles"_a);
+             "pixels"_a, "block"_a, "kernels"_a, "tiles"_a, "concentration"_a);
     nb::class_<Sharpening>(m, "Sharpening")
         .def("__init__", &start, "kernels"_a, "roots"_a, "guess"_a, nb::keep_alive<1, 2>())
         .def("improve", &improve_sharp, "costs"_a, "steps"_a)

@@ -14,7 +14,7 @@ from omnimirror.simulate.restoration.blur_problem import BlurProblem
 from omnimirror.simulate.restoration.blurring import Blur, blur_kernels, whole_groups
 from omnimirror.simulate.restoration.deconvolution import Effort, solve
 from omnimirror.simulate.restoration.round_blur import round_blur_of
-from omnimirror.simulate.restoration.sharp_picture import CompiledDeblurring, SparseDeblurring
+from omnimirror.simulate.restoration.sharp_picture import CompiledDeblurring, SparseDeblurring, deblurring_of
 from tests.everyday import few
 
 needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
@@ -56,6 +56,10 @@ def test_kernels_reach_beyond_the_edge(blur: Blur):
 
 def test_every_kernel_adds_up_to_one(blur: Blur):
     np.testing.assert_allclose(np.add.reduceat(blur.weights, blur.firsts[:-1]), 1, atol=1e-5)
+
+
+def steps_of(blur: Blur, count: int) -> np.ndarray:
+    return np.full(len(blur.tiles), count, np.int32)
 
 
 def values_of(blur: Blur, box: np.ndarray) -> tuple[slice, slice]:
@@ -114,6 +118,42 @@ def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(blur: B
     np.testing.assert_allclose(sharp.log_steepness(), logarithms, atol=1e-4)
 
 
+def concentrated(blur: Blur, by_pixel: np.ndarray) -> Blur:
+    """The same, whose kernels are told to be so concentrated."""
+
+    class Told(Blur):
+        concentration = np.ascontiguousarray(by_pixel)
+
+    return Told(*blur)
+
+
+def test_concentration_is_the_length_of_a_row_of_the_matrix(blur: Blur):
+    matrix = blur.matrix()
+    rows, columns = np.divmod(blur.pixels, blur.size[0])
+    inside = np.minimum.reduce([rows, columns, blur.size[1] - 1 - rows, blur.size[0] - 1 - columns]) >= blur.reach
+    lengths = np.sqrt(np.asarray(matrix.power(2).sum(axis=1)).ravel())
+    assert inside.sum() > 1000
+    np.testing.assert_allclose(blur.concentration.ravel()[blur.pixels[inside]], lengths[inside] / 2, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
+def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
+    """Squares under noise: told a tenth or ten times of it, conjugate gradients leave more of the blur."""
+    problem = BlurProblem(round_blur_of(faster(om.load_sensor(name), 144, 0.5)))
+    rng = np.random.default_rng(8)
+    light = np.kron(rng.random((18, 18)), np.ones((8, 8))).astype(np.float32)[..., None]
+    fine = np.repeat(np.repeat(light, 2, axis=0), 2, axis=1)
+    roots = np.sqrt(light)
+    roots.reshape(-1, 1)[problem.blur.pixels] = np.sqrt(problem.blur.matrix() @ fine.reshape(-1, 1))
+    roots = np.maximum(roots + 0.01 * rng.standard_normal(roots.shape), 0).astype(np.float32)
+    noise, errors = np.full(roots.shape[:2], 0.01, np.float32), []
+    for times in (0.1, 1, 10):
+        blur = concentrated(problem.blur, np.float32(times) * problem.blur.concentration)
+        sharp = solve((None, deblurring_of(blur)), problem.widening, roots, noise, noise, Effort(0, 4, 4))
+        errors.append(((sharp.light() - light)[problem.known_pixels] ** 2).mean())
+    assert errors[1] < 0.95 * min(errors[0], errors[2]), errors
+
+
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_round_explains_the_picture_better(blur: Blur, kind):
@@ -127,7 +167,7 @@ def test_every_round_explains_the_picture_better(blur: Blur, kind):
     for _ in range(4):
         blurred = sharp.blurred().reshape(-1, 1)[blur.pixels]
         left.append(float(((np.sqrt(blurred) - seen) ** 2).mean()))
-        sharp.improve(np.full((height, width), 1e-4, np.float32), 8)
+        sharp.improve(np.full((height, width), 1e-4, np.float32), steps_of(blur, 8))
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.01 * left[0]
 
@@ -137,7 +177,7 @@ def test_where_differences_cost_much_the_picture_becomes_even(blur: Blur, kind):
     roots = 0.4 + 0.2 * random_roots(blur)
     sharp = kind(blur).start(roots, roots)
     for _ in range(3):
-        sharp.improve(np.full(roots.shape[:2], 10, np.float32), 30)
+        sharp.improve(np.full(roots.shape[:2], 10, np.float32), steps_of(blur, 30))
     known = np.sqrt(sharp.light()).reshape(-1, 3)[blur.pixels]
     assert known.std() < 0.2 * roots.reshape(-1, 3)[blur.pixels].std()
     assert known.mean() == pytest.approx(0.5, abs=0.02)
@@ -152,7 +192,7 @@ def test_what_lies_far_from_known_pixels_stays(kind):
     roots = random_roots(blur)
     sharp = kind(blur).start(roots, roots)
     before = sharp.light()
-    sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), 4)
+    sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), steps_of(blur, 4))
     moved = np.abs(sharp.light() - before).max(axis=2) > 0
     near = np.zeros(moved.shape, bool)
     for _, explained in blur.tiles:
@@ -160,6 +200,26 @@ def test_what_lies_far_from_known_pixels_stays(kind):
     assert near.mean() < 0.8
     assert not moved[~near].any()
     assert moved[blur.known].all()
+
+
+@pytest.mark.usefixtures("small_tiles")
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_without_steps_stay_and_the_others_move_as_ever(blur: Blur, kind):
+    roots, costs = random_roots(blur), np.full(blur.size[::-1], 0.02, np.float32)
+    steps = steps_of(blur, 3) * (np.arange(len(blur.tiles)) % 2 == 0)
+    some, all_, none = (kind(blur).start(roots, roots) for _ in range(3))
+    for _ in range(2):  # the second time those that stay are not found where the first one left them
+        all_.improve(costs, steps_of(blur, 3))
+    some.improve(costs, steps_of(blur, 3))
+    once = some.light()
+    some.improve(costs, steps)
+    moved, twice = some.light(), all_.light()
+    for (kept, _), count in zip(blur.tiles, steps, strict=True):
+        here = slice(kept[0], kept[1]), slice(kept[2], kept[3])
+        np.testing.assert_array_equal(moved[here], (twice if count else once)[here])
+    none.improve(costs, steps_of(blur, 0))
+    np.testing.assert_array_equal(none.light(), kind(blur).start(roots, roots).light())
+    np.testing.assert_array_equal(none.log_steepness(), kind(blur).start(roots, roots).log_steepness())
 
 
 @needs_compiled
@@ -173,30 +233,28 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
     roots = random_roots(blur, channels)
     one, other = (kind(blur).start(roots, roots) for kind in (CompiledDeblurring, SparseDeblurring))
     for sharp in (one, other):
-        sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), 3)
+        sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), steps_of(blur, 3))
     np.testing.assert_allclose(one.light(), other.light(), atol=2e-5)
 
 
-# What rounding to float32 comes to, in light: over six such pictures the two ways differ at worst by 1.7e-6 and 1.1e-7
-# rms after one round of three steps, and by 9e-6 and 4.3e-7 after three rounds in six tiles, with every set of
-# instructions. The sparse way differs from itself where every root is moved by its last bit by 4.1e-6 and 2.1e-7, and
-# by 1.9e-5 and 6.5e-7. Rounds of eight steps carry that further, in single values most (1.7e-3, 2.7e-5 rms; by the last
-# bit 1.1e-3, 1.6e-5).
+# What rounding to float32 comes to, in light: the sparse way differs from itself, where every root is moved by its last
+# bit, in one value of a thousand by so much, and in half of them by so little, at worst of twelve pictures. Three times
+# that are allowed; the two ways differ by up to 2.5 times as much. Single values go far apart after many steps (3e-2).
 @needs_compiled
 @pytest.mark.parametrize(
-    ("tile_px", "effort", "most", "most_rms"),
+    ("tile_px", "effort", "of_thousandth", "of_half"),
     [
-        (128, Effort(0, 1, 3), 2.2e-5, 4.8e-7),
-        (40, Effort(0, 3, 3), 2.2e-5, 8.6e-7),
-        (40, Effort(2, 2, 3), 2.2e-5, 8.6e-7),
-        (128, Effort(0, 6, 8), 1.2e-2, 1.1e-4),
+        (128, Effort(0, 1, 3), 1.2e-6, 1.0e-7),
+        (40, Effort(0, 3, 3), 5.4e-5, 1.5e-7),
+        (40, Effort(2, 2, 3), 1.2e-4, 1.5e-7),
+        (128, Effort(0, 6, 8), 3.4e-4, 9.8e-7),
     ],
 )
 @pytest.mark.parametrize("instructions", few(["plain", "best"], "best"))
 @pytest.mark.parametrize("channels", few([1, 3], 3))
 def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
     monkeypatch: pytest.MonkeyPatch, blur: Blur, coarse_blur: Blur, channels: int, instructions: str, tile_px: int,
-    effort: Effort, most: float, most_rms: float,
+    effort: Effort, of_thousandth: float, of_half: float,
 ):  # fmt: skip
     monkeypatch.setattr(blurring, "TILE_PX", tile_px)
     roots = random_roots(blur, channels)
@@ -212,8 +270,8 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
             for kind in (CompiledDeblurring, SparseDeblurring)
         )
         for got, wanted in ((one.light(), other.light()), (one.blurred(), other.blurred())):
-            assert np.abs(got - wanted).max() < most
-            assert np.sqrt(((got - wanted) ** 2).mean()) < most_rms
+            apart = np.quantile(np.abs(got - wanted), [0.999, 0.5])
+            assert (apart < 3 * np.array([of_thousandth, of_half])).all(), apart
     finally:
         backend.kernels.use_instructions(before)
 
@@ -249,10 +307,15 @@ def test_arrays_that_do_not_fit_are_refused(blur: Blur):
     for guess in (np.zeros((5, 4, 3), np.float32), random_roots(blur, 1)):
         with pytest.raises(ValueError, match="roots are"):
             deblurring.start(random_roots(blur), guess)
+    sharp = deblurring.start(*2 * [random_roots(blur)])
     with pytest.raises(ValueError, match="values are"):
-        deblurring.start(*2 * [random_roots(blur)]).improve(np.zeros((5, 4), np.float32), 1)
+        sharp.improve(np.zeros((5, 4), np.float32), steps_of(blur, 1))
+    with pytest.raises(ValueError, match="every tile has its steps"):
+        sharp.improve(np.zeros(blur.size[::-1], np.float32), steps_of(blur, 1)[1:])
     with pytest.raises(ValueError, match="there is no such kernel"):
-        CompiledDeblurring(blur._replace(kernels=blur.kernels + 10**6))
+        CompiledDeblurring(concentrated(blur._replace(kernels=blur.kernels + 10**6), blur.concentration))
+    with pytest.raises(ValueError, match="every pixel has a concentration"):
+        CompiledDeblurring(concentrated(blur, blur.concentration[1:]))
     with pytest.raises(ValueError, match="every known pixel has a kernel"):
         CompiledDeblurring(blur._replace(kernels=np.full_like(blur.kernels, -1)))
     with pytest.raises(ValueError, match="every block of pixels"):

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
-from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, Effort, solve, texture_of
+from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, UNEVEN, UNEVEN_PX, Effort, solve, texture_of
 from .noise import Noise
 from .round_blur import RoundBlur
 from .sharp_picture import DARK, SATURATED, Deblurring, SharpPicture, deblurring_of
 
 Values = NDArray[np.float32]
 
+SHARP_PX = 0.25  # pixels with less blur stay as they are, and those with twice as much are all restored
 FINENESS = 2  # a picture blurred one way is aliased the other, and what aliasing folded must have its place
 TEXTURE_PX = 9  # in which what is left over is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
@@ -61,7 +62,21 @@ class BlurProblem:
     @property
     def effort(self) -> Effort:
         """Rounds, and steps in each, that pay."""
-        return LARGE if self.widening.ravel()[self.blur.pixels].max(initial=0) > LARGE_PX else SMALL
+        if not self.is_large_anywhere:
+            return SMALL
+        return LARGE if np.median(self.widening[self.known_pixels]) > LARGE_PX else UNEVEN
+
+    @cached_property
+    def is_large_anywhere(self) -> bool:
+        """Whether more is to be found than a few steps find."""
+        return bool(self.widening[self.known_pixels].max(initial=0) > UNEVEN_PX)
+
+    @cached_property
+    def share(self) -> Values:
+        """How much of a pixel (h, w) is restored, 0 to 1: nothing where it is sharp, or near the rim."""
+        blurred = _smooth(self.sizes.larger / SHARP_PX - 1)
+        inside = _smooth((self.known.whole_radius_px - self.known.radius) / 2)
+        return (blurred * inside).astype(np.float32)
 
     def sharp_roots(self, roots: Values, noise: Noise) -> Values:
         """Roots (h, w, channels) of the light of the sharp picture."""
@@ -85,16 +100,20 @@ class BlurProblem:
 
     def left_over(self, roots: Values, sharp: SharpPicture) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
-        level = np.sqrt(np.maximum(sharp.blurred(), DARK))
-        counts = self.known_pixels[..., None] & ((roots < SATURATED) | (level < roots))
-        return np.where(counts, roots - level, np.float32(0))
+        level = sharp.blurred()
+        np.sqrt(np.maximum(level, DARK, out=level), out=level)
+        left = np.subtract(roots, level, out=level)
+        left *= self.known_pixels[..., None] & ((roots < SATURATED) | (left > 0))
+        return left
 
     def within(self, roots: Values) -> Values:
         """The picture with what it shows within the rim mirrored beyond it, where anything may stand."""
-        rows, columns = self._mirrored
-        mirrored = roots[rows, columns]
-        smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
-        return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
+        beyond, mirrored = self._mirrored
+        found = roots.copy().reshape(-1, roots.shape[2])
+        found[beyond] = found[mirrored]
+        smooth = cv2.blur(found.reshape(roots.shape), (BEYOND_PX, BEYOND_PX))
+        found[beyond] = smooth.reshape(found.shape)[beyond]
+        return found.reshape(roots.shape)
 
     def _given_share(self, sharp: SharpPicture, removed: Values, left: Values, noise: Noise) -> Values:
         """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
@@ -119,32 +138,46 @@ class BlurProblem:
         """
         known = self.known_pixels.astype(np.float32)
         window = (TEXTURE_PX, TEXTURE_PX)
-        logarithm = cv2.blur(np.log((left**2).mean(axis=2) + np.float32(1e-8)) * known, window)
+        logarithm = cv2.blur(np.log(_mean_squares(left) + np.float32(1e-8)) * known, window)
         power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))
         expected = noise.visible_share * noise.by_pixel
         return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
 
     @cached_property
     def _mirrored(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns (h, w) whose pixel stands for each."""
+        """Pixels (n,) beyond the rim, and those that stand for them: row * width + column."""
         radius, rim = self.known.radius, self.known.whole_radius_px
-        beyond = radius > rim
-        rows, columns = np.indices(radius.shape)
-        target = np.clip(2 * rim - radius, 0, rim - 1)  # a pixel off, so that the nearest one is within
-        inwards = np.where(beyond, target / np.maximum(radius, 1) - 1, 0)
-        moved = [np.rint(i + inwards * self.known.offsets[..., n]) for i, n in ((rows, 1), (columns, 0))]
         height, width = radius.shape
-        found = np.clip(moved[0], 0, height - 1).astype(int), np.clip(moved[1], 0, width - 1).astype(int)
-        return found
+        beyond = np.flatnonzero(radius > rim)
+        radius = radius.ravel()[beyond]
+        target = np.clip(2 * rim - radius, 0, rim - 1)  # a pixel off, so that the nearest one is within
+        inwards = target / np.maximum(radius, 1) - 1
+        right, down = self.known.offsets.reshape(-1, 2)[beyond].T
+        row = np.clip(np.rint(beyond // width + inwards * down), 0, height - 1).astype(int)
+        column = np.clip(np.rint(beyond % width + inwards * right), 0, width - 1).astype(int)
+        return beyond, row * width + column
+
+
+def _smooth(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From 0 at 0 to 1 at 1 without a kink."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
 
 
 def _saturated(roots: Values) -> Values:
     """The share (h, w) of pixels about each that are saturated, and may have been anything brighter."""
-    saturated = (roots.max(axis=2) >= SATURATED).astype(np.float32)
+    saturated = np.zeros(roots.shape[:2], np.float32)
+    for channel in np.moveaxis(roots, -1, 0):
+        saturated[channel >= SATURATED] = 1
     return np.asarray(cv2.blur(saturated, (TEXTURE_PX, TEXTURE_PX)), np.float32)
 
 
 def _power(values: Values, noise: Noise) -> Values:
     """Mean squares (h, w) of values (h, w, channels) about each pixel, over those of the noise."""
-    squares = cv2.blur((values**2).mean(axis=2) / noise.by_pixel**2, (TEXTURE_PX, TEXTURE_PX))
+    squares = cv2.blur(_mean_squares(values) / noise.by_pixel**2, (TEXTURE_PX, TEXTURE_PX))
     return np.asarray(np.maximum(squares, 0), np.float32)  # running sums of zeros come out below 0
+
+
+def _mean_squares(values: Values) -> Values:
+    """Of the channels (h, w), without an array of all squares."""
+    return np.asarray(np.einsum("hwc,hwc->hw", values, values) / np.float32(values.shape[2]))

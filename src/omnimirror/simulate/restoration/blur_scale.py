@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blur_problem import BlurProblem
-from .deconvolution import LARGE, Effort
+from .deconvolution import Effort
 from .noise import Noise
 from .round_blur import RoundBlur
 
@@ -101,7 +101,7 @@ class BlurScale:
 
     @cached_property
     def _is_large(self) -> bool:
-        return any(problem.effort is LARGE for problem in self._problems(SHARES[-1]))
+        return any(problem.is_large_anywhere for problem in self._problems(SHARES[-1]))
 
     def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
         """Root of the mean square (bands,) of what is left over, over noise, by the radius; 0 where none is seen."""

@@ -25,7 +25,7 @@ Whole = NDArray[np.int32]
 
 GROUP_PX = 8  # adjoining pixels of a row, which processors blur beside each other
 STEEP_PX = 0.65  # by as much the blur may change along pixels of one kernel, at nine of ten distances from the axis
-TILE_PX = 128  # sides of the parts that are looked for by themselves, at most: a few megabytes, which stay in caches
+TILE_PX = 152  # sides of the parts that are looked for by themselves, at most: a few megabytes, which stay in caches
 RING_PX = 2.0  # the width of rings with one kernel for each direction
 TURNS = 64  # directions, over half a turn: at 10 px of blur its ends are .25 px off at most
 POINTS_PER_PX2 = 16  # on the disk
@@ -103,6 +103,16 @@ class Blur(NamedTuple):
                     begin = columns[0] // GROUP_PX * GROUP_PX
                     found.append([(top, bottom, left, right), (rows[0], rows[-1] + 1, begin, columns[-1] + 1)])
         return _whole(np.array(found).reshape(-1, 2, 4))
+
+    @property
+    def concentration(self) -> NDArray[np.float32]:
+        """(h, w) root of the sum of squares of the weights in each pixel's kernel, over the fineness: about what makes
+        conjugate gradients quickest, between the diagonal of the weights' product with their transpose, which is less,
+        and what that comes to for even pictures. Where no pixel is known, that of the last kernel, which is at the rim.
+        """
+        of_kernel = np.sqrt(np.add.reduceat(self.weights**2, self.firsts[:-1])) / self.fineness
+        of_block = of_kernel.astype(np.float32)[self.kernels]  # none is the last
+        return np.ascontiguousarray(np.repeat(of_block, self.block_px, axis=1)[:, : self.size[0]])
 
     def matrix(self) -> csr_matrix:
         """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; beyond its edge the picture

@@ -26,7 +26,7 @@ SATURATED = np.float32(0.995)  # such a pixel may have been brighter
 class SharpPicture(Protocol):
     """Roots u of its light, of which the fine values that known pixels depend on are looked for."""
 
-    def improve(self, costs: Values, steps: int) -> None:
+    def improve(self, costs: Values, steps: Whole) -> None:
         """Go towards what makes ``|sqrt(A u^2) - y|^2 / 2 + sum costs |grad u|`` least, A being the blur.
 
         Both terms are replaced by quadratic ones about u, and so many steps of conjugate gradients are made, in each
@@ -35,7 +35,8 @@ class SharpPicture(Protocol):
         Parameters
         ----------
         costs : (h, w)
-        steps
+        steps : (tiles,)
+            A tile stays as it is where they are 0.
         """
 
     def log_steepness(self) -> Values:
@@ -52,6 +53,9 @@ class SharpPicture(Protocol):
 class Deblurring(Protocol):
     """What is prepared once for a blur."""
 
+    tiles: Whole
+    """(n, 2, 4) the parts that are improved each by itself, as :attr:`Blur.tiles` has them."""
+
     def start(self, roots: Values, guess: Values) -> SharpPicture:
         """A sharp picture whose blurred one has light of such roots (h, w, 1 or 3), begun at a guess (h, w, 1 or 3)."""
 
@@ -65,6 +69,7 @@ class CompiledDeblurring:
     """In C++, on several threads."""
 
     def __init__(self, blur: Blur) -> None:
+        self.tiles = blur.tiles
         self._kernels = backend.kernels.BlurKernels(
             *blur.size,
             blur.fineness,
@@ -74,7 +79,8 @@ class CompiledDeblurring:
             blur.pixels,
             blur.block_px,
             blur.kernels,
-            blur.tiles,
+            self.tiles,
+            blur.concentration,
         )
 
     def start(self, roots: Values, guess: Values) -> SharpPicture:
@@ -88,8 +94,8 @@ class CompiledPicture:
         self._sharp = backend.kernels.Sharpening(kernels, np.ascontiguousarray(roots), np.ascontiguousarray(guess))
         self._shape = roots.shape
 
-    def improve(self, costs: Values, steps: int) -> None:
-        self._sharp.improve(np.ascontiguousarray(costs), steps)
+    def improve(self, costs: Values, steps: Whole) -> None:
+        self._sharp.improve(np.ascontiguousarray(costs), np.ascontiguousarray(steps, np.int32))
 
     def log_steepness(self) -> Values:
         logarithms = np.empty(self._shape[:2], np.float32)
@@ -162,28 +168,34 @@ class SparseDeblurring:
     """By SciPy's sparse matrices and NumPy, on one thread."""
 
     def __init__(self, blur: Blur) -> None:
-        self._blur, self._matrix = blur, blur.matrix()
-        self._tiles = [_tile(blur, self._matrix, *boxes) for boxes in blur.tiles]
+        self._blur, self._matrix, self._concentration = blur, blur.matrix(), blur.concentration
+        self.tiles = blur.tiles
+        self._tiles = [_tile(blur, self._matrix, *boxes) for boxes in self.tiles]
 
     def start(self, roots: Values, guess: Values) -> SharpPicture:
-        return SparsePicture(self._blur, self._matrix, self._tiles, roots, guess)
+        return SparsePicture(self._blur, self._matrix, self._concentration, self._tiles, roots, guess)
 
 
 class SparsePicture:
     """By SciPy's sparse matrices and NumPy, on one thread."""
 
-    def __init__(self, blur: Blur, matrix: Any, tiles: Sequence[Tile], roots: Values, guess: Values) -> None:
-        self._blur, self._matrix, self._tiles = blur, matrix, tiles
+    def __init__(
+        self, blur: Blur, matrix: Any, concentration: Values, tiles: Sequence[Tile], roots: Values, guess: Values
+    ) -> None:
+        self._blur, self._matrix, self._concentration, self._tiles = blur, matrix, concentration, tiles
         self._shape = roots.shape
         self._seen = roots.reshape(-1, roots.shape[2])[blur.pixels]
         self._fine = _refined(guess, blur.fineness)
 
-    def improve(self, costs: Values, steps: int) -> None:
+    def improve(self, costs: Values, steps: Whole) -> None:
         improved = self._fine.copy()
-        for tile in self._tiles:
+        for tile, own_steps in zip(self._tiles, steps, strict=True):
+            if own_steps == 0:
+                continue
             fine, seen = self._fine[tile.values], self._seen[tile.seen]
-            own = _Quadratic(tile, fine, seen, costs[tile.pixels], self._blur.fineness)
-            improved[tile.kept] = own.improved(steps)[tile.kept_of_values]
+            of_pixels = costs[tile.pixels], self._concentration[tile.pixels]
+            own = _Quadratic(tile, fine, seen, *(_repeated(values, self._blur.fineness) for values in of_pixels))
+            improved[tile.kept] = own.improved(own_steps)[tile.kept_of_values]
         self._fine = improved
 
     def log_steepness(self) -> Values:
@@ -201,17 +213,16 @@ class SparsePicture:
 class _Quadratic:
     """Both terms about the values of a tile."""
 
-    def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, fineness: int) -> None:
+    def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values) -> None:
         self._tile, self._fine = tile, fine
         steepness = np.exp(_log_steepness(fine))
-        self._stiffness = np.asarray(_repeated(costs, fineness) / steepness, np.float32)
+        self._stiffness = np.asarray(costs / steepness, np.float32)
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
         counted = (seen < SATURATED) | (level < seen)
         slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
         self._slope2 = slope**2
         self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
-        diagonal = np.float32(0.5 / fineness**4)
-        self._scale = np.reciprocal(4 * self._stiffness + diagonal)[..., None]  # about the inverse of the diagonal
+        self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]
 
     def improved(self, steps: int) -> Values:
         """The values after so many steps of conjugate gradients, which solve for what makes the pull vanish."""

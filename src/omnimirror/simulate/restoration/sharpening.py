@@ -22,8 +22,6 @@ from .round_blur import RoundBlur, ToldBlur, round_blur_of
 Values = NDArray[np.float32]
 Picture = NDArray[Any]
 
-SHARP_PX = 0.25  # pixels with less blur stay as they are, and those with twice as much are all restored
-
 
 @checked
 def restore(
@@ -106,7 +104,7 @@ class Restorer:
             share = self._scale.shown_share(np.sqrt(light), found)
         problem = self._problem(share)
         sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
-        mixing = self.share_of(problem)[..., None]
+        mixing = problem.share[..., None]
         full = FULL[image.dtype.name]
         if image.dtype == np.float32:
             mixed = light + mixing * (sharp - light)
@@ -142,21 +140,15 @@ class Restorer:
         """Of taking out all of the blur."""
         return BlurProblem(self.known)
 
-    @cached_property
+    @property
     def share(self) -> Values:
         """How much of a pixel (h, w) is restored, 0 to 1: nothing where it is sharp, or near the rim."""
-        return self.share_of(self.problem)
+        return self.problem.share
 
     @cached_property
     def radius(self) -> NDArray[np.float64]:
         """Distance (h, w) px of every pixel from the optical axis."""
         return self.known.radius
-
-    def share_of(self, problem: BlurProblem) -> Values:
-        """How much of a pixel (h, w) is restored where another blur is taken out."""
-        blurred = _smooth(problem.sizes.larger / SHARP_PX - 1)
-        inside = _smooth((self.known.whole_radius_px - self.radius) / 2)
-        return (blurred * inside).astype(np.float32)
 
     def _problem(self, share: float) -> BlurProblem:
         return self.problem if share == 1 else BlurProblem(self.known.scaled(share))
@@ -179,11 +171,8 @@ class Restorer:
 
 def _light(colours: Picture) -> Light:
     """Linear light of a picture; what is below 0 is noise."""
-    full = FULL[colours.dtype.name]
-    return np.maximum(colours, 0) if colours.dtype == np.float32 else linear_from_srgb(colours / np.float32(full))
-
-
-def _smooth(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From 0 at 0 to 1 at 1 without a kink."""
-    x = np.clip(x, 0, 1)
-    return x * x * (3 - 2 * x)
+    if colours.dtype == np.float32:
+        return np.maximum(colours, 0)
+    full = np.float32(FULL[colours.dtype.name])
+    of_level = linear_from_srgb(np.arange(full + 1, dtype=np.float32) / full)
+    return of_level[colours]
