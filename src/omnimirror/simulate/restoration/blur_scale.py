@@ -33,7 +33,7 @@ BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too lar
 SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
 LEAST_SHARE = 0.3
 MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4  # times what the least share of large blur leaves over, by the most: too large
-GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
+GROWTH, UNSEEN_SHARE = 0.075, 0.85  # of what is left over, from the least share to the most, under which none is seen
 EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
