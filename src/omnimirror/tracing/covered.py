@@ -171,11 +171,11 @@ class CoveredMirror:
         pose = self.mirror.pose
         points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
         if pupils.distant:
-            to_pupils = pupils.xyz / np.linalg.norm(pupils.xyz, axis=1, keepdims=True)
+            to_pupils = pupils.xyz / _lengths(pupils.xyz)[:, None]
             before = -np.einsum("ni,ni->n", to_pupils, points)
         else:
             way = pupils.xyz - points
-            before = np.linalg.norm(way, axis=1)
+            before = _lengths(way)
             to_pupils = way / before[:, None]
         reflected = reflect(-to_pupils, normals)
         left_at, outwards, time, inside, passes = self._let_out(points, reflected)
@@ -190,7 +190,7 @@ class CoveredMirror:
             return ways.outwards - targets.xyz
         way = targets.xyz - ways.left_at
         along = np.einsum("ni,ni->n", way, ways.outwards)
-        distance = np.linalg.norm(targets.xyz - ways.points, axis=1)
+        distance = _lengths(targets.xyz - ways.points)
         miss: Array = (along[:, None] * ways.outwards - way) / distance[:, None]
         return miss
 
@@ -199,7 +199,7 @@ class CoveredMirror:
         if targets.distant:
             return targets.xyz
         way = targets.xyz - ways.left_at
-        wanted: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
+        wanted: Array = way / _lengths(way)[:, None]
         return wanted
 
     # -- where a target is seen --------------------------------------------------------------------
@@ -251,7 +251,7 @@ class CoveredMirror:
             pupil, target, at = pupils[active], targets[active], xy[active]
             ways = self._ways(pupil, at)
             here = self._miss(ways, target)
-            missed = np.sqrt(np.einsum("ni,ni->n", here, here))
+            missed = _lengths(here)
             again = np.flatnonzero((missed > ARRIVED) & ~(missed < KEPT * before[active]))
             for k, e in enumerate(np.eye(2)):
                 there = self._miss(self._ways(pupil[again], at[again] + step * e), target[again])
@@ -269,13 +269,13 @@ class CoveredMirror:
     def _proven(self, pupils: Ends, targets: Ends, xy: Array) -> Specular:
         ways = self._ways(pupils, xy)
         faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
-        leads = np.linalg.norm(ways.outwards - self._wanted(ways, targets), axis=1) <= REFLECTS
+        leads = _lengths(ways.outwards - self._wanted(ways, targets)) <= REFLECTS
         reflects = np.logical_and.reduce([*faces, leads, ways.passes])
         valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
         if targets.distant:
             behind = -np.einsum("ni,ni->n", targets.xyz, ways.left_at)
         else:
-            behind = np.linalg.norm(targets.xyz - ways.left_at, axis=1)
+            behind = _lengths(targets.xyz - ways.left_at)
         path = ways.path + self.shell.outer_index * behind
         blank = np.where(reflects, 1.0, np.nan)
         column = blank[:, None]
@@ -302,10 +302,16 @@ def _solved(rates: Array, miss: Array, towards: Array) -> Array:
     return move
 
 
+def _lengths(vectors: Array) -> Array:
+    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return lengths
+
+
 def _across(directions: Array) -> tuple[Array, Array]:
-    """Two unit vectors (n, 3) each, across unit vectors (n, 3) and each other."""
-    least = np.abs(directions).argmin(axis=1)
-    helper = np.eye(3)[least]
-    e1 = np.cross(directions, helper)
-    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
-    return e1, np.cross(directions, e1)
+    """Two unit vectors (n, 3) each, across unit vectors (n, 3) and each other (Duff and others, 2017)."""
+    x, y, z = directions.T
+    sign = np.copysign(1.0, z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    e1 = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    return e1, np.stack([b, sign + y * y * a, -y], axis=-1)

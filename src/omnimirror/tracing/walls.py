@@ -183,7 +183,8 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
         return shell.heights_mm[0] - inside[:, 2], 0.0
     if isinstance(shell, Tube):
         return np.hypot(inside[:, 0], inside[:, 1]), shell.radii_mm[0]
-    return np.linalg.norm(inside - AXIS * shell.centres_mm[0], axis=1), shell.radii_mm[0]
+    from_centre = inside - AXIS * shell.centres_mm[0]
+    return np.sqrt(_dot(from_centre, from_centre)), shell.radii_mm[0]
 
 
 def through_window(

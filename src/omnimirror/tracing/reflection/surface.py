@@ -70,5 +70,5 @@ class Surface:
     def normals(self) -> Array:
         """Unit normals (n, 3) towards the side of the lens."""
         normals = np.concatenate([self.slopes, np.full((len(self.points), 1), -1.0)], axis=1)
-        unit: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        unit: Array = normals / np.sqrt(np.einsum("ni,ni->n", normals, normals))[:, None]
         return unit
