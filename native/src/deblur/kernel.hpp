@@ -92,7 +92,7 @@ void set_stiffness(const Work<C>& w, const float* costs, int row) {
         float *stiffness = w.row_of(w.stiffness, row, within), *scale = w.row_of(w.scale, row, within);
         OMNIMIRROR_COLUMNS(x, w.values) {
             stiffness[x] = cost[x] / std::sqrt(steepness.squared<C>(x, BRIGHTEST));
-            scale[x] = 1 / (4 * stiffness[x] + concentration[x]);
+            scale[x] = 1 / (4 * stiffness[x] + concentration[x]);  // see Blur.concentration
         }
     }
 }

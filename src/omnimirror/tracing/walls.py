@@ -127,7 +127,7 @@ class WayOut(NamedTuple):
 
 
 def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
-    """The same, and nothing passes of rays that start outside."""
+    """As :func:`passage`, but nothing passes of rays that start outside."""
     if not shell.is_axial:
         pose = pose_of(shell)
         found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
@@ -139,7 +139,7 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
 
 
 def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
-    """Where that leads, for half the price of knowing how much light passes."""
+    """Where :func:`let_out` leads, for half the price of knowing how much light passes."""
     if not shell.is_axial:
         pose = pose_of(shell)
         way = way_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))

@@ -222,7 +222,7 @@ class _Quadratic:
         slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
         self._slope2 = slope**2
         self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
-        self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]
+        self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]  # see Blur.concentration
 
     def improved(self, steps: int) -> Values:
         """The values after so many steps of conjugate gradients, which solve for what makes the pull vanish."""
