@@ -27,7 +27,7 @@ def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
     omega = np.radians([60.0, 90.0, 120.0, 135.0])
     points = np.stack([np.linspace(0, 40, 4), np.zeros(4), np.linspace(0, 10, 4)], axis=-1)
     directions = np.stack([np.sin(omega), np.zeros(4), -np.cos(omega)], axis=-1)
-    passage = through_tube(points, directions, 60.0, 3.0, 1.49)
+    passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
     np.testing.assert_allclose(passage.directions, directions, atol=1e-12)
     shift = np.linalg.norm(np.cross(passage.points - points, directions), axis=1)
     np.testing.assert_allclose(shift, tube_shift_mm(np.degrees(omega), 3.0, 1.49), atol=1e-12)
@@ -38,7 +38,7 @@ def test_skew_rays_keep_what_a_cylinder_keeps():
     chance = np.random.default_rng(2)
     points, directions = chance.uniform(-30, 30, (50, 3)), chance.normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    passage = through_tube(points, directions, 60.0, 3.0, 1.49)
+    passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
     np.testing.assert_allclose(passage.directions[:, 2], directions[:, 2], atol=1e-12)
     moments = [np.cross(p, d)[:, 2] for p, d in ((points, directions), (passage.points, passage.directions))]
     np.testing.assert_allclose(*moments, atol=1e-9)
@@ -74,7 +74,7 @@ def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
 
 
 def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
-    passage = through_tube(np.zeros((1, 3)), UP[None], 60.0, 3.0, 1.49)
+    passage = passage_of(Tube(120.0), np.zeros((1, 3)), UP[None])
     np.testing.assert_array_equal(passage.directions, UP[None])
     assert passage.passed == 1
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
@@ -119,7 +119,7 @@ def some_rays(count, reach):
 def test_a_dome_about_one_centre_turns_rays_by_the_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
     points, directions = some_rays(200, 30.0)
-    passage = through_dome(points, directions, (centre, a), (centre, b), n)
+    passage = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
     s, left = (
         np.linalg.norm(np.cross(p - centre, d), axis=1)
         for p, d in ((points, directions), (passage.points, passage.directions))

@@ -228,15 +228,10 @@ class CoveredMirror:
             ways = self._ways(pupils[part], places[part])
             towards = ways.reflected + self._wanted(ways, targets[part]) - ways.outwards
             inside = Ends.of(self.mirror.pose.turned_to_mirror(towards), distant=True)
-            found = compiled_places(self.mirror.mirror, self.mirror.form, self._inside(pupils[part]), inside)
+            found = compiled_places(self.mirror.mirror, self.mirror.form, self.mirror.inside(pupils[part]), inside)
             if found is not None:
                 places[part] = np.where(np.isfinite(found), found, places[part])
         return places
-
-    def _inside(self, ends: Ends) -> Ends:
-        """In the mirror's own frame."""
-        pose = self.mirror.pose
-        return Ends((pose.turned_to_mirror if ends.distant else pose.to_mirror)(ends.xyz), ends.distant)
 
     def _aimed(self, pupils: Ends, targets: Ends, start: Array) -> Array:
         """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule.

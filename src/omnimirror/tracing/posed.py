@@ -47,7 +47,7 @@ class PosedMirror:
         ``start`` are points (n, 3) mm to begin from. Paths of distant ends count from the camera frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
-        found = reflection.specular_points(self.mirror, self._ends(pupils), self._ends(targets), begin, self.form)
+        found = reflection.specular_points(self.mirror, self.inside(pupils), self.inside(targets), begin, self.form)
         turn = self.pose.turned_to_camera
         path = found.path
         for end in (pupils, targets):
@@ -70,7 +70,12 @@ class PosedMirror:
         """
         inside = found._replace(points=self.pose.to_mirror(found.points))
         area = reflection.footprint(
-            self.mirror, self._ends(pupils), self._ends(targets), inside, self.pose.turned_to_mirror(motion), self.form
+            self.mirror,
+            self.inside(pupils),
+            self.inside(targets),
+            inside,
+            self.pose.turned_to_mirror(motion),
+            self.form,
         )
         upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
         cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
@@ -90,7 +95,8 @@ class PosedMirror:
         beyond: Array = np.hypot(inside[..., 0], inside[..., 1]) - self.mirror.rim_radius_mm * (1 + RIM_SLACK)
         return beyond
 
-    def _ends(self, ends: Ends) -> Ends:
+    def inside(self, ends: Ends) -> Ends:
+        """Ends of the camera frame, in the mirror's own."""
         turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
         return Ends(turn(ends.xyz), ends.distant)
 

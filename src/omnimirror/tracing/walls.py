@@ -150,13 +150,13 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
         )  # fmt: skip
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
-        return _way_through_window(points, directions, shell.heights_mm, *indices)
+        return through_window(points, directions, shell.heights_mm, *indices)
     inner, outer = shell.radii_mm
     if isinstance(shell, Tube):
-        way = _way_through_tube(points, directions, outer, shell.wall_mm, *indices)
+        way = through_tube(points, directions, outer, shell.wall_mm, *indices)
     else:
         near, far = (AXIS * height for height in shell.centres_mm)
-        way = _way_through_dome(points, directions, (near, inner), (far, outer), *indices)
+        way = through_dome(points, directions, (near, inner), (far, outer), *indices)
     return way._replace(passes=way.passes & (_from_middle(shell, points)[0] <= inner))
 
 
@@ -188,8 +188,8 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
 
 
 def through_window(
-    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float = 1.0
-) -> Passage:
+    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
+) -> WayOut:
     """Rays down through both sides of a pane square to the axis, by Snell's law; nothing passes of others.
 
     Parameters
@@ -200,14 +200,6 @@ def through_window(
     refractive_index, medium_index
         Of the pane, and of what is outside.
     """
-    return _with_light(
-        _way_through_window(points, directions, heights, refractive_index, medium_index), refractive_index, medium_index
-    )
-
-
-def _way_through_window(
-    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
-) -> WayOut:
     d = _unit(directions)
     up = np.broadcast_to(AXIS, d.shape)
     passes = (d[:, 2] < 0) & (points[:, 2] > heights[0])
@@ -231,8 +223,8 @@ def through_tube(
     outer_radius: float,
     wall: float,
     refractive_index: float,
-    medium_index: float = 1.0,
-) -> Passage:
+    medium_index: float,
+) -> WayOut:
     """Rays from inside a tube about the axis z, traced out through its wall by Snell's law.
 
     Parameters
@@ -243,16 +235,6 @@ def through_tube(
     refractive_index, medium_index
         Of the wall, and of what is outside.
     """
-    return _with_light(
-        _way_through_tube(points, directions, outer_radius, wall, refractive_index, medium_index),
-        refractive_index,
-        medium_index,
-    )
-
-
-def _way_through_tube(
-    points: Array, directions: Array, outer_radius: float, wall: float, refractive_index: float, medium_index: float
-) -> WayOut:
     d = _unit(directions)
     meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
     met, inwards, before = _meet(points, d, outer_radius - wall)
@@ -274,8 +256,8 @@ def through_dome(
     inner: tuple[Array, float],
     outer: tuple[Array, float],
     refractive_index: float,
-    medium_index: float = 1.0,
-) -> Passage:
+    medium_index: float,
+) -> WayOut:
     """Rays from inside a dome, traced out through its two spheres by Snell's law.
 
     Parameters
@@ -291,21 +273,6 @@ def through_dome(
     Where both have one centre, a ray that passes it at a distance s leaves as far from it, and is turned by
     asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
     """
-    return _with_light(
-        _way_through_dome(points, directions, inner, outer, refractive_index, medium_index),
-        refractive_index,
-        medium_index,
-    )
-
-
-def _way_through_dome(
-    points: Array,
-    directions: Array,
-    inner: tuple[Array, float],
-    outer: tuple[Array, float],
-    refractive_index: float,
-    medium_index: float,
-) -> WayOut:
     d = _unit(directions)
     met, inwards, before = _meet_sphere(points, d, *inner)
     inside = _refracted(d, inwards, 1 / refractive_index)
