@@ -19,7 +19,8 @@ from omnimirror.calibrate.targets.finding import compared
 from omnimirror.errors import InvalidParameter
 from omnimirror.specs import parse_camera
 from omnimirror.studio.app import create_app
-from omnimirror.studio.calibrate.detections import taken, together, told
+from omnimirror.studio.calibrate.board_process import told
+from omnimirror.studio.calibrate.detections import taken, together
 from omnimirror.studio.calibrate.looking import Lookers
 from omnimirror.studio.calibrate.messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
 from omnimirror.studio.calibrate.work import perform

@@ -4,8 +4,29 @@ Needs the extra ``omnimirror[studio]``; :func:`show`, :func:`viewer_of` and :fun
 :func:`video_viewer_of` needs ``[video]`` only.
 """
 
-from .look.alone import page_alone
-from .look.viewer import video_viewer_of, viewer_of
-from .notebook import LookAround, show
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["LookAround", "page_alone", "show", "video_viewer_of", "viewer_of"]
+if TYPE_CHECKING:
+    from .look.alone import page_alone as page_alone
+    from .look.viewer import video_viewer_of as video_viewer_of
+    from .look.viewer import viewer_of as viewer_of
+    from .notebook import LookAround as LookAround
+    from .notebook import show as show
+
+_HOMES = {
+    "LookAround": "notebook",
+    "page_alone": "look.alone",
+    "show": "notebook",
+    "video_viewer_of": "look.viewer",
+    "viewer_of": "look.viewer",
+}
+__all__ = list(_HOMES)
+
+
+if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all others
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOMES:
+            return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,18 +7,20 @@ however coarse the canvas is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.lazy import cached_property
 from ..colour import Light, hex_colour
 from .lettering import lettering
 
 Array = NDArray[np.float64]
 
-ALBEDO, EMISSION, CLEAR = slice(0, 3), slice(3, 6), 6
-"""The channels of a canvas: share of light thrown back, light sent out, share of outside light let in."""
+ALBEDO, EMISSION, CLEAR, SENT = slice(0, 3), slice(3, 6), 6, slice(3, 7)
+"""The channels of a canvas: share of light thrown back, light sent out, share of outside light let in; both of these."""
 
 
 class Extent(NamedTuple):
@@ -40,6 +42,12 @@ class Paint:
     clear: float = 0.0
     """Share of the light from outside that it lets in."""
 
+    @property
+    def sends(self) -> bool:
+        """Whether light comes from it, its own or from outside."""
+        return self.glow != 0 or self.clear != 0
+
+    @cached_property
     def channels(self) -> Light:
         """Its seven channels."""
         colour = hex_colour(self.colour)
@@ -71,14 +79,19 @@ class Canvas:
         columns, rows = (max(1, round(size / texel_mm)) for size in (width_mm, height_mm))
         self.width_mm, self.height_mm = width_mm, height_mm
         self.texel = np.array([width_mm / columns, height_mm / rows])
-        self.texels: Light = np.tile(ground.channels(), (rows, columns, 1))
+        self.texels: Light = np.empty((rows, columns, 7), np.float32)
+        self.texels[:] = ground.channels
+        self.sends = ground.sends
+        """Whether any texel may send light, its own or from outside."""
 
     def rectangle(self, left: float, bottom: float, right: float, top: float, paint: Paint) -> None:
         """Paint a rectangle between two corners, mm."""
         rows, columns, _ = self.texels.shape
-        across, x = _covered(left / self.texel[0], right / self.texel[0], columns)
-        down, y = _covered(rows - top / self.texel[1], rows - bottom / self.texel[1], rows)
-        self._cover(down, across, y[:, None] * x, paint)
+        across = _covered(left / self.texel[0], right / self.texel[0], columns)
+        down = _covered(rows - top / self.texel[1], rows - bottom / self.texel[1], rows)
+        for rows_of, high in down:
+            for columns_of, wide in across:
+                self._cover(rows_of, columns_of, high * wide, paint)
 
     def frame(self, left: float, bottom: float, right: float, top: float, thickness: float, paint: Paint) -> None:
         """Paint the border of a rectangle, within it, mm."""
@@ -92,8 +105,8 @@ class Canvas:
         """Paint a disc about (x, y), mm."""
         (dx, dy), (rows, columns, _) = self.texel, self.texels.shape
         reach = radius + dx + dy
-        across, _ = _covered((x - reach) / dx, (x + reach) / dx, columns)
-        down, _ = _covered(rows - (y + reach) / dy, rows - (y - reach) / dy, rows)
+        across = _touched((x - reach) / dx, (x + reach) / dx, columns)
+        down = _touched(rows - (y + reach) / dy, rows - (y - reach) / dy, rows)
         xs, ys = self.grid()
         distance = np.hypot(xs[across] - x, (ys[down] - y)[:, None])
         self._cover(down, across, np.clip((radius - distance) / self.texel.mean() + 0.5, 0, 1), paint)
@@ -120,16 +133,31 @@ class Canvas:
         rows, columns, _ = self.texels.shape
         return (np.arange(columns) + 0.5) * self.texel[0], self.height_mm - (np.arange(rows) + 0.5) * self.texel[1]
 
-    def _cover(self, down: slice, across: slice, coverage: Array | Light, paint: Paint) -> None:
+    def _cover(self, down: slice, across: slice, coverage: Array | Light | float, paint: Paint) -> None:
+        self.sends |= paint.sends
         window = self.texels[down, across]
-        window += coverage[..., None].astype(np.float32) * (paint.channels() - window)
+        if isinstance(coverage, float) and coverage == 1.0:
+            window[:] = paint.channels
+        else:
+            window += np.asarray(coverage, np.float32)[..., None] * (paint.channels - window)
 
 
-def _covered(start: float, stop: float, count: int) -> tuple[slice, Array]:
-    """Which of ``count`` cells an interval touches, in cells from the first edge, and how much of each."""
-    first, last = max(0, int(np.floor(start))), min(count, int(np.ceil(stop)))
-    cells = np.arange(first, max(first, last))
-    return slice(first, first + cells.size), np.clip(np.minimum(stop, cells + 1) - np.maximum(start, cells), 0, 1)
+def _touched(start: float, stop: float, count: int) -> slice:
+    """Which of ``count`` cells an interval touches, in cells from the first edge."""
+    first = max(0, int(np.floor(start)))
+    return slice(first, max(first, min(count, int(np.ceil(stop)))))
+
+
+def _covered(start: float, stop: float, count: int) -> list[tuple[slice, float]]:
+    """Of the cells that an interval touches those at its ends, and all between them, with how much it covers of each.
+
+    >>> _covered(0.5, 4.25, 9)
+    [(slice(0, 1, None), 0.5), (slice(1, 4, None), 1.0), (slice(4, 5, None), 0.25)]
+    """
+    cells = _touched(start, stop, count)
+    edges = sorted({cells.start, min(cells.start + 1, cells.stop), max(cells.stop - 1, cells.start), cells.stop})
+    shares = [float(np.clip(min(stop, cell + 1) - max(start, cell), 0, 1)) for cell in edges[:-1]]
+    return [(slice(*ends), share) for ends, share in zip(pairwise(edges), shares, strict=True)]
 
 
 def _square_wave(x: Array, width: float) -> Array:

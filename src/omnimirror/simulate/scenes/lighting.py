@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..colour import Light, hex_colour
 from .boxes import Box, Face, blocked, meet
-from .canvas import CLEAR, EMISSION, Canvas
+from .canvas import CLEAR, EMISSION, SENT, Canvas
 
 Array = NDArray[np.float64]
 
@@ -46,20 +46,25 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
     """The patches of all faces that send light: those that glow, and those that let daylight in."""
     points, normals, strength = [], [], []
     for face, canvas in painted:
-        if not (canvas.texels[..., EMISSION].any() or canvas.texels[..., CLEAR].any()):
+        if not canvas.sends:
             continue
-        sent = LAMPLIGHT * canvas.texels[..., EMISSION] + canvas.texels[..., CLEAR, None] * DAYLIGHT
         x, y = canvas.grid()
         rows, columns = (max(1, round(size / SOURCE_MM)) for size in (face.height_mm, face.width_mm))
-        for down in np.array_split(np.arange(y.size), rows):
-            for across in np.array_split(np.arange(x.size), columns):
-                patch = sent[np.ix_(down, across)]
-                weight = patch.sum(axis=2)
-                if weight.any():  # the patch stands where its light comes from, not in its middle
+        for down in _parts(y.size, rows):
+            for across in _parts(x.size, columns):
+                texels = canvas.texels[down, across]
+                if texels[..., SENT].any():  # the patch stands where its light comes from, not in its middle
+                    patch = LAMPLIGHT * texels[..., EMISSION] + texels[..., CLEAR, None] * DAYLIGHT
+                    weight = patch.sum(axis=2)
                     points.append(face.point(*_centroid(weight, x[across], y[down])))
                     normals.append(face.normal)
                     strength.append(patch.sum(axis=(0, 1)) * np.prod(canvas.texel))
     return LightSources(*(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength)))
+
+
+def _parts(size: int, count: int) -> list[slice]:
+    """About equal parts of a row of so many."""
+    return [slice(p[0], p[-1] + 1) for p in np.array_split(np.arange(size), count) if p.size]
 
 
 def _centroid(weight: Light, x: Array, y: Array) -> tuple[float, float]:
@@ -139,7 +144,8 @@ def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, g
     grid = weighted.reshape(*_grid_shape(face, grid_mm), 4).astype(np.float32)
     rows, columns, _ = canvas.texels.shape
     smooth = cv2.resize(grid, (columns, rows), interpolation=cv2.INTER_LINEAR).reshape(rows, columns, 4)
-    return (smooth[..., :3] / smooth[..., 3:]).astype(np.float32)
+    spread: Light = np.divide(smooth[..., :3], smooth[..., 3:], dtype=np.float32)
+    return spread
 
 
 def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightSources) -> Array:
@@ -167,17 +173,18 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
 def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
     """Share (n,) of the even glow that reaches points (n, 3) mm of a face: 1 far from everything."""
     ways = _hemisphere() @ np.stack([face.right, face.up, face.normal])
-    near = [solid for solid in solids if _may_dim(solid, points, face)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = [solid for solid in solids if _may_dim(solid, low, high, face)]
     distance = meet(room, near, np.repeat(points, WAYS, axis=0), np.tile(ways, (len(points), 1))).distance
     return np.asarray(np.minimum(np.sqrt(distance / REACH_MM), 1).reshape(-1, WAYS).mean(axis=1))
 
 
-def _may_dim(solid: Box, points: Array, face: Face) -> bool:
-    """Whether a solid may be within reach of points (n, 3) mm of a face, and not all of it is behind them."""
-    low, high = np.array(solid.low), np.array(solid.high)
-    apart = np.maximum(0, np.maximum(low - points.max(axis=0), points.min(axis=0) - high))
-    foremost = np.where(face.normal > 0, high, low)
-    return bool(np.linalg.norm(apart) < REACH_MM and face.normal @ foremost >= (points @ face.normal).min())
+def _may_dim(solid: Box, low: Array, high: Array, face: Face) -> bool:
+    """Whether a solid may be within reach of points of a face between corners (3,) mm, and not all of it is behind."""
+    ends = np.array([solid.low, solid.high])
+    apart = np.maximum(0, np.maximum(ends[0] - high, low - ends[1]))
+    foremost = np.where(face.normal > 0, ends[1], ends[0])
+    return bool(apart @ apart < REACH_MM**2 and face.normal @ foremost >= face.normal @ low)
 
 
 def _hemisphere() -> Array:

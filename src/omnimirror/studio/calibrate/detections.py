@@ -12,39 +12,8 @@ from ...calibrate.targets import Board, Detection
 from ...calibrate.targets.choosing import why_not_new
 from ...calibrate.targets.finding import compared
 from ...errors import InvalidParameter
-from .messages import BoardAsked, BoardSeen, CoverageShown, Together, TogetherAsk
-
-PLACES = 4
-"""Decimals of a pixel that travel: a hundredth of what a corner is known to."""
-
-
-def board_of(asked: BoardAsked) -> Board:
-    """The board that is asked about.
-
-    Raises
-    ------
-    InvalidParameter
-        There is none such.
-    """
-    a = asked
-    return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)
-
-
-def told(found: Detection) -> BoardSeen:
-    """What was found, as a message."""
-    return BoardSeen(
-        name=found.name,
-        image_size=found.image_size,
-        ids=tuple(int(i) for i in found.ids),
-        corners_px=tuple((float(u), float(v)) for u, v in np.round(found.corners_px, PLACES)),
-        sigma_px=None if found.sigma_px is None else tuple(float(s) for s in np.round(found.sigma_px, PLACES)),
-        reason=found.reason,
-        blur_px=found.blur_px if math.isfinite(found.blur_px) else None,
-        is_reversed=found.is_reversed,
-        begins_white=found.begins_white,
-        is_part=found.is_part,
-        time_s=found.time_s,
-    )
+from .board_process import board_of
+from .messages import BoardSeen, CoverageShown, Together, TogetherAsk
 
 
 def taken(seen: BoardSeen, board: Board) -> Detection:

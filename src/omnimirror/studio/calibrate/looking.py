@@ -1,25 +1,18 @@
-"""Boards looked for in pictures that are handed up, by processes of their own: one picture may take seconds.
-
-Run as ``python -m omnimirror.studio.calibrate.looking`` it reads questions from its input, each a line of JSON, a line
-with the length of the picture, and the picture; to each it answers with a line.
-"""
+"""Boards looked for in pictures that are handed up, by processes of their own: one picture may take seconds."""
 
 from __future__ import annotations
 
 import asyncio
 import subprocess
-import sys
 from contextlib import suppress
-from typing import BinaryIO
 
 from fastapi import Request
 
-from ...errors import InvalidParameter, OmnimirrorError
+from ...errors import InvalidParameter
 from ...serving.limits import MOST_WAITING, Busy
 from ..messages import Problem
-from ..uploads import picture_in
 from ..workers import begun, ended
-from .detections import board_of, told
+from . import board_process
 from .messages import BoardLook, BoardSeen
 
 MOST_AT_ONCE = 2
@@ -68,7 +61,7 @@ class Lookers:
             ended(self._idle.pop())
 
     async def _answer(self, ask: BoardLook, data: bytes, request: Request) -> bytes:
-        looker = self._idle.pop() if self._idle else begun(__name__)
+        looker = self._idle.pop() if self._idle else begun(board_process.__name__)
         asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
         gone = asyncio.create_task(_gone(request))
         answer = b""
@@ -101,29 +94,3 @@ async def _gone(request: Request) -> None:
     """Wait until who asked has gone."""
     while (await request.receive())["type"] != "http.disconnect":
         continue
-
-
-# -- in a process of its own -----------------------------------------------------------------------
-
-
-def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
-    """What is found in a picture, or why it cannot be looked at."""
-    from ...calibrate.targets import find_board
-
-    try:
-        return told(find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick))
-    except OmnimirrorError as e:
-        return Problem(detail=str(e))
-    except MemoryError:
-        return Problem(detail=f"{ask.name} takes more memory than the server has")
-
-
-def answer_all(questions: BinaryIO) -> None:
-    """Answer questions until there are no more."""
-    while line := questions.readline():
-        data = questions.read(int(questions.readline()))
-        print(look(BoardLook.model_validate_json(line), data).model_dump_json(), flush=True)
-
-
-if __name__ == "__main__":
-    answer_all(sys.stdin.buffer)

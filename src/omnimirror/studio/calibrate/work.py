@@ -20,7 +20,8 @@ from ...calibrate.targets.finding import compared
 from ...errors import OmnimirrorError
 from ...frames import Mount
 from ...specs import format_camera
-from .detections import board_of, coverage_shown, taken
+from .board_process import board_of
+from .detections import coverage_shown, taken
 from .messages import (
     STOP,
     BoardSeen,

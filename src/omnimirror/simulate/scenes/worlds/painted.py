@@ -17,8 +17,12 @@ from ..surfaces import Surfaces, Texture
 
 def finished(canvas: Canvas, light: Light) -> Light:
     """Light that a face sends towards whoever looks, and what it lets through: (rows, columns, 4)."""
-    sent = canvas.texels[..., ALBEDO] * light + canvas.texels[..., EMISSION]
-    return np.concatenate([sent, canvas.texels[..., CLEAR, None]], axis=-1)
+    texels: Light = np.empty((*light.shape[:2], 4), np.float32)
+    np.multiply(canvas.texels[..., ALBEDO], light, out=texels[..., :3])
+    if canvas.sends:
+        texels[..., :3] += canvas.texels[..., EMISSION]
+    texels[..., 3] = canvas.texels[..., CLEAR]
+    return texels
 
 
 def surfaces_of(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
