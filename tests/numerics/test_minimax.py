@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
-from omnimirror.numerics.minimax import ObjectiveValues, Rows, minimise_mean, solve_minimax
+from omnimirror.numerics.minimax import PENALTY, ObjectiveValues, Rows, _programme, minimise_mean, solve_minimax
 
 
 def bounds(dim):
@@ -91,3 +92,33 @@ def test_a_mean_is_the_least_where_its_derivative_vanishes():
 
     found = minimise_mean(values, rows, np.array([2.0, -1.0]), bounds(2))
     np.testing.assert_allclose(found.y, [0.7, 0.49], atol=1e-4)
+
+
+@pytest.mark.parametrize("is_spread", [False, True])
+def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, monkeypatch):
+    """Against the programme of all rows, written down for itself; the solver is handed a tenth of them at most."""
+    x, rng = np.linspace(-1, 1, 2001), np.random.default_rng(7)
+    handed = []
+
+    def counting(cost, A, *rest, **options):
+        handed.append(len(A))
+        return linprog(cost, A, *rest, **options)
+
+    monkeypatch.setattr("scipy.optimize.linprog", counting)
+    for dim in (2, 5, 9):
+        J = np.cos(np.outer(x, np.arange(1, dim + 1)) * 2 + rng.normal(size=dim))
+        K = np.sin(np.outer(x, np.arange(1, dim + 1)) * 3 + rng.normal(size=dim))
+        g, c = np.exp(x) * np.sin(7 * x), np.cos(5 * x) - 0.9
+        linear, trust = Rows(g, c, J, K), 0.3
+        handed.clear()
+        step, foretold = _programme(linear, np.zeros(dim), bounds(dim), trust, is_spread)
+        assert max(handed) <= len(x) / 10
+        least, largest, broken = (np.tile(unknown, (len(x), 1)) for unknown in np.eye(3))  # beside the step
+        A = np.vstack([np.hstack([J, -largest]), np.hstack([-J, least]), np.hstack([K, -broken])])
+        keep = np.ones(3 * len(x), dtype=bool)
+        keep[len(x) : 2 * len(x)] = is_spread
+        cost = [*np.zeros(dim), *((-0.5, 0.5) if is_spread else (0.0, 1.0)), PENALTY]
+        ranges = [*[(-trust, trust)] * dim, (None, None), (None, None), (0, None)]
+        whole = linprog(cost, A[keep], np.concatenate([-g, g, -c])[keep], bounds=ranges)
+        assert foretold == pytest.approx(whole.fun, rel=1e-7)
+        np.testing.assert_allclose(step, whole.x[:dim], atol=1e-6)

@@ -11,7 +11,7 @@ as many functions touch the optimum as there are variables, convergence is quadr
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
 FORETOLD_WELL = 0.9  # of the gain; a step that brings less is tried again with what it showed of the curvature
 NOTHING = 1e-10  # gain that ends the search where the optimum is 0
+FEW_ROWS = 200  # programmes of no more are solved at once
+KEPT = 1e-10  # a row that is violated by no more is kept
 PENALTY = 100.0  # price of a violated constraint, in units of the objective
 
 
@@ -198,8 +200,6 @@ def _programme(
     linear: Rows, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool
 ) -> tuple[Array, float]:
     """The step (dim,) within the trust region, and the price that the linear model foretells for it."""
-    from scipy.optimize import linprog
-
     dim = y.size
     g, J = _within_reach(linear.objective, linear.objective_jacobian, trust, is_spread)
     c, K = linear.constraints, linear.constraint_jacobian
@@ -215,12 +215,45 @@ def _programme(
     A.append(np.hstack([K, np.zeros((len(c), 2)), -np.ones((len(c), 1))]))
     b.append(-c)
     low, high = np.maximum(bounds[0] - y, -trust), np.minimum(bounds[1] - y, trust)
+    begin = np.concatenate([_foremost(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)])
     ranges = [*zip(low, high, strict=True), (None, None), (None, None), (0, None)]
-    cost = np.r_[np.zeros(dim), 1.0, 0.0, PENALTY]
-    found = linprog(cost, np.vstack(A), np.concatenate(b), bounds=ranges, method="highs")
-    if found.x is None:
+    x = _least(np.r_[np.zeros(dim), 1.0, 0.0, PENALTY], np.vstack(A), np.concatenate(b), ranges, begin)
+    if x is None:
         return np.zeros(dim), np.inf
-    return np.clip(found.x[:dim], low, high), float(found.fun)
+    return np.clip(x[:dim], low, high), float(x[dim] + PENALTY * x[-1])
+
+
+def _foremost(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Which of rows (n, dim) are the largest in the middle of a box or that of one of its sides."""
+    is_foremost = np.zeros(len(b), dtype=bool)
+    if len(b):
+        corners = np.vstack([np.zeros_like(low), np.diag(low), np.diag(high)])
+        is_foremost[np.argmax(A @ corners.T - b[:, None], axis=0)] = True
+    return is_foremost
+
+
+def _least(
+    cost: Array, A: Array, b: Array, ranges: Sequence[tuple[float | None, float | None]], begin: NDArray[np.bool_]
+) -> Array | None:
+    """The point within ranges where A x <= b and a linear cost is least; None where there is none.
+
+    Of the thousands of rows that sample a few smooth curves hardly more touch the optimum than there are unknowns: a
+    programme of few rows is solved, and those that its solution violates most, a peak of each curve, are added until
+    there are none.
+    """
+    from scipy.optimize import linprog
+
+    used = begin.copy() if len(b) > FEW_ROWS else np.ones(len(b), dtype=bool)
+    while True:
+        found = linprog(cost, A[used], b[used], bounds=ranges, method="highs")
+        if found.x is None:
+            return None
+        over = np.pad(A @ found.x - b, 1, constant_values=-np.inf)
+        peaks = (over[1:-1] >= over[:-2]) & (over[1:-1] >= over[2:]) & (over[1:-1] > KEPT) & ~used
+        if not peaks.any():
+            least: Array = found.x
+            return least
+        used |= peaks
 
 
 def _within_reach(g: Array, J: Array, trust: float, is_spread: bool) -> tuple[Array, Array]:
