@@ -103,7 +103,7 @@ def _fit(
         places, back = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
         offsets = np.stack([u - pixels[:, :1], v - pixels[:, 1:]])
         used = inside & _in_window(places, offsets, surroundings, maps.spacing()[:, None])
-        fit = _Fit(places, back, offsets, values, used.astype(float))
+        fit = _Fit(*_packed(used, places, back, offsets, values))
         terms, sigma, rms = fit.run(STEPS // 2 if is_quick else STEPS)
         pixels = pixels + terms[:, 4:6]
     contrast = terms[:, 3]
@@ -120,6 +120,13 @@ def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacin
     if np.isfinite(surroundings.arm):
         near &= np.minimum(x, y) < np.maximum(surroundings.arm - MARGIN_PX / spacing, surroundings.arm / 3)
     return np.asarray(near | (far < SMALLEST_WINDOW_PX**2))
+
+
+def _packed(used: NDArray[np.bool_], *fields: Array) -> Iterator[Array]:
+    """Fields (..., m, n) with the pixels that each corner uses first, as far as any has some; then their weights."""
+    order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(axis=1).max()]
+    for field in (*fields, used.astype(float)):
+        yield np.take_along_axis(field, order[(None,) * (field.ndim - 2)], axis=-1)
 
 
 class _Fit:
