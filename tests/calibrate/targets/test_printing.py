@@ -108,7 +108,7 @@ def opencv_grid(border_bits):
     """A grid of 6 x 5 upright tags as OpenCV draws it: counted to the right and down."""
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
     drawn = cv2.aruco.GridBoard((6, 5), 1.0, 0.3, family).generateImage(
-        (900, 760), marginSize=40, borderBits=border_bits
+        (600, 510), marginSize=30, borderBits=border_bits
     )
     return np.pad(drawn, 60, constant_values=255)
 
@@ -131,7 +131,7 @@ def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
 def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
     """Its axes are those of its neighbours turned round, to the last digit."""
     board = om.Board("aprilgrid", 6, 5, 30.0)
-    picture = om.draw_board(board, px_per_mm=3.0)
+    picture = om.draw_board(board, px_per_mm=2.0)
     corners = om.find_board(picture, board).corners_px.reshape(5, 2, 6, 2, 2)[2, :, 2].reshape(4, 2)
     (left, top), (right, bottom) = (
         corners.min(axis=0).round().astype(int) - 4,
@@ -144,7 +144,7 @@ def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
 
 
 def test_april_grids_of_another_size_or_spacing_are_told():
-    picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=3.0)
+    picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=2.0)
     assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used
     other = om.find_board(picture, om.Board("aprilgrid", 7, 5, 30.0))
     assert other.reason.startswith("its tags do not lie as on an April grid of 7 x 5 tags")

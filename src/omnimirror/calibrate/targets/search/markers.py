@@ -45,6 +45,8 @@ class Markers(NamedTuple):
 def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Markers:
     """Read the board's markers; those of the picture or of its mirror image, whichever are more.
 
+    In a picture that shows most of them its mirror image, where a marker of this family is hardly ever seen, is spared.
+
     Parameters
     ----------
     picture : (height, width)
@@ -67,6 +69,8 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
                     pixels[:, 0] = values.shape[1] - 1 - pixels[:, 0]
                 if number < board.marker_count:
                     found[int(number)] = unscaled_px(pixels, scale)
+            if len(found) > ENOUGH * board.marker_count:
+                break
         if max(map(len, both)) > ENOUGH * board.marker_count:
             break
     found = max(both, key=len)
