@@ -144,6 +144,19 @@ def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
     assert (np.abs(alone - seen).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
 
 
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
+    """Compiled surfaces bring their records into an order of their own; sets made again had other pixels by it."""
+    cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
+    scene, corners = SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0), (np.full(3, -50.0), np.full(3, 50.0))
+    first = scene.surroundings_from(*corners).surfaces.records.copy()
+    own = scene.scene.surroundings_from(*corners).surfaces
+    before = own.records.copy()
+    own.seen(np.zeros((1, 3)), np.ones((1, 3)))
+    assert (own.records != before).any(), "else there is nothing to hold"
+    np.testing.assert_array_equal(scene.surroundings_from(*corners).surfaces.records, first)
+
+
 def test_rays_that_may_start_in_a_body_are_left_to_the_scene():
     around = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 100.0),)}))
     scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)

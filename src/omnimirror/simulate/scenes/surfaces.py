@@ -166,10 +166,12 @@ class Surfaces:
 
 
 def joined(one: Surfaces, other: Surfaces) -> Surfaces:
-    """The surfaces of both."""
+    """The surfaces of both, in an order of their own: where two lie in one place rays meet the same one, whatever
+    order compiled surfaces have brought either into."""
     added = other.records.copy()
     added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(np.int32)
-    return Surfaces(np.concatenate([one.records, added]), one.textures + other.textures)
+    records = np.concatenate([one.records, added])
+    return Surfaces(records[np.argsort(records.view(f"V{RECORD.itemsize}"))], one.textures + other.textures)
 
 
 def _look_up(texture: Texture, place: Array) -> Light:
