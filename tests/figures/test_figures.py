@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.text import Text
 
@@ -274,8 +275,12 @@ def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, mo
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
     with styled():
         draw("fig5", sensors).savefig(saved, format=kind, metadata=undated)
+    laid_out, layout = [], ConstrainedLayoutEngine.execute
+    monkeypatch.setattr(
+        ConstrainedLayoutEngine, "execute", lambda self, figure: laid_out.append(figure) or layout(self, figure)
+    )
     figure, whole = draw("fig5", sensors), Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer))
     assert render(figure, kind) == saved.getvalue()
-    assert drawn == [figure]
+    assert drawn == laid_out == [figure]
     assert figure.get_layout_engine() is not None  # for the next format

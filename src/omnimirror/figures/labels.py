@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 from matplotlib.transforms import ScaledTranslation
@@ -120,9 +122,15 @@ class EndLabels:
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
-        """Give every label its place. Call it last: limits and sizes must be final."""
-        self._lay_out()
+        """Have every label placed whenever the figure is laid out. Call it last: limits and sizes must be final."""
+        self.place()
+        self.figure.set_layout_engine(_LayoutWithLabels(self))
+        return self.figure
+
+    def place(self) -> None:
+        """Give every label its place beside axes that have theirs."""
         for ax, labels in self._labels.items():
+            ax.apply_aspect()
             box = ax.get_window_extent()
             sought = [float(ax.transData.transform(label.xy)[1]) for label in labels]
             line_height = 1.18 * self.size * self.figure.dpi / 72
@@ -130,11 +138,16 @@ class EndLabels:
             for label, y in zip(labels, placed, strict=True):
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))
-        return self.figure
 
-    def _lay_out(self) -> None:
-        """Give the axes the places in which they will be drawn, without drawing."""
-        if layout := self.figure.get_layout_engine():
-            layout.execute(self.figure)
-        for ax in self._labels:
-            ax.apply_aspect()
+
+class _LayoutWithLabels(ConstrainedLayoutEngine):
+    """Matplotlib's layout, after which labels move to where axes have come: a layout for that alone takes as long."""
+
+    def __init__(self, labels: EndLabels) -> None:
+        super().__init__()
+        self._labels = labels
+
+    def execute(self, fig: Figure) -> Any:
+        grids = super().execute(fig)
+        self._labels.place()
+        return grids
