@@ -69,6 +69,15 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
     assert "is not a picture" in sentence(refused)
 
 
+def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
+    looked, find = [], om.find_rim
+    monkeypatch.setattr("omnimirror.calibrate.rim.find_rim", lambda picture: looked.append(1) or find(picture))
+    one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
+    found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
+    assert found[0] == found[2]
+    assert len(looked) == 2
+
+
 def test_health_and_the_page(client):
     assert client.get("/health").json() == {"status": "ok", "version": om.__version__}
     page = client.get("/")

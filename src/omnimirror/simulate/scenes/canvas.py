@@ -20,7 +20,7 @@ from .lettering import lettering
 Array = NDArray[np.float64]
 
 ALBEDO, EMISSION, CLEAR, SENT = slice(0, 3), slice(3, 6), 6, slice(3, 7)
-"""The channels of a canvas: share of light thrown back, light sent out, share of outside light let in; both of these."""
+"""The channels of a canvas: share of light thrown back, light sent out, share of outside light let in, the last two."""
 
 
 class Extent(NamedTuple):

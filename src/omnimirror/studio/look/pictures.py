@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,10 @@ from .messages import LevelAsk, LevelFound, RestoreAsk, RimFound
 
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
+RIMS_KEPT = 256
+
+_rims: dict[bytes, RimFound] = {}
+"""Of pictures that were looked at, by their digests."""
 
 
 def shown_picture(path: Path) -> bytes:
@@ -25,11 +30,20 @@ def shown_picture(path: Path) -> bytes:
 
 
 def rim_in(data: bytes, name: str) -> RimFound:
-    """The rim of the mirror in a picture that was handed up."""
+    """The rim of the mirror in a picture that was handed up; it is looked for once, however often a page is loaded."""
     from ...calibrate.rim import find_rim
 
-    rim = find_rim(eight_bits(picture_in(data, name)))
-    return RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure)
+    key = sha256(data).digest()
+    found = _rims.get(key)
+    if found is None:
+        rim = find_rim(eight_bits(picture_in(data, name)))
+        found = RimFound(
+            centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure
+        )
+        if len(_rims) >= RIMS_KEPT:
+            _rims.clear()
+        _rims[key] = found
+    return found
 
 
 def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
