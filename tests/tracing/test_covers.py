@@ -20,6 +20,7 @@ from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.simulate.rendering.sight import sights
 from omnimirror.tracing import covered as covered_mirror
+from omnimirror.tracing.walls import way_out_compiled, way_out_in_numpy
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
@@ -318,3 +319,25 @@ def test_materials_have_the_indices_that_were_published(name):
         assert material.index_at(1e3 * um) == pytest.approx(n(um), abs=3e-4)
     tube = Tube(material=name).at_wavelength(450.0)
     assert tube.index == material.index_at(450.0)
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.parametrize("name", COVERS)
+def test_compiled_walls_are_numpys(name):
+    """From inside and from outside, along the axis, from the wrong side: to the last digits, and as many get out."""
+    shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)
+    reach = 70.0 if "window" in name else 1.2 * shell.radii_mm[0]
+    points, directions = rng.uniform(-reach, reach, (3000, 3)), rng.normal(size=(3000, 3))
+    directions[:40] = [[0, 0, 1], [0, 0, -2]] * 20
+    directions[40] = 0.0, np.nan, 1.0
+    with np.errstate(all="ignore"):
+        ways = [way(shell, points, directions) for way in (way_out_compiled, way_out_in_numpy)]
+    for kind in ("meets", "passes"):
+        np.testing.assert_array_equal(*(getattr(way, kind) for way in ways))
+    out = ways[0].passes & ways[0].meets
+    assert 300 < out.sum() < 2700
+    for one, other in zip(*(way[:5] + way.lengths + way.cosines for way in ways), strict=True):
+        np.testing.assert_allclose(one[out], other[out], rtol=0, atol=1e-11)
+    free = ways[0].passes & ~ways[0].meets
+    np.testing.assert_array_equal(ways[0].points[free], points[free])
+    assert not ways[0].lengths[0][free].any()

@@ -7,6 +7,7 @@
 
 #include "bindings.hpp"
 #include "reflection.hpp"
+#include "walls.hpp"
 
 namespace omnimirror {
 namespace {
@@ -68,11 +69,36 @@ void met(const Surface& surface, const Search& search, const Doubles& depth, dou
     meet_mirror(job);
 }
 
+// Rays (n, 3) out through a wall of a kind: vectors (5, n, 3), numbers (4, n) and flags (2, n) are written.
+void through_wall(int kind, std::tuple<double, double> places, std::tuple<double, double> radii, double index, double outside,
+                  const Doubles& points, const Doubles& directions, const DoublesOut& vectors, const DoublesOut& numbers,
+                  const BytesOut& flags) {
+    require(kind >= 0 && kind <= 2, "a wall is a window (0), a tube (1) or a dome (2)");
+    require(index > 0 && outside > 0, "refractive indices are above 0");
+    const size_t count = points.ndim() == 2 ? points.shape(0) : 0;
+    for (const Doubles* rays : {&points, &directions})
+        require(rays->ndim() == 2 && rays->shape(0) == count && rays->shape(1) == 3, "points and directions are (n, 3)");
+    require(vectors.ndim() == 3 && vectors.shape(0) == WALL_VECTORS && vectors.shape(1) == count && vectors.shape(2) == 3,
+            "vectors are (5, n, 3)");
+    require(numbers.ndim() == 2 && numbers.shape(0) == WALL_NUMBERS && numbers.shape(1) == count, "numbers are (4, n)");
+    require(flags.ndim() == 2 && flags.shape(0) == 2 && flags.shape(1) == count, "flags are (2, n)");
+    const auto [near, far] = places;
+    const auto [inner, outer] = radii;
+    WallJob job{{static_cast<WallKind>(kind), {near, far}, {inner, outer}, index, outside},
+                points.data(), directions.data(), count_of(count), {}, {}, flags.data(), flags.data() + count};
+    for (size_t row = 0; row < WALL_VECTORS; ++row) job.vectors[row] = vectors.data() + 3 * row * count;
+    for (size_t row = 0; row < WALL_NUMBERS; ++row) job.numbers[row] = numbers.data() + row * count;
+    nb::gil_scoped_release released;
+    leave(job);
+}
+
 }  // namespace
 
 void add_reflection(nb::module_& m) {
     m.def("find_reflections", &seen, "surface"_a, "search"_a, "by_omega"_a, "omegas"_a, "middle"_a, "distant"_a, "targets"_a,
           "rows"_a, "states"_a);
+    m.def("leave_wall", &through_wall, "kind"_a, "places"_a, "radii"_a, "index"_a, "outside"_a, "points"_a, "directions"_a,
+          "vectors"_a, "numbers"_a, "flags"_a);
     m.def("meet_mirror", &met, "surface"_a, "search"_a, "depth"_a, "most_tangent"_a, "ways"_a, "rows"_a, "states"_a);
 }
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter
 from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
+from ..native import backend
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -148,6 +149,33 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
             points=pose.to_camera(way.points), directions=turn(way.directions), met=pose.to_camera(way.met),
             incident=turn(way.incident), inwards=turn(way.inwards),
         )  # fmt: skip
+    return (
+        way_out_compiled(shell, points, directions)
+        if backend.is_compiled
+        else way_out_in_numpy(shell, points, directions)
+    )
+
+
+def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """The same as :func:`way_out_in_numpy`, to the last digits."""
+    points, directions = (np.ascontiguousarray(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
+    count = len(points)
+    vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
+    if isinstance(shell, FlatWindow):
+        wall = 0, shell.heights_mm, (0.0, 0.0)
+    elif isinstance(shell, Tube):
+        wall = 1, (0.0, 0.0), shell.radii_mm
+    else:
+        wall = 2, shell.centres_mm, shell.radii_mm
+    rays = points, directions, vectors, numbers, flags.view(np.uint8)
+    backend.kernels.leave_wall(*wall, shell.index, shell.outer_index, *rays)
+    left_at, outwards, met, incident, inwards = vectors
+    before, within, cosine, behind = numbers
+    return WayOut(left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags)
+
+
+def way_out_in_numpy(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """Rays (n, 3), (n, 3) out through a wall about the axis, with nothing compiled."""
     indices = shell.index, shell.outer_index
     if isinstance(shell, FlatWindow):
         return through_window(points, directions, shell.heights_mm, *indices)
