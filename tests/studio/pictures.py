@@ -18,9 +18,12 @@ from omnimirror.media import read_image
 def pattern(size: tuple[int, int]) -> np.ndarray:
     """A smooth picture without two places alike, (h, w, 3)."""
     width, height = size
-    v, u = np.mgrid[:height, :width]
-    waves = [128 + 90 * np.sin(u / 53) * np.cos(v / 61), 128 + 90 * np.cos(u / 83 + v / 47), 40 + 170 * u / width]
-    return np.stack(waves, axis=-1).round().astype(np.uint8)
+    v, u = np.arange(height)[:, None], np.arange(width)
+    waves = np.empty((height, width, 3), np.float32)
+    waves[..., 0] = 128 + 90 * np.sin(u / 53) * np.cos(v / 61)
+    waves[..., 1] = 128 + 90 * (np.cos(u / 83) * np.cos(v / 47) - np.sin(u / 83) * np.sin(v / 47))
+    waves[..., 2] = 40 + 170 * u / width
+    return np.rint(waves, out=waves).astype(np.uint8)
 
 
 def video_of(path: Path, frames: int = 40) -> Path:

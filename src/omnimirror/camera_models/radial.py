@@ -246,7 +246,8 @@ class RadialModel(CameraModel):
             d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
             pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
         valid = valid & np.isfinite(pixels).all(axis=-1)  # at a pole of a rational law is no pixel
-        pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
+        if not valid.all():
+            pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
         return Image(pixels, valid, d_points, d_parameters)
 
     def _parameter_derivatives(

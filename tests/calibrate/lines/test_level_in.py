@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -46,8 +47,10 @@ def test_large_pictures_are_looked_at_smaller():
         ball = om.MirrorBall(
             ((size - 1) / 2,) * 2, 0.48 * size, 300.0, (size, size), Mount(pitch_deg=5.0, roll_deg=-3.0)
         )
-        v, u = np.mgrid[:size, :size].astype(float)
-        seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(size, size, 3)
+        apart = size // 720  # between pixels whose rays are asked for: they change evenly between
+        v, u = np.mgrid[:720, :720] * apart + (apart - 1) / 2
+        seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(720, 720, 3)
+        seen = cv2.resize(seen, (size, size), interpolation=cv2.INTER_LINEAR)
         wall = np.floor(np.degrees(np.arctan2(seen[..., 1], seen[..., 0])) / 15) % 2
         picture = np.where(np.abs(seen[..., 2]) < 0.6, 60 + 120 * wall, 110).astype(np.uint8)
         levels.append(level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px))

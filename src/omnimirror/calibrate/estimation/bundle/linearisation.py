@@ -97,10 +97,11 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
     if stack.marks is not None:
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2)
+    d_motion = np.empty((len(points), 2, 6))
     # d(turn x X) = -[X]x turn, so that a row g of d_points becomes X x g
-    d_turn = np.cross(turned[:, None, :], d_points)
-    d_shift = np.where(stack.distant[:, None, None], 0.0, d_points)
-    d_motion = np.concatenate([d_turn, d_shift], axis=2)
+    (x, y, z), (gx, gy, gz) = turned.T[..., None], np.moveaxis(d_points, 2, 0)
+    d_motion[..., 0], d_motion[..., 1], d_motion[..., 2] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
+    d_motion[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
     d_slide = None
     if stack.along is not None:
         d_slide = np.einsum("nki,nij,nj->nk", d_points, rotations, stack.along)
@@ -154,16 +155,17 @@ def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Ma
     if distant.all() or not distant.any():
         image = model.image_to_the_end(points, distant=bool(distant.any()))
         seen = image.valid
-        pixels, d_points = (
-            np.where(seen[:, None], image.pixels, 0.0),
-            np.where(seen[:, None, None], image.d_points, 0.0),
+        if seen.all():
+            return image.pixels, seen, image.d_points, image.d_parameters
+        d_points, d_parameters = (
+            np.where(seen[:, None, None], part, 0.0) for part in (image.d_points, image.d_parameters)
         )
-        return pixels, seen, d_points, np.where(seen[:, None, None], image.d_parameters, 0.0)
-    parts: Sequence[Mask] = (~distant, distant)
-    near, far = (_images(model, points[part], distant[part]) for part in parts)
+        return np.where(seen[:, None], image.pixels, 0.0), seen, d_points, d_parameters
+    both: Sequence[Mask] = (~distant, distant)
+    near, far = (_images(model, points[part], distant[part]) for part in both)
     joined = []
     for a, b in zip(near, far, strict=True):
         whole = np.empty((len(points), *a.shape[1:]), dtype=a.dtype)
-        whole[parts[0]], whole[parts[1]] = a, b
+        whole[both[0]], whole[both[1]] = a, b
         joined.append(whole)
     return joined[0], joined[1], joined[2], joined[3]
