@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
 FORETOLD_WELL = 0.9  # of the gain; a step that brings less is tried again with what it showed of the curvature
 NOTHING = 1e-10  # gain that ends the search where the optimum is 0
-FEW_ROWS = 200  # programmes of no more are solved at once
+FEW_ROWS = 1000  # programmes of no more are solved at once, as quickly
 KEPT = 1e-10  # a row that is violated by no more is kept
 PENALTY = 100.0  # price of a violated constraint, in units of the objective
 
