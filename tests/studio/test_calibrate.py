@@ -6,6 +6,8 @@ import asyncio
 import io
 import json
 import struct
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
@@ -61,6 +63,15 @@ def news(client, seen) -> list[dict]:
 
 def look(client, data: bytes, **more):
     return client.post("/api/calibrate/look", params={**ASKED, "name": "here.png", **more}, content=data)
+
+
+def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
+    code = "import sys, omnimirror.studio.calibrate.board_process; print(*sys.modules)"
+    loaded = set(
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    )
+    assert "omnimirror.calibrate.targets.finding" in loaded
+    assert not loaded & {"fastapi", "starlette", "matplotlib", "omnimirror.calibrate.estimation", "omnimirror.sensor"}
 
 
 def test_a_picture_that_is_handed_up_shows_its_corners(client):
