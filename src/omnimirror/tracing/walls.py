@@ -140,7 +140,7 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
 
 
 def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
-    """Where :func:`let_out` leads, for half the price of knowing how much light passes."""
+    """Where :func:`let_out` leads, without what it takes to know how much light passes."""
     if not shell.is_axial:
         pose = pose_of(shell)
         way = way_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
@@ -149,11 +149,8 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
             points=pose.to_camera(way.points), directions=turn(way.directions), met=pose.to_camera(way.met),
             incident=turn(way.incident), inwards=turn(way.inwards),
         )  # fmt: skip
-    return (
-        way_out_compiled(shell, points, directions)
-        if backend.is_compiled
-        else way_out_in_numpy(shell, points, directions)
-    )
+    way_out_of = way_out_compiled if backend.is_compiled else way_out_in_numpy
+    return way_out_of(shell, points, directions)
 
 
 def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:

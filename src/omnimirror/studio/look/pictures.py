@@ -19,6 +19,7 @@ from .messages import LevelAsk, LevelFound, RestoreAsk, RimFound
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
 RIMS_KEPT = 256
+"""Before all are forgotten: they are a hundred bytes each."""
 
 _rims: dict[bytes, RimFound] = {}
 """Of pictures that were looked at, by their digests."""
