@@ -22,7 +22,7 @@ from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 13  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 14  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -223,8 +223,12 @@ class Kernels(Protocol):
         middle: float, distant: bool, targets: Array, rows: Array, states: Array,
     ) -> None: ...  # fmt: skip
     def leave_wall(
-        self, kind: int, places: tuple[float, float], radii: tuple[float, float], index: float, outside: float,
-        points: Array, directions: Array, vectors: Array, numbers: Array, flags: Array,
+        self, wall: tuple[Any, ...], points: Array, directions: Array, vectors: Array, numbers: Array, flags: Array
+    ) -> None: ...
+    def find_covered(
+        self, mirror: tuple[Array, float, float, Array, Array], wall: tuple[Any, ...], ends: tuple[float, float],
+        search: tuple[int, float, float], pupils: tuple[Array, bool], targets: tuple[Array, bool], xy: Array,
+        settled: Array,
     ) -> None: ...  # fmt: skip
     def meet_mirror(
         self, surface: tuple[Any, ...], search: tuple[Any, ...], depth: Array, most_tangent: float, ways: Array,

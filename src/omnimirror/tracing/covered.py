@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from ..housing import Shell, Tube
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
+from ..native import backend
 from ..numerics.lazy import cached_property
 from .covers import Cover
 from .meridian import Meridian
 from .posed import PosedMirror
-from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, Specular, Surface, compiled_places
+from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, TIP, Ends, Specular, Surface, meridian_table
 from .space import Reflections, reflect
-from .walls import pose_of, way_out
+from .walls import pose_of, said_to_kernels, way_out
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,6 +33,8 @@ DIFFERENCE = 1e-6  # of the rim radius, between neighbours whose rays tell deriv
 FAR = 1e9  # rim radii: where a distant target is looked for to begin with
 KEPT = 1e-2  # of the miss before: derivatives that leave more are taken anew
 ARRIVED = 1e-12  # radians: a ray that misses its target by less is on it
+SETTLED = 1e-7  # of the rim radius: a step of a kernel, after which the next is as small as its square
+CELLS = 4096  # from axis to rim: cubic pieces of a smooth meridian then lead rays to some 1e-13 radians
 
 
 class _Ways(NamedTuple):
@@ -86,12 +89,11 @@ class CoveredMirror:
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
         with np.errstate(all="ignore"):  # what is not finite is not valid
-            begin = self._begun(pupils, targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
-            xy = np.array(np.broadcast_to(begin, (count, 2)), dtype=float)
-            for first in range(0, count, CHUNK):
-                part = slice(first, first + CHUNK)
-                xy[part] = self._aimed(pupils[part], targets[part], xy[part])
-            return self._proven(pupils, targets, xy)
+            begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
+            begin = np.broadcast_to(begin, (count, 2))
+            parts = [slice(first, first + CHUNK) for first in range(0, max(count, 1), CHUNK)]
+            found = [self._found(pupils[part], targets[part], begin[part]) for part in parts]
+        return Specular(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
         """Light (n,) that mirror points send to moving pupils; see :meth:`PosedMirror.beam`.
@@ -217,21 +219,50 @@ class CoveredMirror:
         inside = pose.turned_to_mirror(targets.xyz) * (FAR * rim) if targets.distant else pose.to_mirror(targets.xyz)
         across, azimuth = np.hypot(inside[:, 0], inside[:, 1]), np.arctan2(inside[:, 1], inside[:, 0])
         x = self._meridian.first_guess(across, inside[:, 2])
+        if self.mirror.mirror.is_pointed:
+            x = np.maximum(x, TIP * rim)
         return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
 
-    def _begun(self, pupils: Ends, targets: Ends) -> Array:
-        """Points (n, 2) of the mirror, mm, to begin from: those in which it would throw light as far beside a target as
-        the cover turns it back where one viewpoint would see that."""
-        places = self._guess(targets)
-        for first in range(0, len(places), CHUNK):
-            part = slice(first, first + CHUNK)
-            ways = self._ways(pupils[part], places[part])
-            towards = ways.reflected + self._wanted(ways, targets[part]) - ways.outwards
-            inside = Ends.of(self.mirror.pose.turned_to_mirror(towards), distant=True)
-            found = compiled_places(self.mirror.mirror, self.mirror.form, self.mirror.inside(pupils[part]), inside)
-            if found is not None:
-                places[part] = np.where(np.isfinite(found), found, places[part])
-        return places
+    def _found(self, pupils: Ends, targets: Ends, start: Array) -> Specular:
+        """What :meth:`specular` finds from points (n, 2) of the mirror on, mm."""
+        if not self._is_compiled:
+            xy = self._aimed(pupils, targets, start)
+            return self._proven(targets, xy, self._ways(pupils, xy))
+        xy, settled = self._settled(pupils, targets, start)
+        ways = self._ways(pupils, xy)
+        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > ARRIVED))  # where a table is too coarse
+        if near.size:
+            xy[near] = self._aimed(pupils[near], targets[near], xy[near])
+            ways = self._ways(pupils, xy)
+        return self._proven(targets, xy, ways)
+
+    @property
+    def _is_compiled(self) -> bool:
+        """Whether a kernel serves: it knows no form errors."""
+        return backend.is_compiled and self.mirror.form.is_empty
+
+    def _settled(self, pupils: Ends, targets: Ends, start: Array) -> tuple[Array, Mask]:
+        """Points (n, 2) of the mirror, mm, to which a compiled kernel comes by a table of its meridian, and whether it
+        comes to an end (n,)."""
+        xy, settled = np.array(start), np.empty(len(start), np.bool_)
+        shell, mirror = pose_of(self.shell), self.mirror.mirror
+        turn = shell.rotation().T @ self.mirror.pose.rotation()
+        shift = shell.turned_to_mirror(self.mirror.pose.shift - shell.shift)
+        pupils, targets = (
+            Ends(shell.turned_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz), end.distant)
+            for end in (pupils, targets)
+        )
+        backend.kernels.find_covered(
+            (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
+            said_to_kernels(self.shell), self.ends_mm, (MAX_STEPS, LONGEST_STEP, SETTLED),
+            (np.ascontiguousarray(pupils.xyz), pupils.distant), (np.ascontiguousarray(targets.xyz), targets.distant),
+            xy, settled.view(np.uint8),
+        )  # fmt: skip
+        return xy, settled
+
+    @cached_property
+    def _meridian_table(self) -> Array:
+        return meridian_table(self.mirror.mirror, CELLS)
 
     def _aimed(self, pupils: Ends, targets: Ends, start: Array) -> Array:
         """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule.
@@ -261,8 +292,7 @@ class CoveredMirror:
                 break
         return xy
 
-    def _proven(self, pupils: Ends, targets: Ends, xy: Array) -> Specular:
-        ways = self._ways(pupils, xy)
+    def _proven(self, targets: Ends, xy: Array, ways: _Ways) -> Specular:
         faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
         leads = _lengths(ways.outwards - self._wanted(ways, targets)) <= REFLECTS
         reflects = np.logical_and.reduce([*faces, leads, ways.passes])

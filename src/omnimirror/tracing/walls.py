@@ -158,17 +158,19 @@ def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
     points, directions = (np.ascontiguousarray(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
     count = len(points)
     vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
-    if isinstance(shell, FlatWindow):
-        wall = 0, shell.heights_mm, (0.0, 0.0)
-    elif isinstance(shell, Tube):
-        wall = 1, (0.0, 0.0), shell.radii_mm
-    else:
-        wall = 2, shell.centres_mm, shell.radii_mm
-    rays = points, directions, vectors, numbers, flags.view(np.uint8)
-    backend.kernels.leave_wall(*wall, shell.index, shell.outer_index, *rays)
+    backend.kernels.leave_wall(said_to_kernels(shell), points, directions, vectors, numbers, flags.view(np.uint8))
     left_at, outwards, met, incident, inwards = vectors
     before, within, cosine, behind = numbers
     return WayOut(left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags)
+
+
+def said_to_kernels(shell: Shell) -> tuple[int, tuple[float, float], tuple[float, float], float, float]:
+    """A wall in its own frame: its kind, where its sides are, their radii, its index and that of what is outside."""
+    if isinstance(shell, FlatWindow):
+        return 0, shell.heights_mm, (0.0, 0.0), shell.index, shell.outer_index
+    if isinstance(shell, Tube):
+        return 1, (0.0, 0.0), shell.radii_mm, shell.index, shell.outer_index
+    return 2, shell.centres_mm, shell.radii_mm, shell.index, shell.outer_index
 
 
 def way_out_in_numpy(shell: Shell, points: Array, directions: Array) -> WayOut:

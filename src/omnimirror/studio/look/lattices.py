@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +12,26 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Exact = Callable[[Array], Array]
 """Values (n, m) at places (n, 2); NaN in all of them where there are none."""
+Index = NDArray[np.intp]
+PartOf = Callable[[Array], Index]
+"""Numbers (...) of the parts that values (..., m) are of."""
 
 STEP = 4  # nodes from one exact value to the next
-TAPS = 6  # exact values that are interpolated between, in each direction
-NODES, COLUMNS = 64, 128  # of a product
-OFF_MIDDLE = np.array([2, 1]) / STEP  # of a cell: where two errors cancel, in the next cell they do not
-AROUND = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
-AHEAD = (4, -6, 4, -1)  # of the nodes in a line, the next one of which a cubic through them comes to
+OFF_MIDDLE = (2, 1)  # of a cell, down and right or the other way: in the middle errors of both may cancel
+TAPS = 10  # exact values that are interpolated between, in each direction
+MARGIN = TAPS // 2 - 1  # of them before the cell
+CLOSE = 0.5  # of the rounding of float32: what may lie between where it is looked, so that all of it elsewhere does not
+TOGETHER = 64  # cells of a product
+ALONG = [(1, 0), (-1, 0), (0, 1), (0, -1)]
+AROUND = [*ALONG, (1, 1), (-1, -1), (1, -1), (-1, 1)]
 BEYOND = 4  # nodes past the end, so that cubic interpolation reaches it
 
 
-def lattice_of(exact: Exact, side: Array) -> Array:
+def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Array:
     """Values (n, n, m) at ``(side[column], side[row])``, each right to the rounding of float32.
 
-    Every fourth node is exact, and Lagrange's polynomials of six of them lie between: where all of these are known, and
-    where a further exact value in the cell or in those about it agrees. All others are exact too.
+    Every fourth node is exact, and Lagrange's polynomials of ten of them lie between: where these are known, or go on
+    from those that are, and where further exact values in the cell or in those beside it agree. All others are exact.
 
     Parameters
     ----------
@@ -33,6 +39,8 @@ def lattice_of(exact: Exact, side: Array) -> Array:
         What is wanted. Cells of STEP nodes are looked into where it is known next to them.
     side : (n,)
         Evenly spaced; n - 1 is a multiple of STEP.
+    part_of
+        The parts of the lattice, between which values may have a step or a bend. One part by default.
 
     Examples
     --------
@@ -43,47 +51,69 @@ def lattice_of(exact: Exact, side: Array) -> Array:
     >>> found = lattice_of(waves, np.linspace(-1.1, 1.1, 257))
     >>> found.shape, bool(abs(found[100, 130, 0] - np.sin((230 - 256) * 2.2 / 256)) < 1e-8)
     ((257, 257, 1), True)
-    >>> sum(asked) < 257**2 / 3
+    >>> sum(asked) < 257**2 / 4
     True
     """
-    coarse = _at(exact, side[::STEP], side[::STEP])
+
+    def at(row: Index, column: Index) -> Array:
+        return exact(np.stack([side[column], side[row]], axis=-1))
+
+    cells = (len(side) - 1) // STEP
+    coarse = at(*(STEP * np.indices((cells + 1, cells + 1)).reshape(2, -1))).reshape(cells + 1, cells + 1, -1)
     known: Mask = np.asarray(np.isfinite(coarse).all(axis=2))
-    values, smooth = _interpolated(coarse, known, side, exact)
-    reached = _windows(np.logical_or, np.pad(known, 1), 4)
-    mine = _nodes_of(reached & ~smooth)
+    parts = np.zeros(known.shape, np.intp) if part_of is None else part_of(coarse)
+    of_cells = np.full((cells + 1, cells + 1, STEP, STEP, coarse.shape[2]), np.nan)
+    done = np.zeros((cells, cells), np.bool_)
+    for part in sorted(set(parts[known].tolist())):
+        row, column, between = _interpolated(coarse, known & (parts == part), at)
+        of_cells[row, column], done[row, column] = between, True
+    values = of_cells.swapaxes(1, 2).reshape(STEP * (cells + 1), -1, coarse.shape[2])[: len(side), : len(side)]
+    mine = _nodes_of(_windows(np.logical_or, np.pad(known, 1), 4) & ~done)
     mine[::STEP, ::STEP] = False
-    values[~_nodes_of(smooth)] = np.nan
     values[::STEP, ::STEP] = coarse
     row, column = np.nonzero(mine)
-    values[row, column] = exact(np.stack([side[column], side[row]], axis=-1))
+    if row.size:
+        values[row, column] = at(row, column)
     return values
 
 
-def _interpolated(coarse: Array, known: Mask, side: Array, exact: Exact) -> tuple[Array, Mask]:
-    """Values (n, n, m) between exact ones, and the cells (k, k) in which they hold."""
-    cells = len(coarse) - 1
-    filled = np.where(known[..., None], coarse, 0.0)
-    values = _between(_between(filled).transpose(1, 0, 2)).transpose(1, 0, 2)
-    first = np.clip(np.arange(cells) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
-    smooth: Mask = _windows(np.logical_and, known, TAPS)[np.ix_(first, first)]
-
-    row, column = np.nonzero(smooth)
-    swapped = (row + column) % 2 == 1
-    right, down = (np.where(swapped, a, b) for a, b in (OFF_MIDDLE, OFF_MIDDLE[::-1]))
-    at_row, at_column = (STEP * (row + down)).astype(int), (STEP * (column + right)).astype(int)
-    true = exact(np.stack([side[at_column], side[at_row]], axis=-1))
-    rounding = np.spacing(np.nanmax(np.abs(filled), axis=(0, 1)).astype(np.float32))
-    rough = np.zeros_like(smooth)
-    rough[row, column] = ~(np.abs(values[at_row, at_column] - true) <= rounding).all(axis=1)
-    smooth &= ~_windows(np.logical_or, np.pad(rough, 1), 3)
-    return values, smooth
+def _interpolated(coarse: Array, known: Mask, at: Callable[[Index, Index], Array]) -> tuple[Index, Index, Array]:
+    """Rows and columns (c,) of cells that are smooth, by those known of exact values (k, k, m), and values
+    (c, STEP, STEP, m) of their nodes."""
+    filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, ALONG, TAPS - 2)
+    inside, smooth = (
+        np.pad(_windows(np.logical_and, mask, TAPS), MARGIN) for mask in (known, np.isfinite(filled[..., 0]))
+    )
+    row, column = np.nonzero(smooth & _windows(np.logical_and, known, 2))
+    between = _between(filled, row, column)
+    kept = _agree(row, column, between, inside, at)[row, column]
+    return row[kept], column[kept], between[kept]
 
 
-def weights_between(at: Array, first: NDArray[np.intp]) -> Array:
+def _agree(row: Index, column: Index, between: Array, inside: Mask, at: Callable[[Index, Index], Array]) -> Mask:
+    """Whether exact values in cells (k, k) are those between: beside some that are, and beside none that are not.
+
+    They are taken in every other cell, and in two places of each cell whose polynomials use values beyond an end.
+    """
+    close = CLOSE * np.spacing(np.abs(between).max(axis=(0, 1, 2), initial=0.0).astype(np.float32))
+    answers = np.zeros((2, len(inside) + 2, len(inside) + 2), np.bool_)
+    is_inside = inside[row, column]
+    for k, (down, right) in enumerate((OFF_MIDDLE, OFF_MIDDLE[::-1])):
+        (tried,) = np.nonzero(~is_inside | ((row % 2 == k) & ((row + column) % 2 == 0)))
+        if not tried.size:
+            continue
+        true = at(STEP * row[tried] + down, STEP * column[tried] + right)
+        agrees = (np.abs(between[tried, down, right] - true) <= close).all(axis=1)
+        answers[agrees.astype(int), row[tried] + 1, column[tried] + 1] = True
+    refuted, confirmed = (_windows(np.logical_or, answer, 3) for answer in answers)
+    return np.asarray(confirmed & ~refuted)
+
+
+def weights_between(at: Array, first: Index) -> Array:
     """How much values one apart count at places (n,) between them, by Lagrange's polynomials of TAPS of them each.
 
-    >>> weights_between(np.array([2.5]), np.array([0])) * 256
-    array([[   3.,  -25.,  150.,  150.,  -25.,    3.]])
+    >>> (weights_between(np.array([4.5]), np.array([0])) * 2**16)[0, :4]
+    array([   35.,  -405.,  2268., -8820.])
     """
     weights = np.zeros((len(at), int(first[-1]) + TAPS))
     for k in range(TAPS):
@@ -92,30 +122,20 @@ def weights_between(at: Array, first: NDArray[np.intp]) -> Array:
     return weights
 
 
-def _between(exact: Array) -> Array:
-    """Values (STEP k + 1, n, m) of exact ones (k + 1, n, m) along the first axis.
+def _between(exact: Array, row: Index, column: Index) -> Array:
+    """Values (c, STEP, STEP, m) in cells (c,) of exact ones (k, k, m).
 
     By products so small that BLAS leaves them to this thread: others wait for more a tenth of a second, busily.
     """
-    cells = len(exact) - 1
-    at = np.arange(STEP * cells + 1) / STEP
-    first = np.clip(np.floor(at).astype(int) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
-    flat = exact.reshape(cells + 1, -1)
-    values = np.empty((len(at), flat.shape[1]))
-    for begin in range(0, len(at), NODES):
-        nodes = slice(begin, begin + NODES)
-        low = first[begin]
-        weights = weights_between(at[nodes] - low, first[nodes] - low)
-        for left in range(0, flat.shape[1], COLUMNS):
-            columns = slice(left, left + COLUMNS)
-            np.matmul(weights, flat[low : low + weights.shape[1], columns], out=values[nodes, columns])
-    return values.reshape(len(at), *exact.shape[1:])
-
-
-def _at(exact: Exact, x: Array, y: Array) -> Array:
-    """Values (len(y), len(x), m) over all pairs."""
-    found = exact(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-    return found.reshape(len(y), len(x), -1)
+    along = weights_between(MARGIN + np.arange(STEP) / STEP, np.zeros(STEP, np.intp))
+    weights = np.kron(along, along).T
+    windows = np.lib.stride_tricks.sliding_window_view(exact, (TAPS, TAPS), axis=(0, 1))
+    values = np.empty((len(row), exact.shape[2], STEP**2))
+    for first in range(0, len(row), TOGETHER):
+        part = slice(first, first + TOGETHER)
+        about = windows[row[part] - MARGIN, column[part] - MARGIN].reshape(-1, TAPS**2)
+        np.matmul(about, weights, out=values[part].reshape(-1, STEP**2))
+    return values.reshape(len(row), exact.shape[2], STEP, STEP).transpose(0, 2, 3, 1)
 
 
 def _nodes_of(cells: Mask) -> Mask:
@@ -138,23 +158,31 @@ def _windows(combine: np.ufunc, values: Mask, side: int) -> Mask:
 
 def continued(values: Array) -> Array:
     """A lattice (n, n, m), filled in for some nodes around where it is known, as its third differences go on."""
+    return _filled(values, 4, AROUND, BEYOND)
+
+
+def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int) -> Array:
+    """Values (n, n, m), and in layers about those known what polynomials through so many in a line come to."""
     known: Mask = np.asarray(np.isfinite(values).all(axis=2))
-    for _ in range(BEYOND):
+    for _ in range(layers):
         beside = _windows(np.logical_or, np.pad(known, 1), 3)
         row, column = np.nonzero(beside & ~known)
-        values[row, column] = found = _next(values, row, column)
+        values[row, column] = found = _next(values, known, row, column, terms, ways)
         known[row, column] = np.isfinite(found).all(axis=1)
     return values
 
 
-def _next(values: Array, row: NDArray[np.intp], column: NDArray[np.intp]) -> Array:
+def _next(values: Array, known: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]) -> Array:
     """Values (k, m) of nodes: those that they have, or the mean of what the lines of nodes around them come to."""
     total, told = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
-    last = len(values) - 1
-    for dx, dy in AROUND:
-        ends = row + len(AHEAD) * dy, column + len(AHEAD) * dx
-        (inside,) = np.nonzero((np.minimum(*ends) >= 0) & (np.maximum(*ends) <= last))
-        guess = sum(a * values[row[inside] + k * dy, column[inside] + k * dx] for k, a in enumerate(AHEAD, 1))
+    ahead = [-comb(terms, k) * (-1) ** k for k in range(1, terms + 1)]  # a polynomial's differences end
+    around = np.pad(known, terms)
+    for dx, dy in ways:
+        line = [(row + k * dy, column + k * dx) for k in range(1, terms + 1)]
+        (inside,) = np.nonzero(
+            around[line[0][0] + terms, line[0][1] + terms] & around[line[-1][0] + terms, line[-1][1] + terms]
+        )
+        guess = sum(a * values[y[inside], x[inside]] for a, (y, x) in zip(ahead, line, strict=True))
         is_told = np.isfinite(guess)
         total[inside] += np.where(is_told, guess, 0.0)
         told[inside] += is_told

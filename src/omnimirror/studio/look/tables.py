@@ -18,9 +18,10 @@ from ...camera_models import MirrorBall, OCam, ViewpointSpline
 from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
+from ...housing import Tube
 from ...sensor import Sensor
 from ...specs import AnyCamera
-from .lattices import TAPS, Exact, continued, lattice_of, weights_between
+from .lattices import TAPS, Exact, PartOf, continued, lattice_of, weights_between
 from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
@@ -145,7 +146,7 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     end = min(1.0, MARGIN * float(limits.max()))
     ask = _with_starts(camera, project) if isinstance(camera, Sensor | ViewpointSpline) else project
     ask = _within(limits, 2 * end / (LATTICE - 1), ask)
-    found = continued(lattice_of(ask, np.linspace(-end, end, LATTICE)))
+    found = continued(lattice_of(ask, np.linspace(-end, end, LATTICE), _sides_of_tube(camera)))
     pixels, starts = np.nan_to_num(found[..., :2], nan=-1e6), np.nan_to_num(found[..., 2:])
     layout = TableLayout(
         first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS,
@@ -180,6 +181,15 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
         return np.concatenate([pixels, starts], axis=1)
 
     return traced
+
+
+def _sides_of_tube(camera: AnyCamera) -> PartOf | None:
+    """Whether rays start on the mirror (0), past an end of the tube about it, or on the tube (1); None without one."""
+    shell = camera.housing.shell if isinstance(camera, Sensor) else None
+    if not isinstance(camera, Sensor) or not isinstance(shell, Tube):
+        return None
+    between = (camera.mirror.rim_radius_mm + shell.radii_mm[1]) / 2
+    return lambda found: (np.hypot(found[..., 3], found[..., 4]) > between).astype(np.intp)
 
 
 def _projection(camera: AnyCamera) -> Exact:

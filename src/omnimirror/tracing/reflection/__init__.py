@@ -5,7 +5,7 @@ from .ends import Ends, Specular
 from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK
 from .search import footprint, specular_points
 from .surface import Surface, continued_profile
-from .tables import BEYOND, CELLS, MirrorTables, cubic_pieces, meridian_table, radii
+from .tables import BEYOND, CELLS, TIP, MirrorTables, cubic_pieces, meridian_table, radii
 
 __all__ = [
     "BEYOND",
@@ -14,6 +14,7 @@ __all__ = [
     "MAX_STEPS",
     "REFLECTS",
     "RIM_SLACK",
+    "TIP",
     "Ends",
     "MirrorTables",
     "Specular",

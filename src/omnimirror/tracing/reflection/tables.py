@@ -74,21 +74,22 @@ class MirrorTables:
         return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
 
 
-def radii(mirror: Mirror) -> Array:
+def radii(mirror: Mirror, cells: int = CELLS) -> Array:
     """The nodes (n,) mm of its tables, one of them at the rim."""
-    return np.linspace(0.0, (CELLS + BEYOND) / CELLS * mirror.rim_radius_mm, CELLS + BEYOND + 1)
+    beyond = cells * BEYOND // CELLS
+    return np.linspace(0.0, (cells + beyond) / cells * mirror.rim_radius_mm, cells + beyond + 1)
 
 
-def meridian_table(mirror: Mirror) -> Array:
-    """Cubic pieces (n, 8) of sag and slope between the nodes, four coefficients each.
+def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
+    """Cubic pieces (n, 8) of sag and slope between the nodes, so many to the rim, four coefficients each.
 
     >>> from omnimirror.mirrors import Sphere
     >>> table = meridian_table(Sphere(50.0, 40.0))
     >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
     ((1280, 8), array([10.  ,  0.75]))
     """
-    sag, slope, curvature = continued_profile(mirror, radii(mirror))
-    step = mirror.rim_radius_mm / CELLS
+    sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
+    step = mirror.rim_radius_mm / cells
     return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
 
 
