@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import fields
 from functools import cache, wraps
 from inspect import Parameter, signature
+from math import isnan
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -307,18 +308,25 @@ def kinds_of(thing: Any) -> dict[str, Any]:
     return get_type_hints(thing)
 
 
+@cache
+def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """What an annotation is of, and what stands in its brackets."""
+    return get_origin(hint) or hint, get_args(hint)
+
+
 def _check_kind(name: str, value: Any, hint: Any) -> None:
-    if get_origin(hint) is Literal:
-        choice(name, value, get_args(hint))
+    kind, inner = _parts(hint)
+    if kind is Literal:
+        choice(name, value, inner)
     elif not _fits(value, hint):
         raise WrongKind(f"{name} = {shown(value)} is not {_described(hint)}")
-    elif Path in get_args(hint) and isinstance(value, str | Path):
+    elif Path in inner and isinstance(value, str | Path):
         file_name(name, value)
 
 
 def _fits(value: Any, hint: Any) -> bool:
     """Whether a value is of the kind of an annotation, as far as that says."""
-    kind, inner = get_origin(hint) or hint, get_args(hint)
+    kind, inner = _parts(hint)
     if kind in (Union, types.UnionType):
         return set(get_args(ArrayLike)) <= set(inner) or any(_fits(value, part) for part in inner)
     if kind is Literal:
@@ -331,6 +339,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
     if kind in ROWS:
         of = inner[0] if inner else Any
+        if of is float and type(value) is tuple and set(map(type, value)) == {float}:  # columns of tables may be long
+            return not any(map(isnan, value))
         return _is_row(value, kind) and (not isinstance(value, Collection) or all(_fits(v, of) for v in value))
     if hasattr(kind, "_fields"):  # of a named tuple; a plain one will do
         return isinstance(value, tuple) and len(value) == len(kind._fields)
@@ -361,7 +371,7 @@ def _is_row(value: Any, kind: Any) -> bool:
 
 def _described(hint: Any) -> str:
     """The kinds of an annotation in words."""
-    kind, inner = get_origin(hint) or hint, get_args(hint)
+    kind, inner = _parts(hint)
     if kind in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_described(part) for part in inner))
     if kind is Literal:

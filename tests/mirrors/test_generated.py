@@ -300,3 +300,22 @@ def test_a_function_that_is_no_mapping_is_refused():
 def test_what_cannot_be_had_is_refused_with_advice(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
+
+
+@pytest.mark.parametrize("mirror", [Equidistant(120.0, 12.0, 44.0), Equiareal(120.0, 12.0, 44.0)])
+def test_a_profile_asks_for_the_course_of_a_smooth_mirror_once(mirror):
+    """A table says nearly where, and derivatives the rest, to rounding: the mapping itself is the truth."""
+    asked = []
+    smooth = mirror._meridian
+    counted = PerspectiveMeridian(
+        lambda theta: asked.append("place") or smooth.place(theta),
+        lambda theta: asked.append("course") or smooth.course(theta),
+        smooth.theta_max,
+    )
+    x = np.sort(np.random.default_rng(4).uniform(0, 1, 500))
+    counted.profile(x)  # with its table
+    asked.clear()
+    z, slope, _ = counted.profile(x)
+    assert asked == ["course"]
+    theta = np.arctan2(x, counted.distance + z)
+    assert np.abs(np.arctan(slope) - (smooth.place(theta)[0] - theta) / 2).max() < 1e-14

@@ -110,10 +110,16 @@ class Mirror(ABC):
 
     def _check(self) -> None:
         """Every parameter in its range, and a surface all the way to the rim."""
+        self._check_parameters()
+        self._check_surface()
+
+    def _check_parameters(self) -> None:
         check_fields(self)
         for f in fields(self):  # type: ignore[arg-type]
             if (value := getattr(self, f.name)) is not None:
                 self.PARAMETERS[f.name].check(f.name, value)
+
+    def _check_surface(self) -> None:
         x = np.linspace(0.0, self.rim_radius_mm, 513)
         with np.errstate(all="ignore"):
             z, slope, curvature = self.profile(x)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import check_fields, coordinates
+from ...arguments import coordinates
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -107,9 +107,7 @@ class Generated(Mapped):
     """Field angle that the mapping cannot reach, whatever the lens."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        for name, parameter in self.PARAMETERS.items():
-            parameter.check(name, getattr(self, name))
+        self._check_parameters()
         self._check_reach(self.omega_max_deg)
         if self.omega_max_deg >= self.MOST_OMEGA_DEG:
             raise InvalidParameter(
@@ -121,7 +119,7 @@ class Generated(Mapped):
             raise InvalidParameter(
                 f"omega_min_deg = {omega_min:g} is not below omega_max_deg = {self.omega_max_deg:g}, as it must be"
             )
-        self._check()
+        self._check_surface()
 
     @property
     def _omega_max(self) -> float:

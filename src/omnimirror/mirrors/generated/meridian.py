@@ -27,7 +27,9 @@ from ...numerics.lazy import cached_property
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
-CELLS = 1024  # of the table theta(x); cubic pieces err by 1e-13 or so, and one step of Newton's rule by its square
+CELLS = 1024  # of the table theta(x); cubic pieces of smooth mirrors err by 1e-14, and a step from there by its square
+FEW_CELLS = 64  # from which it is filled
+CLOSE = 1e-11  # a step of Newton's rule, after which the mapping is what its derivative says, to rounding
 
 TERMS = 16  # of the series of one piece
 NODES = chebyshev.chebpts1(TERMS)
@@ -138,21 +140,22 @@ class PerspectiveMeridian:
         sin, cos = np.sin(theta), np.cos(theta)
         return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
 
-    def theta(self, x: Array) -> Array:
-        """Viewing angle of the point at x, the inverse of :meth:`x`; exactly 0 on the axis."""
-        angles, rates = self._table
-        cell = np.clip(np.nan_to_num(x * CELLS), 0, CELLS - 1).astype(int)
-        t = x * CELLS - cell
-        a, b = angles[cell], angles[cell + 1]
-        da, db = rates[cell] / CELLS, rates[cell + 1] / CELLS
-        guess: Array = a + t * (da + t * (3 * (b - a) - 2 * da - db + t * (da + db - 2 * (b - a))))
-        found, rate = self.x(guess)
-        return guess - (found - x) / rate
-
     @cached_property
-    def _table(self) -> tuple[Array, Array]:
-        """Viewing angles and dtheta/dx at evenly spaced x, by Newton's rule inside brackets."""
-        x = np.linspace(0.0, 1.0, CELLS + 1)
+    def _table(self) -> Array:
+        """Cubic pieces (4, CELLS) of viewing angles by x: a few within brackets, all by a step from between these."""
+        x, few = np.linspace(0.0, 1.0, CELLS + 1), self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1))
+        theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
+        found, rate = self.x(theta)
+        theta = theta - (found - x) / rate
+        found, rate = self.x(theta)
+        if not np.abs(found - x).max() <= CLOSE:
+            theta = self._bracketed(x)
+            rate = self.x(theta)[1]
+        theta[0] = 0.0
+        return _pieces(theta, 1 / rate)
+
+    def _bracketed(self, x: Array) -> Array:
+        """Viewing angles (n,) of points at x, the inverse of :meth:`x`, wherever they begin."""
         low, high = np.zeros_like(x), np.full_like(x, self.theta_max)
         theta = x * self.theta_max
         for _ in range(60):  # bisection alone would reach the last digit; Newton's rule takes over early
@@ -165,17 +168,46 @@ class PerspectiveMeridian:
             theta = new
             if change <= 1e-15 * self.theta_max:
                 break
-        theta[0] = 0.0
-        return theta, 1 / self.x(theta)[1]
+        return theta
 
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
-        theta = self.theta(x)
-        omega, domega, log_rho = self.course(theta)
+        theta, omega, domega, log_rho = self._at(x)
         beta = (omega - theta) / 2
         # rho cos(theta) - m, without the cancellation near the axis
         z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
         rate = self._x(theta, omega, log_rho)[1]
         return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
+
+    def _at(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Viewing angles of the points at x, exactly 0 on the axis, and the course there.
+
+        The table says nearly where; the rest is so little that the derivatives of the course lead there.
+        """
+        theta = _between(self._table, x)
+        for _ in range(2):
+            omega, domega, log_rho = self.course(theta)
+            found, rate = self._x(theta, omega, log_rho)
+            step = (x - found) / rate
+            log_rho = log_rho + np.tan((omega + theta) / 2) * step
+            theta, omega = theta + step, omega + domega * step
+            if not (np.abs(step) > CLOSE).any():
+                break
+        return theta, omega, domega, log_rho
+
+
+def _pieces(values: Array, rates: Array) -> Array:
+    """Coefficients (4, cells) of Hermite's cubics between evenly spaced values (cells + 1,) over [0, 1]."""
+    rise, rate = np.diff(values), rates / (len(values) - 1)
+    low, high = rate[:-1], rate[1:]
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise])
+
+
+def _between(pieces: Array, x: Array) -> Array:
+    """What they come to at x."""
+    place = x * pieces.shape[1]
+    cell = np.fmax(np.fmin(place, pieces.shape[1] - 1), 0.0).astype(int)
+    t, (a, b, c, d) = place - cell, pieces[:, cell]
+    return np.asarray(a + t * (b + t * (c + t * d)))
 
 
 @dataclass(frozen=True)

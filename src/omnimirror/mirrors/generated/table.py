@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import WrongKind, check_fields, coordinates, floats, number, shown
+from ...arguments import WrongKind, coordinates, floats, number, shown
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -84,12 +84,10 @@ class TabulatedMapping(Mapped):
 
     def __post_init__(self) -> None:
         self._take_columns(self.omega_deg, self.height)
-        check_fields(self)
-        for name, parameter in self.PARAMETERS.items():
-            parameter.check(name, getattr(self, name))
+        self._check_parameters()
         check_rows(self.omega_deg, self.height)
         self._check_reach(self.omega_deg[-1])
-        self._check()
+        self._check_surface()
 
     def _take_columns(self, omega_deg: ArrayLike, height: ArrayLike) -> None:
         object.__setattr__(self, "omega_deg", floats("omega_deg", omega_deg))
