@@ -11,6 +11,7 @@ import pytest
 import tomli_w
 
 import omnimirror as om
+from omnimirror.mirrors import SlopeSpline
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import parse_sensor, save_sensor
 from omnimirror.studio.look import routes
@@ -238,6 +239,22 @@ def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
     bench.set_input_files("#bench-file", tmp_path / "bad.toml")
     bench.get_by_text("did you mean sphere?").first.wait_for()
     assert sensor_on(bench) == mine
+
+
+def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
+    """The middle of this mirror shows what lies ahead on a ring: a degree about the axis is as wide as one likes."""
+    sphere = om.load_sensor("paper-spherical")
+    slopes = sphere.mirror.profile(np.linspace(0, sphere.mirror.rim_radius_mm, 8))[1]
+    ring = replace(sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm))
+    save_sensor(ring, tmp_path / "ring.toml")
+    sides = "[...document.querySelectorAll('#bench .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
+    before = bench.evaluate(f"{sides}.length")
+    bench.set_input_files("#bench-file", tmp_path / "ring.toml")
+    bench.wait_for_function(f"{NOW}.tables.name === 'ring'")
+    settled(bench)
+    heights = bench.evaluate(f"{sides}.map((height) => height.value)")
+    assert len(heights) == before - 1
+    assert 0 < min(heights) <= max(heights) < 1000
 
 
 @pytest.mark.long

@@ -92,6 +92,17 @@ class Evaluation:
     def __len__(self) -> int:
         return len(self.omega_deg)
 
+    def __getitem__(self, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Evaluation:
+        """The same at some of its field angles.
+
+        >>> from omnimirror.specs import load_sensor
+        >>> evaluate(load_sensor("paper-spherical"), omega_deg=[0, 90, 135])[1:].omega_deg
+        array([ 90., 135.])
+        """
+        p = self.object_distance_mm
+        columns = {name: getattr(self, name)[which] for name in UNCERTAIN}
+        return replace(self, object_distance_mm=p[which] if isinstance(p, np.ndarray) else p, **columns)
+
     @property
     def focus_mm(self) -> float:
         """Object distance L0 in focus."""

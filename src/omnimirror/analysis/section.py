@@ -14,6 +14,8 @@ from ..lenses import GaussianLens
 from ..mirrors import Flat
 from ..sensor import Sensor
 from .evaluation import Evaluation
+from .meridional.coddington import virtual_images
+from .meridional.focus import FocusStudy, distance_per_angle
 
 Array = NDArray[np.float64]
 
@@ -111,9 +113,17 @@ def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]
     return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
 
 
-def image_curves(result: Evaluation) -> tuple[SectionCurve, SectionCurve]:
-    """Tangential and sagittal virtual images as the lens sees them (Eqs. 14-21); NaN where at infinity."""
-    return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
+def image_curves(result: Evaluation, object_distance_mm: float | None = None) -> tuple[SectionCurve, SectionCurve]:
+    """Tangential and sagittal virtual images as the lens sees them (Eqs. 14-21); NaN where at infinity.
+
+    Of the objects evaluated, or of others at a distance in mm.
+    """
+    if object_distance_mm is None:
+        return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
+    rays = result.sensor.meridian.trace(result.x_mm)
+    images = virtual_images(rays, distance_per_angle(object_distance_mm, result.x_mm))
+    t, s = FocusStudy(result.sensor, rays, images, result.mode, None, result.wavelength_nm).distances
+    return _seen(result, t), _seen(result, s)
 
 
 def _seen(result: Evaluation, distance: Array) -> SectionCurve:

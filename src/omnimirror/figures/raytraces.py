@@ -204,7 +204,7 @@ def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str,
     fine: dict[str, object] = {"linewidth": 0.7}
     dashed: dict[str, object] = {"linestyle": (0, (4, 2))}
     t_far, s_far = image_curves(subject.curve)
-    t_near, s_near = image_curves(subject.curve_at(NEAR_OBJECTS * subject.rim_mm))
+    t_near, s_near = image_curves(subject.curve, NEAR_OBJECTS * subject.rim_mm)
     return [
         (f"T{asked}", t_far, strong),
         (f"T{NEAR_OBJECTS:g}M", t_near, fine),

@@ -92,10 +92,6 @@ class Subject:
         """Every 15 deg of the field."""
         return self.at(field_angles(self.sensor, 15.0))
 
-    def curve_at(self, object_distance_mm: float) -> Evaluation:
-        """The same mirror points as :attr:`curve`, for objects at a distance from the mirror."""
-        return self._evaluated(None, self.curve.x_mm, object_distance_mm)
-
     @property
     def hidden_deg(self) -> tuple[tuple[float, float], ...]:
         """Rings of the field that what stands around the mirror hides, from where to where."""
@@ -103,14 +99,10 @@ class Subject:
 
     def at(self, omega_deg: ArrayLike) -> Evaluation:
         """Evaluate field angles (n,), deg."""
-        return self._evaluated(omega_deg, None, self.conditions.object_distance_mm)
-
-    def _evaluated(self, omega_deg: ArrayLike | None, x_mm: ArrayLike | None, object_distance_mm: float) -> Evaluation:
         return evaluate(
             self.sensor,
             omega_deg,
-            x_mm=x_mm,
-            object_distance_mm=object_distance_mm,
+            object_distance_mm=self.conditions.object_distance_mm,
             mode=self.conditions.mode,
             image_radius_px=self.conditions.image_radius_px,
             wavelength_nm=self.conditions.wavelength_nm,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.analysis.meridional.viewpoints import viewpoint_angle_error
+from omnimirror.analysis.section import image_curves
 from omnimirror.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
@@ -246,3 +247,22 @@ def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
         spread.append(np.ptp(om.evaluate(cone, angles).viewpoint_z_mm))
         assert cone.mirror.pinhole_ring(m)[0] == pytest.approx(m * np.sin(np.radians(100.0)))
     np.testing.assert_allclose(np.divide(spread[:-1], spread[1:]), 10, rtol=0.3)
+
+
+@pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
+def test_some_angles_of_an_evaluation_are_what_they_are_alone(name):
+    sensor = om.load_sensor(name)
+    whole = om.evaluate(sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0])
+    some, alone = whole[1:3], om.evaluate(sensor, [40.0, 70.0], object_distance_mm=[600.0, 700.0])
+    assert len(some) == 2
+    assert np.array_equal(some.object_distance_mm, alone.object_distance_mm)
+    for column, values in alone.columns().items():
+        np.testing.assert_allclose(some.columns()[column], values, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
+def test_virtual_images_of_other_objects_are_those_of_their_evaluation(name):
+    sensor = om.load_sensor(name)
+    far, near = om.evaluate(sensor), om.evaluate(sensor, object_distance_mm=220.0)
+    for told, true in zip(image_curves(far, 220.0), image_curves(near), strict=True):
+        np.testing.assert_allclose(told, true, rtol=1e-12)

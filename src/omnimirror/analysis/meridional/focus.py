@@ -96,7 +96,9 @@ class FocusStudy:
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Blur with the lens focused at an object distance in mm."""
-        sensor = self.sensor.with_lens(self.sensor.lens.focused_at(focus_mm))
+        sensor = self.sensor
+        if focus_mm != sensor.lens.focus_distance_mm:
+            sensor = sensor.with_lens(sensor.lens.focused_at(focus_mm))
         h, dh = self.heights(sensor)
         pitch = sensor.imager.pitch_mm
         lens = sensor.lens

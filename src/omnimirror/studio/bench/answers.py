@@ -42,6 +42,7 @@ SQUARES = (
     "blur_s_deg",
 )  # fmt: skip
 NODES = 361  # of a curve
+MARKS_DEG = 15.0
 PROFILE = 121  # points of a mirror, from axis to rim
 IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
 
@@ -52,7 +53,7 @@ class EvaluatedSensor:
 
     curve: Evaluation
     marks: Evaluation
-    """Every 15 degrees of the field."""
+    """Every :data:`MARKS_DEG` of the field."""
     far: Evaluation
     """The field with distant objects, whatever was asked."""
 
@@ -92,10 +93,10 @@ def _answer(ask: Ask, **told: object) -> Answer:
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
-    field = np.linspace(*sensor.field_deg, NODES)
-    curve = evaluate(sensor, field, object_distance_mm=object_distance_mm)
-    marks = evaluate(sensor, field_angles(sensor, 15.0), object_distance_mm=object_distance_mm)
-    return EvaluatedSensor(curve, marks, curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
+    field, marks = np.linspace(*sensor.field_deg, NODES), field_angles(sensor, MARKS_DEG)
+    both = evaluate(sensor, np.concatenate([field, marks]), object_distance_mm=object_distance_mm)
+    curve = both[:NODES]
+    return EvaluatedSensor(curve, both[NODES:], curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValues:
@@ -149,9 +150,10 @@ def _section(design: EvaluatedSensor) -> list[BlockValues]:
 
 def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:
     """Of distant objects, and of near ones."""
-    near_mm = NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm
-    near = evaluate(far.sensor, x_mm=far.x_mm, object_distance_mm=near_mm)
-    (t_far, s_far), (t_near, s_near) = image_curves(far), image_curves(near)
+    (t_far, s_far), (t_near, s_near) = (
+        image_curves(far),
+        image_curves(far, NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm),
+    )
     return [("T∞", t_far), (f"T{NEAR_OBJECTS:g}M", t_near), ("S∞", s_far), (f"S{NEAR_OBJECTS:g}M", s_near)]
 
 

@@ -68,7 +68,7 @@ export class SquaresView {
     const dip = rim - Math.sqrt(Math.max(0, rim * rim - (height / 2) ** 2));
     drawing.add("line", { class: "axis", x1: 0, x2: width, y1: middle, y2: middle });
     drawing.add("path", { class: "rimline", d: `M${at(radius) - dip} ${middle - height / 2}Q${at(radius) + dip} ${middle} ${at(radius) - dip} ${middle + height / 2}` });
-    const shown = Array.from(dw.keys()).filter((i) => Number.isFinite(dw[i]));
+    const shown = Array.from(dw.keys()).filter((i) => dw[i] >= 0 && OBJECT_DEG * dw[i] <= 2 * radius); // towards the other pole they have no end
     const tall = (i: number): number => OBJECT_DEG * dw[i] * scale;
     const enlarged = (name: string, i: number): number => ENLARGED * table.column(name)[i] * scale;
     for (const i of shown) this.square(drawing, at(h_px[i]), middle, OBJECT_DEG * dh[i] * scale, tall(i), table, i);
