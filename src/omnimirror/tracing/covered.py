@@ -130,6 +130,10 @@ class CoveredMirror:
                 section /= np.einsum("ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at)
         return section
 
+    def left_at(self, found: Specular) -> Array:
+        """Where (n, 3) the rays of those found leave the cover."""
+        return self._let_out(found.points, found.to_targets)[0]
+
     def objects_at(self, found: Specular, distances: Array) -> Array:
         """Objects (n, 3) at distances (n,) mm from their mirror points, by the way that light takes."""
         left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)

@@ -108,7 +108,14 @@ class OpticalTrain:
 
     def image_of(self, targets: Ends) -> Array:
         """Images (n, 2) of targets (n,) on a square imager, mm right of and below the optical axis; NaN if unseen."""
+        return self._image_of(self.chief_rays_to(targets))
+
+    def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:
+        """The same, and where (n, 3) mm the rays begin that lead from there to the targets: on the mirror or cover."""
         found = self.chief_rays_to(targets)
+        return self._image_of(found), self.seen_mirror.left_at(found)
+
+    def _image_of(self, found: Specular) -> Array:
         image = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils)
         image[~found.valid] = np.nan
         return image

@@ -84,6 +84,10 @@ class PosedMirror:
             section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section
 
+    def left_at(self, found: Specular) -> Array:
+        """Where (n, 3) the rays of those found leave the mirror."""
+        return found.points
+
     def objects_at(self, found: Specular, distances: Array) -> Array:
         """Objects (n, 3) at distances (n,) mm from their mirror points, on the rays of those found."""
         objects: Array = found.points + distances[:, None] * found.to_targets

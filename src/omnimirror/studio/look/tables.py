@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera_models import MirrorBall, OCam, ViewpointSpline
+from ...cameras import inside_image
 from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...housing import Tube
 from ...sensor import Sensor
 from ...specs import AnyCamera
+from ...tracing.reflection import Ends
 from .lattices import TAPS, Exact, PartOf, continued, lattice_of, weights_between
 from .messages import CameraShown, Kind, MountOf, TableLayout
 
@@ -172,6 +174,8 @@ def _within(limits: Array, margin: float, ask: Exact) -> Exact:
 def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
     """Pixels of places, and where (n, 3) their rays start, mm along axis, right and down; NaN outside the field."""
     axes = np.stack(frame_of(camera), axis=-1)
+    if isinstance(camera, Sensor) and not camera.is_axial and camera.secondary is None:
+        return _traced_once(camera, axes)
 
     def traced(places: Array) -> Array:
         pixels = project(places)
@@ -179,6 +183,23 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
         starts = np.full((len(places), 3), np.nan)
         starts[seen] = turned(camera.backproject(pixels[seen]).origins, axes)
         return np.concatenate([pixels, starts], axis=1)
+
+    return traced
+
+
+def _traced_once(sensor: Sensor, axes: Array) -> Exact:
+    """The same of a sensor that is traced in space, where what finds a pixel comes by where its ray starts."""
+    train, rotation = sensor.optical_train, sensor.mount.rotation()
+
+    def traced(places: Array) -> Array:
+        values = np.full((len(places), 5), np.nan)
+        inside, directions = _directions_of(places, axes.T)
+        image, start = train.image_and_start_of(Ends.of(turned(directions, rotation), distant=True))
+        pixels = sensor.image_plane.pixels(image)
+        found = np.concatenate([pixels, turned(start, rotation.T @ axes)], axis=1)
+        found[~inside_image(pixels, sensor.image_size)] = np.nan
+        values[inside] = found
+        return values
 
     return traced
 
@@ -197,15 +218,20 @@ def _projection(camera: AnyCamera) -> Exact:
     frame = np.stack(frame_of(camera))
 
     def project(places: Array) -> Array:
-        sine2 = np.einsum("ni,ni->n", places, places)  # of half the angle
-        inside = sine2 <= 1
         pixels = np.full((len(places), 2), np.nan)
-        across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]
-        directions = np.concatenate([1 - 2 * sine2[inside, None], across], axis=1) @ frame
+        inside, directions = _directions_of(places, frame)
         pixels[inside] = camera.project_directions(directions).pixels
         return pixels
 
     return project
+
+
+def _directions_of(places: Array, frame: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which of places (n, 2) lie in the disk, and the directions (k, 3) of these."""
+    sine2 = np.einsum("ni,ni->n", places, places)  # of half the angle
+    inside = sine2 <= 1
+    across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]
+    return inside, np.concatenate([1 - 2 * sine2[inside, None], across], axis=1) @ frame
 
 
 def _limits(project: Exact) -> Array:
