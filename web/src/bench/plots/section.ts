@@ -20,7 +20,7 @@ interface Window {
 }
 
 const FAR_AWAY = 2.5; // virtual images farther than this from the vertex, in rim radii, are cut
-const [LABEL_GAP, LETTER, BESIDE] = [13, 6.5, 3]; // px, of labels of 11 px
+const [LABEL_GAP, LETTER, BESIDE] = [13, 7.5, 3]; // px, of labels of 11 px
 const LABEL_ROWS = 3;
 const CURVES: [name: string, label: string][] = [["T∞", "T∞"], ["T5M", "T5M"], ["S∞", "S∞"], ["S5M", "S5M"]];
 
