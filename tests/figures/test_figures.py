@@ -21,7 +21,9 @@ from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
 from omnimirror.figures.labels import spread
+from omnimirror.figures.raytraces import ray_traces
 from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
+from omnimirror.figures.subjects import subjects_of
 from omnimirror.housing import CameraBody, Housing, Rod
 from omnimirror.reproduce import paper_sensors
 from omnimirror.specs import bundled_sensors
@@ -284,3 +286,13 @@ def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, mo
     assert render(figure, kind) == saved.getvalue()
     assert drawn == laid_out == [figure]
     assert figure.get_layout_engine() is not None  # for the next format
+
+
+@pytest.mark.parametrize("names", [["paper-hyperboloidal"], ["paper-spherical", "paper-equidistant"]])
+def test_no_word_beside_ray_traces_is_cut_off(names):
+    with styled():
+        figure = ray_traces(subjects_of([om.load_sensor(name) for name in names], Conditions()))
+        figure.get_layout_engine().execute(figure)
+        boxes = [ax.get_tightbbox(figure.canvas.get_renderer()) for ax in figure.axes]
+    assert min(box.x0 for box in boxes) >= 0
+    assert max(box.x1 for box in boxes) <= figure.bbox.width

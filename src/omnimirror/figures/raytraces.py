@@ -55,7 +55,7 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
     blocks = -(-len(subjects) // columns)
     overview, close_up = _overview_window(subjects), _close_up_window(subjects)
     width = (PAGE if columns > 1 else COLUMN) if columns != 2 else 0.7 * PAGE
-    panel = width / columns - 0.75
+    panel = width / columns - 0.9  # beside which labels have room
     heights = [panel * overview.shape, panel * close_up.shape]
     figure = new_figure(width, blocks * (sum(heights) + 0.95))
     grid = figure.subplots(2 * blocks, columns, squeeze=False, height_ratios=heights * blocks)
