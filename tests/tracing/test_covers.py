@@ -21,6 +21,7 @@ from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.simulate.rendering.sight import sights
 from omnimirror.tracing import covered as covered_mirror
+from omnimirror.tracing.reflection import Ends
 from omnimirror.tracing.walls import way_out_compiled, way_out_in_numpy
 from tests.everyday import few
 
@@ -172,6 +173,24 @@ def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(monkeypatch:
     np.testing.assert_allclose(found.pixels, pixels[sees], atol=1e-6)
     assert sees.sum() > 1000
     assert sum(traced) < 1.5 * sees.sum()
+
+
+STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
+    "bare": replace(HYP, mirror_pose=MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+    "seen in a second mirror": om.load_sensor("folded-hyperboloidal"),
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_rays_start_where_those_from_their_images_do(name):
+    """Sought from outside, and traced from inside."""
+    train = STARTS[name].optical_train
+    towards = np.random.default_rng(9).normal(size=(900, 3))
+    image, start = train.image_and_start_of(Ends.of(towards, distant=True))
+    seen = np.isfinite(image[:, 0])
+    assert seen.sum() > 200
+    found = train.seen_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
+    assert np.abs(found.points - start[seen]).max() < 1e-7
 
 
 POINTED = replace(SPH, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0))

@@ -1,12 +1,12 @@
 #include "covered.hpp"
 
-#include "pool.hpp"
+#include "pieces.hpp"
 #include "wall_optics.hpp"
 
 namespace omnimirror {
 namespace {
 
-constexpr long TARGETS_A_PIECE = 512;
+constexpr int TARGETS_A_PIECE = 512;
 constexpr double ON_AXIS = 1e-24;  // mm^2, added to squared distances from the axis
 constexpr double AIMED = 1e-3;     // a ray that misses by more is not there, however short the step (at a mirror's tip)
 
@@ -92,17 +92,12 @@ void find_one(const CoveredJob& job, long i) {
     if (settled) job.xy[2 * i] = x, job.xy[2 * i + 1] = y;
 }
 
+void find_some(const CoveredJob& job, long first, int count) {
+    for (long i = first; i < first + count; ++i) find_one(job, i);
+}
+
 }  // namespace
 
-void find_covered(const CoveredJob& job) {
-    parallel_for(
-        static_cast<int>((job.count + TARGETS_A_PIECE - 1) / TARGETS_A_PIECE),
-        [](void* context, int piece) {
-            const CoveredJob& targets = *static_cast<const CoveredJob*>(context);
-            const long first = piece * TARGETS_A_PIECE, end = std::min(targets.count, first + TARGETS_A_PIECE);
-            for (long i = first; i < end; ++i) find_one(targets, i);
-        },
-        const_cast<CoveredJob*>(&job));
-}
+void find_covered(const CoveredJob& job) { in_pieces(job, TARGETS_A_PIECE, find_some); }
 
 }  // namespace omnimirror

@@ -1,12 +1,12 @@
 #include "walls.hpp"
 
-#include "pool.hpp"
+#include "pieces.hpp"
 #include "wall_optics.hpp"
 
 namespace omnimirror {
 namespace {
 
-constexpr long RAYS_A_PIECE = 4096;
+constexpr int RAYS_A_PIECE = 4096;
 
 Vector<double> of(const double* row) { return {row[0], row[1], row[2]}; }
 void put(double* row, Vector<double> v) { row[0] = v.x, row[1] = v.y, row[2] = v.z; }
@@ -26,17 +26,12 @@ void leave_one(const WallJob& job, long i) {
     job.meets[i] = way.meets, job.passes[i] = way.passes;
 }
 
+void leave_some(const WallJob& job, long first, int count) {
+    for (long i = first; i < first + count; ++i) leave_one(job, i);
+}
+
 }  // namespace
 
-void leave(const WallJob& job) {
-    parallel_for(
-        static_cast<int>((job.count + RAYS_A_PIECE - 1) / RAYS_A_PIECE),
-        [](void* context, int piece) {
-            const WallJob& rays = *static_cast<const WallJob*>(context);
-            const long first = piece * RAYS_A_PIECE, end = std::min(rays.count, first + RAYS_A_PIECE);
-            for (long i = first; i < end; ++i) leave_one(rays, i);
-        },
-        const_cast<WallJob*>(&job));
-}
+void leave(const WallJob& job) { in_pieces(job, RAYS_A_PIECE, leave_some); }
 
 }  // namespace omnimirror

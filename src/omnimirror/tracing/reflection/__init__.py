@@ -1,6 +1,5 @@
 """Reflection points: ends of the ways of light, the surface between them, the search, and tables for its kernels."""
 
-from .beginning import compiled_places
 from .ends import Ends, Specular
 from .limits import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK
 from .search import footprint, specular_points
@@ -19,7 +18,6 @@ __all__ = [
     "MirrorTables",
     "Specular",
     "Surface",
-    "compiled_places",
     "continued_profile",
     "cubic_pieces",
     "footprint",

@@ -1,0 +1,26 @@
+// Jobs of this room in pieces, on the pool's threads.
+#pragma once
+
+#include "pool.hpp"
+
+namespace omnimirror {
+
+// Call some(job, first, count) for so many of job.count at a time.
+template <class Job>
+void in_pieces(const Job& job, int size, void (*some)(const Job& job, long first, int count)) {
+    struct Work {
+        const Job& job;
+        int size;
+        void (*some)(const Job& job, long first, int count);
+    } work{job, size, some};
+    parallel_for(
+        static_cast<int>((job.count + size - 1) / size),
+        [](void* context, int piece) {
+            const auto& [whole, length, run] = *static_cast<const Work*>(context);
+            const long first = static_cast<long>(piece) * length, rest = whole.count - first;
+            run(whole, first, static_cast<int>(rest < length ? rest : length));
+        },
+        &work);
+}
+
+}  // namespace omnimirror
