@@ -292,7 +292,7 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
         page.unroute("**/api/camera?*")
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
         assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
-    page.locator("#sensor").select_option("paper-spherical")
+    page.locator("#sensor").select_option("paper-equidistant")  # which the page has not had
     assert "does not answer" in banner(page)
     assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     assert state(page)["sensor"] == "paper-hyperboloidal"

@@ -165,7 +165,7 @@ class Detector:
         if not self.counts:
             return numbers_of(self, kept)
         electrons = Electrons(self, seed)
-        return electrons.read(electrons.counted(kept)).copy()
+        return electrons.read(electrons.counted(kept))
 
 
 def kept_by(detector: Detector, light: Light, first_row: int = 0) -> Light:
@@ -239,14 +239,16 @@ class Electrons:
         return electrons
 
     def read(self, electrons: NDArray[Any]) -> NDArray[Any]:
-        """The numbers of electrons, which take their place: they need no more bytes."""
-        counts, detector = electrons.reshape(-1), self.detector
+        """The numbers of electrons (an array of its own), in its memory; what of it they do not need is given back."""
+        counts, detector, shape = electrons.reshape(-1), self.detector, electrons.shape
         numbers = counts.view(detector.dtype)[: counts.size]
         for part in stretches(counts.size):
             noise = detector.read_noise_e * self._chance.standard_normal(part.stop - part.start)
             signal = ((counts[part] + noise) / detector.full_well_e).astype(np.float32)
             numbers[part] = _rounded(detector, signal)
-        return numbers.reshape(electrons.shape)
+        size, needed = counts.size, -(-numbers.nbytes // counts.itemsize)
+        electrons.resize(needed, refcheck=False)  # the two views of it above are not looked at any more
+        return electrons.view(detector.dtype)[:size].reshape(shape)
 
 
 def _checked(light: Light) -> Light:

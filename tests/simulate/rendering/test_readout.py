@@ -50,3 +50,15 @@ def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
     readout = Readout(detector, seed=4)
     parts = [readout.medium.read(light[a:b]) for a, b in ((0, 7), (7, 8), (8, 30))]
     np.testing.assert_array_equal(readout.numbers(np.concatenate(parts)), detector.read(light, seed=4))
+
+
+def test_numbers_hold_no_more_memory_than_they_need():
+    """Of odd sizes too, in one byte where electrons take two, and in as many as these."""
+    light = np.random.default_rng(5).random((7, 5, 3)).astype(np.float32)
+    for detector in (om.Detector(full_well_e=1e4), om.Detector(full_well_e=1e4, bits=12), om.Detector(full_well_e=1e9)):
+        readout = Readout(detector, seed=2)
+        numbers = readout.numbers(readout.medium.read(light))
+        assert numbers.shape == light.shape
+        assert numbers.dtype == detector.dtype
+        assert numbers.base.nbytes - numbers.nbytes < readout.medium.dtype().itemsize
+        np.testing.assert_array_equal(numbers, detector.read(light, seed=2))
