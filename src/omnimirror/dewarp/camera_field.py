@@ -31,10 +31,12 @@ class FieldOfView:
     """Highest elevation seen."""
     pixels_per_degree: float
     """Square root of the mean number of source pixels per square degree seen."""
+    pole: Pole
+    """What the camera's axis of symmetry, or else the mean of its directions, is nearer to."""
 
 
 def field_of(camera: Camera) -> FieldOfView:
-    """The camera's elevations and mean resolution.
+    """The camera's elevations, mean resolution and pole.
 
     Elevations are exact for a camera that is symmetric about a vertical axis and reaches its full field
     inside the picture; otherwise they come from the pixels along the rim, along the edge of the
@@ -48,7 +50,7 @@ def field_of(camera: Camera) -> FieldOfView:
     Returns
     -------
     FieldOfView
-        Elevations in deg, and the mean resolution.
+        Elevations in deg, the mean resolution, and the pole that is nearer.
 
     Raises
     ------
@@ -76,7 +78,8 @@ def field_of(camera: Camera) -> FieldOfView:
     sphere = _directions_all_over()
     width, height = camera.image_size
     pixels_seen = rays.valid.mean() * width * height
-    return FieldOfView(low, high, _resolution(pixels_seen, camera.project_directions(sphere).valid))
+    resolution = _resolution(pixels_seen, camera.project_directions(sphere).valid)
+    return FieldOfView(low, high, resolution, _pole(camera, rays.directions))
 
 
 def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
@@ -96,7 +99,8 @@ def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
     omega = np.arccos(np.clip(_directions_all_over() @ symmetry.axis, -1, 1))
     width, height = camera.image_size
     resolution = _resolution(seen.mean() * width * height, (omega >= ends[0]) & (omega <= ends[1]))
-    return FieldOfView(*_sorted_degrees(symmetry.axis[2] * (np.pi / 2 - ends)), resolution)
+    tilts = _sorted_degrees(symmetry.axis[2] * (np.pi / 2 - ends))
+    return FieldOfView(*tilts, resolution, _towards(symmetry.axis[2]))
 
 
 def _resolution(pixels_seen: float, directions_seen: Mask) -> float:
@@ -119,9 +123,17 @@ def pole_of(camera: Camera) -> Pole:
         ``"nadir"`` or ``"zenith"``.
     """
     if camera.symmetry is not None:
-        up = camera.symmetry.axis[2]
-    else:
-        up = np.nanmean(camera.backproject(_pixels_all_over(camera.image_size)).directions[:, 2])
+        return _towards(camera.symmetry.axis[2])
+    return _pole(camera, camera.backproject(_pixels_all_over(camera.image_size)).directions)
+
+
+def _pole(camera: Camera, directions: Array) -> Pole:
+    """The same, the camera's directions (n, 3) all over its picture given; NaN where it sees nothing."""
+    symmetry = camera.symmetry
+    return _towards(float(np.nanmean(directions[:, 2])) if symmetry is None else symmetry.axis[2])
+
+
+def _towards(up: float) -> Pole:
     return "zenith" if up > 1e-9 else "nadir"
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...camera_models import MirrorBall, OCam, ViewpointSpline
 from ...cameras import inside_image
-from ...dewarp.camera_field import field_of, pole_of
+from ...dewarp.camera_field import field_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...housing import Tube
@@ -32,7 +32,8 @@ ENTRIES = 2048  # what every WebGL2 texture can be wide
 LATTICE = 513
 LIMITS = 1024
 STEP = 2e-7  # of sin(Omega/2), to which the end of the field is known
-FEW, TOGETHER = 64, 16  # azimuths at which it is looked for first, and parts into which a width is divided at once
+FEW = 64  # azimuths at which it is looked for first
+CALL = 1024  # places that take as long as what every call takes besides
 NEAR = (STEP / 2, 2.0**-12)  # to both sides of where the others tell it
 MARGIN = 1.02
 
@@ -105,7 +106,7 @@ def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camer
         tilt_min_deg=seen.tilt_min_deg,
         tilt_max_deg=seen.tilt_max_deg,
         pixels_per_degree=seen.pixels_per_degree,
-        pole=pole_of(camera),
+        pole=seen.pole,
         is_picture_reversed=camera.is_picture_reversed,
         is_adjustable=camera.symmetry is not None and isinstance(camera, Sensor | MirrorBall),
         tables=layout,
@@ -257,7 +258,7 @@ def _limits(project: Exact) -> Array:
 
 def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
     """Ends (n,) of the field at azimuths (n,), which lie by no more than a width above others, to :data:`STEP`."""
-    parts = TOGETHER if len(phi) <= 2 * FEW else 2  # calls cost as much as so many places
+    parts = min(max(CALL // max(len(phi), 1), 2), 16)  # into which a width is divided at once
     while width > STEP and len(phi):
         width /= parts
         tried = low + width * np.arange(1, parts)[:, None]
