@@ -23,6 +23,8 @@ from omnimirror.files import MARK
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 from omnimirror.media import keyframes
+from omnimirror.simulate.datasets import video
+from omnimirror.simulate.rendering import samples
 from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.everyday import few
 
@@ -176,6 +178,8 @@ def _files(tmp_path_factory):
             "lens.theta_max_deg = 12.0\n"
         )
         workflows.write_files(folder)
+        patch.setattr(video, "MOST_FRAMES", 20)  # more are valid too, and take as many hours as are asked for
+        patch.setattr(samples, "MOST_SAMPLES", 1024)
         yield
 
 
