@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp import views
-from omnimirror.dewarp.camera_field import field_of
+from omnimirror.dewarp.camera_field import field_of, pole_of
 from omnimirror.dewarp.views.makers import WIDEST_PLANET_DEG
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
@@ -62,6 +62,7 @@ def test_a_field_that_the_picture_holds_is_counted_as_rays_would(kind, looks):
     assert counted.pixels_per_degree == traced.pixels_per_degree
     assert counted.tilt_min_deg == pytest.approx(traced.tilt_min_deg, abs=1.5)  # to the distance of its samples
     assert counted.tilt_max_deg == pytest.approx(traced.tilt_max_deg, abs=1.5)
+    assert (counted.pole, traced.pole) == (pole_of(sensor), pole_of(Unsymmetric(sensor)))
 
 
 def test_resolution_is_the_mean_one():
