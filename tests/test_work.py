@@ -14,6 +14,7 @@ import omnimirror as om
 from omnimirror.analysis.meridional.focus_merits import FocusFunction
 from omnimirror.batch.bases import family
 from omnimirror.batch.evaluate import Designs, evaluate_designs
+from omnimirror.calibrate.lines import edge_chains
 from omnimirror.design.construct.built import LensAndCover
 from omnimirror.design.construct.rim import RimRay
 from omnimirror.housing import Dome, Housing
@@ -145,6 +146,14 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
     taken(sensor)  # what is prepared once
     with most_bytes(3.5 * 3 * 2048**2):
         taken(replace(sensor, imager=imager))
+
+
+def test_edges_of_a_picture_are_found_without_its_slopes_as_a_whole():
+    """Two bytes of each slope for a pixel, one that tells edges, and a band of the rest; as a whole it was 41."""
+    picture = np.zeros((6000, 2000), np.uint8)
+    picture[:, 700:] = 200
+    with most_bytes(14 * picture.size):
+        edge_chains(picture)
 
 
 def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):

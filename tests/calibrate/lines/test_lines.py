@@ -4,11 +4,12 @@ import re
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibrate.lines import drawn_edges, edge_chains, level_from
+from omnimirror.calibrate.lines import chains, drawn_edges, edge_chains, level_from
 from omnimirror.camera_models import Unified
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
@@ -122,6 +123,18 @@ def test_opacity_and_depth_change_no_edges():
     for other in (opaque, picture.astype(np.uint16) * 257, opaque[..., [0, 3]], picture[..., :1]):
         (found,) = edge_chains(other)
         assert found == pytest.approx(wanted, abs=1e-3)
+
+
+@pytest.mark.parametrize("band", [1, 20_000, 50_000])
+def test_edges_found_in_bands_are_those_of_the_whole_picture(band, monkeypatch):
+    random = np.random.default_rng(3)
+    picture = cv2.GaussianBlur(random.integers(0, 256, (301, 260, 3)).astype(np.uint8), (0, 0), 6.0)
+    picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
+    whole = edge_chains(picture, least_length_px=12.0)
+    monkeypatch.setattr(chains, "BAND", band)
+    assert len(whole) > 30
+    for one, other in zip(whole, edge_chains(picture, least_length_px=12.0), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_pictures_that_show_too_little_are_refused():

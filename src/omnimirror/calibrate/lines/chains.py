@@ -16,6 +16,8 @@ Mask = NDArray[np.bool_]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 BLUR_PX = 1.2
 LEAST_CONTRAST = 2.5  # grey levels a pixel, of an edge that is followed
+BAND = 1 << 22  # pixels that are filtered at once
+HALO, BESIDE = 16, 2  # rows beside these that filters look at, and from one to the next along a gradient
 STRONG = 2.0  # times that, somewhere on every edge
 DEGREE = 5  # of the curves that chains are compared with; a straight edge bends no more than that
 ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and largest distance of a chain from its curve
@@ -61,45 +63,70 @@ def edge_chains(
     >>> float(chain[:, 0].round(1).min()), float(chain[:, 0].round(1).max())
     (89.5, 89.5)
     """
-    levels = levels_of(picture).astype(np.float32)
-    grey = levels @ LUMA if levels.ndim == 3 and levels.shape[2] == 3 else levels.reshape(levels.shape[:2])
-    height, width = grey.shape
+    levels = levels_of(picture)
+    height, width = levels.shape[:2]
     u, v = centre_px or ((width - 1) / 2, (height - 1) / 2)
     radius = min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)
     least = max(LEAST_SHARE * radius, 12.0) if least_length_px is None else least_length_px
-    is_edge, points = _edges(grey)
+    is_edge, points = _edges(levels)
     rows, columns = np.nonzero(is_edge)
+    places = rows * width + columns
     away = np.hypot(columns - u, rows - v)
     outside = (away > radius - EDGE_PX) | (away < inner_radius_px + EDGE_PX)
     is_edge[rows[outside], columns[outside]] = False
     found: list[Array] = []
     for path in _paths(is_edge):
-        for piece in _between_corners(points[path[:, 0], path[:, 1]]):
+        for piece in _between_corners(points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]):
             found += _smooth_parts(piece, least)
     return sorted((_thinned(chain) for chain in found), key=len, reverse=True)
 
 
-def _edges(grey: NDArray[np.float32]) -> tuple[Mask, Array]:
-    """Which pixels are edges (h, w), thin, and where exactly the edge runs (h, w, 2): the gradient's ridge."""
+def _edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
+    """Which pixels are edges (h, w), thin, and where exactly each (n, 2), row by row, runs: on the gradient's ridge.
+
+    In bands of rows, so that no more of a large picture is held than what finds connected edges needs of it.
+    """
     import cv2
 
-    smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_PX)
-    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-    steps = [np.clip(16 * d, -32767, 32767).astype(np.int16) for d in (dx, dy)]
+    height, width = levels.shape[:2]
+    tall = max(BAND // width, HALO)
+    bands = [slice(first, min(first + tall, height)) for first in range(0, height, tall)]
+    steps = [np.empty((height, width), np.int16) for _ in range(2)]
+    for band in bands:
+        for step, slope in zip(steps, _slopes(levels, band), strict=True):
+            step[band] = np.clip(16 * slope, -32767, 32767)
     low, high = 16 * LEAST_CONTRAST, 16 * LEAST_CONTRAST * STRONG
     is_edge: Mask = cv2.Canny(steps[0], steps[1], low, high, L2gradient=True) > 0
+    return is_edge, np.concatenate([_ridge(levels, is_edge, band) for band in bands])
+
+
+def _slopes(levels: NDArray[Any], rows: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How smoothed grey levels rise to the right and downwards in some rows, the same as of the whole picture."""
+    import cv2
+
+    first = max(rows.start - HALO, 0)
+    part = levels[first : rows.stop + HALO].astype(np.float32)
+    grey = part @ LUMA if part.ndim == 3 and part.shape[2] == 3 else part.reshape(part.shape[:2])
+    smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_PX)
+    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    inside = slice(rows.start - first, rows.stop - first)
+    return dx[inside], dy[inside]  # type: ignore[return-value]  # OpenCV does not say of what
+
+
+def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:
+    """Where (n, 2) px edges in some rows run exactly."""
+    first = max(band.start - BESIDE, 0)
+    dx, dy = _slopes(levels, slice(first, min(band.stop + BESIDE, len(levels))))
     size = np.hypot(dx, dy)
-    rows, columns = np.nonzero(is_edge)
+    rows, columns = np.nonzero(is_edge[band])
+    rows = rows + band.start - first
     here = size[rows, columns]
     along = np.stack([dx[rows, columns], dy[rows, columns]]) / np.where(here > 0, here, 1.0)
     before, after = (_between(size, columns + s * along[0], rows + s * along[1]) for s in (-1.0, 1.0))
     bend = before - 2 * here + after
     offset = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, 1.0), 0.0)
     offset = np.clip(offset, -0.7, 0.7)
-    points = np.full((*grey.shape, 2), np.nan)
-    points[rows, columns, 0] = columns + offset * along[0]
-    points[rows, columns, 1] = rows + offset * along[1]
-    return is_edge, points
+    return np.stack([columns + offset * along[0], rows + first + offset * along[1]], axis=-1)
 
 
 def _between(values: NDArray[np.float32], x: Array, y: Array) -> Array:
