@@ -1,4 +1,4 @@
-"""The paper again: every number it states, with a verdict, and every figure."""
+"""Reproduction of the paper: its statements with verdicts, and its figures."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ __all__ = [
 ]
 
 ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
-"""Names of the figures: the curves of :data:`omnimirror.figures.FIGURES`, and diagrams and pictures."""
+"""Names of the figures: the curves of :data:`omnimirror.figures.FIGURES`, diagrams and images."""
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What came out: the rows of the table, and the files written."""
+    """Result of :func:`reproduce_paper`: rows of the table and written files."""
 
     rows: list[CheckedClaim]
     files: list[Path]
 
     @property
     def unexpected(self) -> list[CheckedClaim]:
-        """Rows whose verdict is not the one known to be right."""
+        """Rows whose verdict differs from the known one."""
         return [r for r in self.rows if not r.as_expected]
 
 
 def all_claims() -> list[Claim]:
-    """Every number of the paper, section by section."""
+    """Return all checked statements of the paper, by section."""
     return [*shapes.claims(), *blur.claims()]
 
 
 def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
-    """Compute every claim and judge it.
+    """Compute claims and return their verdicts.
 
     >>> rows = check(all_claims()[:1])
     >>> rows[0].verdict, round(rows[0].computed, 2)
@@ -63,7 +63,7 @@ def draw_figures(
     formats: Sequence[str] = ("svg", "png"),
     progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
-    """Draw the paper's figures, computed the paper's way.
+    """Draw the figures of the paper, computed with its approximations.
 
     Raises
     ------
@@ -100,30 +100,28 @@ def reproduce_paper(
     only: Iterable[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
-    """Redraw the figures of Ohte and Tsuzuki (2012) and check every number they state.
-
-    What ``omnimirror reproduce`` does.
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     Parameters
     ----------
     out
-        A folder, for ``numbers.csv``, ``numbers.md`` and the figures.
+        Folder for ``numbers.csv``, ``numbers.md`` and the figures.
     figures
-        Whether to draw at all.
+        Whether to draw the figures.
     only
         Names of the figures to draw; all by default.
     progress
-        Called with what is worked on, before it is.
+        Called with the name of each step before it starts.
 
     Returns
     -------
     Reproduction
-        A row for each number, with its verdict, and the files written.
+        One row per statement with its verdict, and the written files.
 
     Raises
     ------
     InvalidParameter
-        An unknown figure; before anything is written.
+        Unknown figure; raised before any file is written.
     OmnimirrorError
         A file cannot be written.
 

@@ -1,4 +1,4 @@
-"""The paper's three sensors and the quantities its claims are about."""
+"""Sensors of the paper, and the quantities of its statements."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
 
 from ..analysis.evaluation import Evaluation, evaluate
 from ..analysis.meridional.focus import BestFocus, best_focus
-from ..analysis.meridional.viewpoints import SingleViewpoint, best_viewpoint
+from ..analysis.meridional.viewpoints import SingleViewpoint, best_viewpoint, viewpoint_angle_error, viewpoint_z
 from ..figures.curves import sphere_for
 from ..figures.subjects import EXACT, PAPER, Conditions
 from ..lenses import Orthographic, Perspective
@@ -44,7 +45,7 @@ def paper_sensors() -> list[Sensor]:
 
 @dataclass(frozen=True)
 class Paper:
-    """Answers about the three sensors; each is computed once."""
+    """Quantities of the three sensors; each is computed once."""
 
     @cached_property
     def sensors(self) -> dict[str, Sensor]:
@@ -105,8 +106,27 @@ class Paper:
         omega = np.linspace(0, 135, 1001)
         return best_viewpoint(self.sensors[name], distance_in_m * M, omega_deg=omega, image_radius_px=RADIUS_PX)
 
+    def viewpoint_error_deg(self, distance_in_m: float, name: str) -> float:
+        """Return the largest |eps| of Eq. 23 over 0 to 135 deg for the viewpoint that minimises it."""
+        rays = self.sensors[name].meridian
+        rays = rays.trace(rays.x_from_omega(np.radians(np.linspace(0.0, 135.0, 1001))))
+
+        def largest(z: float) -> float:
+            return float(np.abs(viewpoint_angle_error(rays, z, distance_in_m * M)).max())
+
+        # |eps| grows with the distance from z_v, so the maximum over the field is quasi-convex in z
+        z = viewpoint_z(rays)
+        found = minimize_scalar(largest, bounds=(z.min(), z.max()), method="bounded", options={"xatol": 1e-8})
+        return float(np.degrees(found.fun))
+
+    @cached_property
+    def aperture_diameter_mm(self) -> float:
+        """Aperture diameter D of SPH from the image-side cone: 2 b0 tan of the half angle of F b0/f."""
+        lens = self.lens
+        return lens.image_distance / lens.image_f_number()
+
     def worst_at_best(self, name: str) -> float:
-        """The least worst single blur in pixels that a focus can leave."""
+        """Return the smallest possible largest single blur in pixels over all focus settings."""
         omega = np.linspace(0, 135.0, 1001)
         return best_focus(
             self.sensors[name], "worst_blur_px", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
@@ -154,4 +174,24 @@ def change(values: Array) -> tuple[float, float]:
     return float(steps.min()), float(steps.max())
 
 
-__all__ = ["EXACT", "PAPER", "TABLE_1", "M", "Paper", "change", "paper_sensors"]
+def half_range(values: Array) -> float:
+    """Return 1 plus half of the range relative to the mid-range: 1 for constant values.
+
+    >>> half_range(np.array([0.9, 1.0, 1.1]))
+    1.1
+    """
+    low, high = float(values.min()), float(values.max())
+    return 2 * high / (high + low)
+
+
+def worst_ratio(a: Array, b: Array) -> float:
+    """Return the ratio of two arrays that deviates most from 1; values that are both negligible are left out.
+
+    >>> worst_ratio(np.array([1.0, 2.0]), np.array([1.0, 4.0]))
+    0.5
+    """
+    ratio = a[np.abs(b) > 1e-9] / b[np.abs(b) > 1e-9]
+    return float(ratio[np.abs(ratio - 1).argmax()])
+
+
+__all__ = ["EXACT", "PAPER", "TABLE_1", "M", "Paper", "change", "half_range", "paper_sensors", "worst_ratio"]

@@ -16,6 +16,7 @@ from ..dewarp import Dewarper, views
 from ..figures import diagrams, three_pictures
 from ..figures.diagrams import Picture, Prototype
 from ..housing import CameraBody, Dome, Housing, Rod, Tube
+from ..imagers import Imager
 from ..sensor import Sensor
 from ..simulate.rendering.picture import SHOWN_SAMPLES, take_picture
 from ..simulate.scenes.worlds.room import Room
@@ -23,6 +24,7 @@ from ..simulate.shells import ThroughShell
 from .paper import M, paper_sensors
 
 CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
+PANEL_PX, PANEL_SAMPLES = 360, 8  # resolution of a panel of Fig. 16 in print, rays per pixel
 
 
 def _sphere() -> Sensor:
@@ -55,16 +57,19 @@ def fig14() -> Figure:
 
 
 def fig16() -> Figure:
-    """The prototypes of Sec. 5.2; their measures are not printed, and these are chosen.
+    """Draw the prototypes of Sec. 5.2; the paper prints no dimensions, these are assumed.
 
-    The rod is clear and tapers towards the lens, so that its sides lie along chief rays: the picture is that of the
-    bare mirror with the camera in its middle.
+    The clear rod tapers towards the lens along the chief rays; its image is that of the bare mirror with the camera in
+    the centre. Images have the resolution of the printed panels.
     """
-    room, bare = Room(), replace(_sphere(), housing=Housing(CameraBody(2 * CAMERA)))
+    sphere = _sphere()
+    pitch = sphere.imager.pixel_pitch_um * sphere.imager.width_px / PANEL_PX
+    imager = Imager(PANEL_PX, PANEL_PX, pitch)
+    room, bare = Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA)))
     lens = -bare.meridian.m
     rod, tube, dome = Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0)
     scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # a tube's lid
-    taken = [take_picture(bare, scene, samples=SHOWN_SAMPLES) for scene in scenes]
+    taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
     held = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
     titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
     return diagrams.prototypes([Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)])

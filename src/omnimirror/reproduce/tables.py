@@ -1,4 +1,4 @@
-"""The table of numbers as CSV, Markdown and for the terminal."""
+"""Table of the checked statements as CSV, as Markdown and for the terminal."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import write_text
-from .claims import AGREES, AS_READ, ASSUMED, NOT_REPRODUCED, CheckedClaim
+from .claims import AGREES, AS_INTERPRETED, ASSUMED, COMPUTED, DIFFERS, NOT_REPRODUCED, CheckedClaim
 
-HEADINGS = ("no", "place", "quantity", "printed", "computed", "exact", "unit", "tolerance", "corrected", "verdict",
-            "expected", "formula", "reading", "note")  # fmt: skip
-STYLES = {AGREES: "green", AS_READ: "green", ASSUMED: "dim"}
-RELATIONS = {"=": "", "<=": "≤ ", ">=": "≥ "}
+HEADINGS = ("no", "place", "quantity", "printed", "computed", "exact", "unit", "tolerance", "correct", "verdict",
+            "expected", "method", "interpretation", "note")  # fmt: skip
+STYLES = {AGREES: "green", AS_INTERPRETED: "green", COMPUTED: "dim", ASSUMED: "dim"}
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """A number for people; rounding noise about zero is zero.
+    """Format a number; rounding noise around zero is printed as 0.
 
     >>> number(0.853553390593), number(-3e-17), number(6469.230769), number(None)
     ('0.853553', '0', '6469.23', '')
@@ -30,52 +29,47 @@ def number(value: float | None, digits: int = 6) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
 
 
-def printed(row: CheckedClaim) -> str:
-    """The printed number with its relation: "≤ 1"."""
-    return RELATIONS[row.claim.relation] + number(row.claim.printed)
-
-
 def summary(rows: Sequence[CheckedClaim]) -> str:
-    """One sentence: how many agree, how many are known errata, how many are not reproduced.
+    """Return one sentence with the number of rows for each verdict.
 
     >>> summary([])
-    "0 numbers of the paper: 0 agree, 0 agree as words such as 'almost' are read, 0 are assumed, 0 are errata ..."
+    '0 rows: 0 agree, 0 agree as interpreted, 0 are computed without a printed value, 0 are assumed, 0 show errata, ...'
     """
-    agree, read, assumed, failed = (
-        sum(r.verdict == verdict for r in rows) for verdict in (AGREES, AS_READ, ASSUMED, NOT_REPRODUCED)
+    agree, interpreted, computed, assumed, missed, wrong = (
+        sum(r.verdict == verdict for r in rows)
+        for verdict in (AGREES, AS_INTERPRETED, COMPUTED, ASSUMED, NOT_REPRODUCED, DIFFERS)
     )
-    known = len(rows) - agree - read - assumed - failed
+    errata = len(rows) - agree - interpreted - computed - assumed - missed - wrong
     return (
-        f"{len(rows)} numbers of the paper: {agree} agree, {read} agree as words such as 'almost' are read, "
-        f"{assumed} {'is' if assumed == 1 else 'are'} assumed, {known} are errata of the paper, {failed} are not "
-        "reproduced"
+        f"{len(rows)} rows: {agree} agree, {interpreted} agree as interpreted, {computed} are computed without a "
+        f"printed value, {assumed} are assumed, {errata} show errata, {missed} are not reproduced, {wrong} differ "
+        "from the known result"
     )
 
 
 def write_csv(rows: Sequence[CheckedClaim], path: str | Path) -> None:
-    """Every column, numbers with 12 significant digits."""
+    """Write all columns as CSV, numbers with 12 significant digits."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADINGS)
     for r in rows:
         c = r.claim
-        relation = "" if c.relation == "=" else c.relation + " "
         writer.writerow(
-            [r.number, c.place, c.quantity, relation + number(c.printed, 12), number(r.computed, 12),
-             number(r.exact, 12), c.unit, number(c.tolerance, 12), number(c.corrected, 12), r.verdict, c.expected,
-             c.formula, c.reading, c.note]
+            [r.number, c.place, c.quantity, c.statement, number(r.computed, 12), number(r.exact, 12), c.unit,
+             number(c.tolerance, 12), c.correct or "", r.verdict, c.expected, c.method, c.interpretation, c.note]
         )  # fmt: skip
     write_text(path, text.getvalue())
 
 
 def write_markdown(rows: Sequence[CheckedClaim], path: str | Path) -> None:
-    """The table for people, with formulas and notes."""
-    head = ("", "Place", "Quantity", "Printed", "Computed", "Exactly", "Unit", "Verdict", "Computed from", "Note")
+    """Write the table with methods, interpretations and notes as Markdown."""
+    head = ("", "Place", "Quantity", "Printed", "Computed", "Exact", "Unit", "Verdict", "Method", "Note")
     lines = [
-        "# The numbers of the paper",
+        "# Statements of the paper",
         "",
-        "Ohte and Tsuzuki, Optical Engineering 51(1), 013005 (2012). Computed the paper's way (Eq. 29 for the blur, an "
-        "image circle of 1000 pixels) and, where that differs, also exactly.",
+        "Ohte and Tsuzuki, Optical Engineering 51(1), 013005 (2012). Computed with the paper's approximations (Eq. 29 "
+        "for the blur, an image circle of 1000 pixels) and, where the result differs, also exactly. Tolerance: half a "
+        "unit of the last printed digit; for words, the stated interpretation.",
         "",
         summary(rows) + ".",
         "",
@@ -85,26 +79,27 @@ def write_markdown(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     for r in rows:
         c = r.claim
         verdict = r.verdict if r.as_expected else f"**{r.verdict}** (expected: {c.expected})"
-        said = printed(r) + (f" ± {number(c.tolerance)}" if c.tolerance else "")
-        cells = (str(r.number), c.place, c.quantity, said, number(r.computed),
-                 number(r.exact), c.unit, verdict, c.formula, "; ".join(filter(None, (c.reading, c.note))))  # fmt: skip
+        statement = c.statement + (f" ± {number(c.tolerance)}" if c.tolerance else "")
+        note = "; ".join(filter(None, (c.interpretation, c.note)))
+        cells = (str(r.number), c.place, c.quantity, statement, number(r.computed), number(r.exact), c.unit, verdict,
+                 c.method, note)  # fmt: skip
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     write_text(path, "\n".join(lines) + "\n")
 
 
 def terminal_table(rows: Sequence[CheckedClaim]) -> Table:
-    """The table for the terminal; formulas and notes are left to the files."""
+    """Return the table for the terminal, without methods and notes."""
     table = Table(box=None, header_style="bold", padding=(0, 1), pad_edge=False)
     table.add_column("", justify="right", style="dim")
     table.add_column("Place")
     table.add_column("Quantity")
-    for name in ("Printed", "Computed", "Exactly"):
+    for name in ("Printed", "Computed", "Exact"):
         table.add_column(name, justify="right")
     table.add_column("Unit")
     table.add_column("Verdict")
     for r in rows:
         c = r.claim
         style = STYLES.get(r.verdict, "yellow") if r.as_expected else "bold red"
-        cells = (str(r.number), c.place, c.quantity, printed(r), number(r.computed), number(r.exact), c.unit)
+        cells = (str(r.number), c.place, c.quantity, c.statement, number(r.computed), number(r.exact), c.unit)
         table.add_row(*map(Text, cells), Text(r.verdict, style=style))
     return table

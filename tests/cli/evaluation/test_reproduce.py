@@ -17,8 +17,8 @@ def test_writes_table_and_figures(tmp_path):
     assert {p.name for p in (tmp_path / "here").iterdir()} == {
         "numbers.csv", "numbers.md", "fig6.svg", "fig6.png", "fig8.svg", "fig8.png",
     }  # fmt: skip
-    assert "0 are not reproduced" in run.stdout
-    assert "erratum 18" in run.stdout
+    assert "2 are not reproduced, 0 differ from the known result" in run.stdout
+    assert "erratum 19" in run.stdout
 
 
 def test_no_figures(tmp_path):
@@ -42,4 +42,4 @@ def test_a_wrong_number_ends_with_exit_code_1_and_names_the_row(tmp_path, monkey
     sentence = capsys.readouterr().err.strip()
     assert len(sentence.splitlines()) == 1
     assert f"{i + 1} (Sec. 3.3: whole sphere)" in sentence
-    assert "not reproduced" in (tmp_path / "numbers.md").read_text(encoding="utf-8")
+    assert "**differs** (expected: agrees)" in (tmp_path / "numbers.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""``omnimirror reproduce``: the paper's figures and numbers again."""
+"""``omnimirror reproduce``: figures and statements of the paper."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from ...outputs import output_console, say
 )
 @click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
               help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, or numbers only.")
-@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, e.g. fig4; may be repeated.")
+@click.option(
+    "--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only."
+)
+@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
 def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
-    """Redraw the figures of Ohte and Tsuzuki (2012) and check every number they state.
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
-    Ends with exit code 1 if a verdict is not the one that is known to be right.
+    The exit code is 1 if a verdict differs from the known one.
     """
     from ....errors import NotReproduced
     from ....reproduce import reproduce_paper, tables
@@ -37,4 +39,4 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
     if result.unexpected:
         rows = "; ".join(r.title for r in result.unexpected)
-        raise NotReproduced(f"verdicts differ from what is known to be right in row {rows}")
+        raise NotReproduced(f"verdicts differ from the known ones in row {rows}")
