@@ -108,8 +108,8 @@ class Paper:
 
     def viewpoint_error_deg(self, distance_in_m: float, name: str) -> float:
         """Return the largest |eps| of Eq. 23 over 0 to 135 deg for the viewpoint that minimises it."""
-        rays = self.sensors[name].meridian
-        rays = rays.trace(rays.x_from_omega(np.radians(np.linspace(0.0, 135.0, 1001))))
+        meridian = self.sensors[name].meridian
+        rays = meridian.trace(meridian.x_from_omega(np.radians(np.linspace(0.0, 135.0, 1001))))
 
         def largest(z: float) -> float:
             return float(np.abs(viewpoint_angle_error(rays, z, distance_in_m * M)).max())
