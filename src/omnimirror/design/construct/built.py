@@ -85,6 +85,30 @@ class LensAndCover:
             inside += missed * float(_inside_rate(rays)[0])
         return found
 
+    def made_for_ends(self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float) -> MountedMirror:
+        """Return the pointed mirror whose rim and centre show given field angles outside the cover.
+
+        Parameters
+        ----------
+        make
+            Mirror for the field angles of rim and centre inside the cover.
+        low_deg
+            Field angle at the centre, outside.
+        """
+        inside = low_deg
+        for _ in range(STEPS):
+            found = self.made_for_rim(partial(make, omega_min_deg=inside), rim)
+            if self.housing.shell is None:
+                return found
+            rays = self.rays(found, np.array([CENTRE * rim.rim_radius_mm]))
+            # The angle at the point itself is the limit of x to 0: the mapping's own growth is removed.
+            missed = low_deg - float(np.degrees(rays.omega[0]))
+            _check_out(missed, rim, self.housing)
+            if abs(missed) < np.degrees(CLOSE_CENTRE):
+                break
+            inside += missed * float(_inside_rate(rays)[0])
+        return found
+
     def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
         """The mirror that has the mapping of an exact one behind lens and cover.
 

@@ -110,7 +110,11 @@ class SearchOptions:
 
 @checked
 def design_sensor(
-    requirements: Requirements, on_step: Callable[[str], None] | None = None, *, search: SearchOptions | None = None
+    requirements: Requirements,
+    on_step: Callable[[str], None] | None = None,
+    *,
+    search: SearchOptions | None = None,
+    on_design: Callable[[Design], None] | None = None,
 ) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
 
@@ -129,6 +133,10 @@ def design_sensor(
         Called with a few words before each longer step.
     search
         How an optimised mirror is searched for.
+    on_design
+        Called with the design, still without relaxations, before the search for relaxations starts. This search takes
+        place only if a requirement is missed. A KeyboardInterrupt ends it; the relaxations found until then are
+        returned.
 
     Returns
     -------
@@ -155,8 +163,10 @@ def design_sensor(
     instance("requirements", requirements, Requirements, "requirements")
     say = on_step or (lambda words: None)
     space, best = _solve(requirements, say, search or SearchOptions())
-    conflict = find_conflict(space, best, lambda name: say(f"what if {name} gives"))
-    return design_of(best.verdict, best.notes, conflict, best.optimum)
+    design = design_of(best.verdict, best.notes, None, best.optimum)
+    if on_design is not None:
+        on_design(design)
+    return replace(design, conflict=find_conflict(space, best, say))
 
 
 def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple[Space, BestDesign]:

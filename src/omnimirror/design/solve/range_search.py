@@ -103,8 +103,12 @@ class RangeSearch:
         found = space.reach(point, Slack(limits))
         if found is None:  # something given is missed, and gives as little as a limit
             found = space.reach(point, Slack(tuple(space.missed(point))))
-        better = None if found is None else self._tried(space.made_at(found.point))
-        return better if better is not None and better.cost < start.cost else start
+        if found is None:
+            return start
+        # Refocusing can leave the optimum: the focus of the search is tried as well.
+        settled = (space.made_at(found.point), space.settled_at(found.point))
+        tried = (self._tried(requirements) for requirements in settled)
+        return min([start, *(t for t in tried if t is not None)], key=lambda t: t.cost)
 
     def _grid(self, base: Requirements) -> Iterator[Requirements]:
         """Settled requirements all over the ranges, in equal ratios where that can be."""
