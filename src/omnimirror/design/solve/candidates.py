@@ -105,6 +105,8 @@ def _kept_built(
     plain = replace(mirror, fit=None)
     if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
         made = around.made_for_mapping(exact, rim)
+    elif mirror.is_pointed:
+        made = around.made_for_ends(lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg)
     else:
         made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
     if mirror.fit is None or not fitted:
