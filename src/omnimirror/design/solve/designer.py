@@ -14,6 +14,7 @@ from ...sensor import Sensor
 from ..criteria.requirements import Requirements
 from ..optimise.optimiser import Optimum, Progress
 from . import freeform, range_search
+from .alternatives import find_alternatives
 from .relaxation import Conflict, find_conflict
 from .space import BestDesign, Say, Space
 from .verdict import Judgement, Verdict
@@ -62,6 +63,8 @@ class Design:
         conflict = None
         if self.conflict is not None:
             conflict = asdict(self.conflict)
+            for entry, alternative in zip(conflict["alternatives"], self.conflict.alternatives, strict=True):
+                entry["is_met"] = alternative.is_met
             for group in ("alone", "joint"):
                 for entry, relaxation in zip(conflict[group], getattr(self.conflict, group), strict=True):
                     entry["share"] = relaxation.share
@@ -166,7 +169,8 @@ def design_sensor(
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:
         on_design(design)
-    return replace(design, conflict=find_conflict(space, best, say))
+    others = () if requirements.mirror.optimise else find_alternatives(requirements, best.verdict, say)
+    return replace(design, conflict=find_conflict(space, best, say, others))
 
 
 def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple[Space, BestDesign]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +81,7 @@ class RangeSearch:
         results = evaluations(self.requirements, verdict.sensor, np.linspace(low, high, SEARCHED))
         return max(float(result.floored_area_deg2.max()) for result in results)
 
-    def best(self, begin: Iterable[Requirements] = (), enough: float = -np.inf) -> Ranked:
+    def best(self, begin: Iterable[Requirements] = (), enough: float = -np.inf, starts: int | None = None) -> Ranked:
         """Return the best candidate: the best of several searches that start all over the ranges.
 
         Parameters
@@ -90,6 +90,8 @@ class RangeSearch:
             Settled requirements of designs found before, from which the first searches start.
         enough
             Cost at which the search may end.
+        starts
+            Maximum number of searches; a default by the constants of this module.
 
         Raises
         ------
@@ -100,7 +102,7 @@ class RangeSearch:
         if not self.free:
             return self.judged(middle)
         ends = list[Ranked]()
-        for start in self._starts(begin, middle):
+        for start in islice(self._starts(begin, middle), starts):
             found = self._followed(start, enough)
             ends.append(found)
             best = min(ends, key=lambda c: c.cost)

@@ -20,6 +20,7 @@ from ...errors import OmnimirrorError
 from ..criteria.limits import Limit
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE, Key, Slack
+from .alternatives import Alternative
 from .space import BestDesign, Point, Say, Space
 from .verdict import Judgement, unit_of
 
@@ -108,6 +109,8 @@ class Conflict:
         would not.
     joint_share
         Largest relative change in ``joint``; None if that is empty.
+    alternatives
+        Discrete choices that meet all requirements, or violate them less; the best first.
     is_complete
         False if a KeyboardInterrupt ended the search; the relaxations found until then are kept.
     """
@@ -117,13 +120,16 @@ class Conflict:
     joint: tuple[Relaxation, ...]
     joint_share: float | None
     is_complete: bool = True
+    alternatives: tuple[Alternative, ...] = ()
 
 
 Holds = Callable[[Sequence[Relaxation]], bool]
 """Whether everything is met once some requirements have given."""
 
 
-def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None) -> Conflict | None:
+def find_conflict(
+    space: Space, best: BestDesign, say: Say = lambda words: None, alternatives: Iterable[Alternative] = ()
+) -> Conflict | None:
     """Why not everything is kept, or None where it is.
 
     Parameters
@@ -134,25 +140,27 @@ def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None)
         The design that misses least.
     say
         Called with the step and the number of steps before each step.
+    alternatives
+        Discrete choices, evaluated while they are iterated over.
     """
     if best.verdict.is_met:
         return None
-    alone = list[Relaxation]()
+    alone, others = list[Relaxation](), list[Alternative]()
     joint: tuple[Relaxation, ...] = ()
     is_complete = True
     count = len(_names(space, best)) + 1
     try:
-        for advice, point in _alone(
-            space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")
-        ):
+        for advice, point in _alone(space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")):
             holds = partial(_holds, space, point)
             alone.append(nearest(verified(advice, holds), holds))
         say(f"relaxation {count} of {count}: all requirements together")
         joint = _jointly(space, best, sorted(alone, key=_by_share))
+        others.extend(alternatives)
     except KeyboardInterrupt:
         is_complete = False
     share = max((r.share or 0.0 for r in joint), default=None)
-    return Conflict(best.verdict.missed, tuple(sorted(alone, key=_by_share)), joint, share, is_complete)
+    others.sort(key=lambda a: a.worst)
+    return Conflict(best.verdict.missed, tuple(sorted(alone, key=_by_share)), joint, share, is_complete, tuple(others))
 
 
 def _by_share(r: Relaxation) -> tuple[bool, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 from rich.console import Console
@@ -19,6 +20,8 @@ from ....tracing.obscuration import hidden_words
 from ...outputs import head, plain_table, say
 
 OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
+MAX_ALTERNATIVES = 3
+"""Number of alternatives printed for each entry under each heading; the JSON file holds all."""
 MISSED = 3
 """Exit code where a sensor misses a requirement."""
 
@@ -98,6 +101,20 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
         console.print(f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
+    for others, heading in (
+        ([a for a in conflict.alternatives if a.is_met], "All is met with one of these alternatives:"),
+        ([a for a in conflict.alternatives if not a.is_met], "Alternatives that miss less (largest violation):"),
+    ):
+        if others:
+            console.print(heading, highlight=False)
+        counts = Counter[str]()
+        for a in others:
+            counts[a.entry] += 1
+            if counts[a.entry] > MAX_ALTERNATIVES:
+                continue
+            violation = "" if a.is_met else f" ({a.worst:.2%})"
+            text = f"  {a.entry}: {a.value} instead of {a.asked}{violation}"
+            console.print(text, highlight=False, soft_wrap=True)
     if not conflict.is_complete:
         console.print("The search for relaxations was interrupted.", highlight=False)
 
