@@ -7,6 +7,8 @@ DEMO_OUT ?= out/demo
 PICTURE ?=
 # The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
 RELEASE_PYTHONS ?= $(PYTHON)
+# The newest Blender on the index is built for one interpreter only: 3.13 for 5.1 to 5.3, 3.11 for 4.5 and 5.0.
+BLENDER_PYTHON ?= $(shell command -v python3.13 || echo $(PYTHON))
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 # Byte code is kept, whatever the shell says: without it each process compiles the package anew and rewrites the asserts of
@@ -43,9 +45,10 @@ programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the packag
 	@if command -v npm >/dev/null; then \
 	  npm install --silent --no-audit --no-fund --prefix $(VENV)/node @micropython/micropython-webassembly-pyscript; fi
 	$(PIP) ziglang
-	for name in blender:bpy newton:newton; do \
-	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install $${name##*:} || exit 1; \
+	for name in blender-oldest:'bpy==4.5.*' newton:newton; do \
+	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install "$${name##*:}" || exit 1; \
 	done
+	$(BLENDER_PYTHON) -m venv $(VENV)/blender && $(VENV)/blender/bin/python -m pip --quiet install bpy
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

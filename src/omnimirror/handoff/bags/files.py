@@ -39,6 +39,7 @@ def rosbags() -> Any:
     """
     try:
         import rosbags.highlevel
+        import rosbags.rosbag1
         import rosbags.rosbag2
         import rosbags.typesys
     except ModuleNotFoundError as e:
@@ -88,31 +89,39 @@ def is_sqlite(source: Path) -> bool:
     return source.suffix.lower() == ".db3" or any(source.glob("*.db3*"))
 
 
+def is_ros1(path: Path) -> bool:
+    """Return whether a name is that of a ROS 1 bag."""
+    return path.suffix.lower() == ".bag"
+
+
 @contextmanager
 def writing(output: Path, source: Path) -> Iterator[Any]:
-    """An open writer of a bag, which takes its name once the block ends without an error.
+    """Open a writer of a bag; the file takes its name when the block ends without an error.
 
-    A folder is stored as its source is: by SQLite where that is, and otherwise as MCAP.
+    A folder has the storage of its source: SQLite or MCAP. A ``.bag`` is a bag of ROS 1.
 
     Raises
     ------
     OmnimirrorError
-        The folder is there already, or nothing can be written there.
+        The folder exists, or the file cannot be written.
     """
-    library = rosbags().rosbag2
+    library = rosbags()
     storage = STORAGES.get(output.suffix.lower())
-    if output.suffix.lower() == ".bag":
-        raise MediaError(f"{output} is a bag of ROS 1, which is read and not written; write .mcap, .db3 or a folder")
-    if storage is None and output.exists():
-        raise MediaError(f"{output} is there already; recordings in folders are not written over")
+    is_file = storage is not None or is_ros1(output)
+    if not is_file and output.exists():
+        raise MediaError(f"{output} exists; recordings in folders are not overwritten")
     target = Path(os.path.realpath(output))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.stem}{MARK}", dir=target.parent) as folder:
             made = Path(folder) / target.stem
-            plugin = library.StoragePlugin[storage or ("SQLITE3" if is_sqlite(source) else "MCAP")]
-            with library.Writer(made, version=VERSION, storage_plugin=plugin) as writer:
-                yield writer
+            if is_ros1(output):
+                with library.rosbag1.Writer(made) as writer:
+                    yield writer
+            else:
+                plugin = library.rosbag2.StoragePlugin[storage or ("SQLITE3" if is_sqlite(source) else "MCAP")]
+                with library.rosbag2.Writer(made, version=VERSION, storage_plugin=plugin) as writer:
+                    yield writer
             os.replace(made / f"{made.name}{target.suffix.lower()}" if storage else made, target)
     except OSError as e:
         raise OmnimirrorError(f"cannot write {output}: {e.strerror or e}") from None

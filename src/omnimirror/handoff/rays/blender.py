@@ -1,4 +1,4 @@
-"""Blender Cycles: a custom camera in OSL that takes its rays from the table, and the script that sets it up."""
+"""Blender Cycles: custom camera in OSL that reads the ray table, and the script that sets it up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..formats import Deviation, ProgramFormat, filled
 from .table import RayTable, deviation_between, in_axes
 
 AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""The frame of Cycles' cameras in ours: x right, y up, z where the camera looks."""
+"""Axes of a Cycles camera in the world frame: x right, y up, z along the optical axis."""
 
 
 def _write(table: RayTable, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
@@ -29,5 +29,5 @@ def _write(table: RayTable, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
 
 
 BLENDER: ProgramFormat[RayTable] = ProgramFormat(
-    _write, (".py", ".osl", "-origin.exr", "-direction.exr"), "Blender 5, Cycles", ("OpenEXR",)
+    _write, (".py", ".osl", "-origin.exr", "-direction.exr"), "Blender 4.5 and later, Cycles", ("OpenEXR",)
 )
