@@ -61,13 +61,18 @@ export class Tabs {
     document.querySelector(".skip")!.setAttribute("href", `#${PLACES[tab]}`);
     for (const [name, place] of Object.entries(PLACES)) byId(place).hidden = name !== tab;
     const wanted = FETCHED[tab];
-    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place)) void this.fetch(tab, wanted.place, wanted.title);
+    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place))
+      void this.fetch(tab, wanted.place, wanted.title);
   }
 
   private async fetch(tab: State["tab"], place: Fetched, title: string): Promise<void> {
     this.fetching.add(place);
     try {
-      const made = await (import(/* @vite-ignore */ scriptOf(place)) as Promise<{ begin: typeof beginBench & typeof beginCalibrate }>).catch(() => null);
+      const made = await (
+        import(/* @vite-ignore */ scriptOf(place)) as Promise<{
+          begin: typeof beginBench & typeof beginCalibrate;
+        }>
+      ).catch(() => null);
       if (!made) return banner(unfetched(title), place);
       banner(null, place);
       if (place === "bench") this.bench = await made.begin(this.benchHost());
@@ -89,7 +94,10 @@ export class Tabs {
     for (const part of document.querySelectorAll(`header [data-tab="${tab}"]`)) part.remove();
   }
 
-  private hostOf(place: Fetched, tab: State["tab"]): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
+  private hostOf(
+    place: Fetched,
+    tab: State["tab"],
+  ): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
     return {
       place: byId(place),
       header: document.querySelector("header .tools")!,
@@ -107,7 +115,8 @@ export class Tabs {
       errors: () => this.store.state.errors,
       setErrors: (errors) => this.store.set({ errors }),
       beforeLeaving: (act) => (this.store.leaving = act),
-      lookThrough: (file, name) => this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
+      lookThrough: (file, name) =>
+        this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
     };
   }
 
@@ -115,12 +124,17 @@ export class Tabs {
     return {
       ...this.hostOf("calibrate", "calibrate"),
       copy: (command) => void copy(command, "Command"),
-      lookThrough: (file, name, picture, pictureName) => this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
+      lookThrough: (file, name, picture, pictureName) =>
+        this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
     };
   }
 
   /** Look through a camera that was made here, at something. */
-  private async lookThrough(file: Blob, name: string, open: (look: Look) => Promise<void>): Promise<void> {
+  private async lookThrough(
+    file: Blob,
+    name: string,
+    open: (look: Look) => Promise<void>,
+  ): Promise<void> {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);

@@ -25,7 +25,10 @@ export class Answers {
   private number = 0;
   private isAway = false;
 
-  constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
+  constructor(
+    private readonly answered: (found: Found) => void,
+    private readonly away: (isAway: boolean) => void,
+  ) {
     this.connect();
   }
 
@@ -71,7 +74,8 @@ export class Answers {
     const failures = onItsWay.failures + 1;
     const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
     if (isRefused) this.answered({ ...NOTHING, slot: onItsWay.slot, asked: onItsWay.asked });
-    else if (!this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
+    else if (!this.waiting.has(onItsWay.slot))
+      this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
     return isRefused;
   }
 
@@ -93,7 +97,17 @@ export class Answers {
 }
 
 /** The answer where there is none. */
-const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], bent: null, block: () => null };
+const NOTHING: Omit<Found, "slot" | "asked"> = {
+  number: 0,
+  trouble: { path: [], sentence: UNANSWERABLE },
+  remark: null,
+  facts: null,
+  rows: [],
+  requirements_trouble: null,
+  blocks: [],
+  bent: null,
+  block: () => null,
+};
 
 function read(data: ArrayBuffer, asked: number): Found {
   const { header, start } = unpack<Answer>(data);

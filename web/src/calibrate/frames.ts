@@ -4,9 +4,18 @@ const EVERY_S = 0.5;
 const LONGEST_WAIT_MS = 10_000; // for a picture that is not clear; those of videos hardly ever are
 
 /** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
-export async function framesOf(file: Blob, name: string, most: number, take: (picture: Blob, name: string, time: number) => Promise<boolean>): Promise<void> {
+export async function framesOf(
+  file: Blob,
+  name: string,
+  most: number,
+  take: (picture: Blob, name: string, time: number) => Promise<boolean>,
+): Promise<void> {
   const address = URL.createObjectURL(file);
-  const video = Object.assign(document.createElement("video"), { src: address, muted: true, preload: "auto" });
+  const video = Object.assign(document.createElement("video"), {
+    src: address,
+    muted: true,
+    preload: "auto",
+  });
   try {
     await event(video, "loadeddata", name);
     const seconds = Number.isFinite(video.duration) ? video.duration : 0;
@@ -15,7 +24,9 @@ export async function framesOf(file: Blob, name: string, most: number, take: (pi
       video.currentTime = Math.min(time, seconds);
       await event(video, "seeked", name);
       const canvas = await drawn(video);
-      const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+      const picture = await new Promise<Blob | null>((resolve) =>
+        canvas.toBlob(resolve, "image/png"),
+      );
       if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
     }
   } finally {
@@ -37,9 +48,22 @@ async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   return canvas;
 }
 
-function event(video: HTMLVideoElement, kind: "loadeddata" | "seeked", name: string): Promise<void> {
+function event(
+  video: HTMLVideoElement,
+  kind: "loadeddata" | "seeked",
+  name: string,
+): Promise<void> {
   return new Promise((resolve, reject) => {
     video.addEventListener(kind, () => resolve(), { once: true });
-    video.addEventListener("error", () => reject(new Refused(`${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`)), { once: true });
+    video.addEventListener(
+      "error",
+      () =>
+        reject(
+          new Refused(
+            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`,
+          ),
+        ),
+      { once: true },
+    );
   });
 }

@@ -23,7 +23,10 @@ interface Hands {
 
 /** What opens pictures and keeps what is seen: in the page's header, beside the command, and by dropping files. */
 export class Toolbar {
-  constructor(private readonly store: Store, private readonly hands: Hands) {
+  constructor(
+    private readonly store: Store,
+    private readonly hands: Hands,
+  ) {
     const { sources } = hands;
     const file = byId<HTMLInputElement>("file");
     for (const id of ["open", "choose"]) byId(id).addEventListener("click", () => file.click());
@@ -31,14 +34,32 @@ export class Toolbar {
       if (file.files?.[0]) void sources.openFile(file.files[0], file.files[0].name);
       file.value = "";
     });
-    for (const id of ["room", "try"]) byId(id).addEventListener("click", () => void sources.openRoom());
-    byId("sources").addEventListener("change", (e) => void sources.openServer((e.target as HTMLSelectElement).value));
+    for (const id of ["room", "try"])
+      byId(id).addEventListener("click", () => void sources.openRoom());
+    byId("sources").addEventListener(
+      "change",
+      (e) => void sources.openServer((e.target as HTMLSelectElement).value),
+    );
     byId("snapshot").addEventListener("click", () => void this.snapshot());
     byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200)); // once the address is written
-    byId("whole-screen").addEventListener("click", () => void (document.fullscreenElement ? document.exitFullscreen() : byId("stage").requestFullscreen().catch(() => say("This browser does not show it on the full screen."))));
-    byId("copy-command").addEventListener("click", () => void copy(byId("command-line").textContent ?? "", "Command"));
+    byId("whole-screen").addEventListener(
+      "click",
+      () =>
+        void (document.fullscreenElement
+          ? document.exitFullscreen()
+          : byId("stage")
+              .requestFullscreen()
+              .catch(() => say("This browser does not show it on the full screen."))),
+    );
+    byId("copy-command").addEventListener(
+      "click",
+      () => void copy(byId("command-line").textContent ?? "", "Command"),
+    );
     byId("save-sensor").addEventListener("click", () => void this.saveSensor());
-    byId("save-picture").addEventListener("click", () => sources.feed?.made && save(sources.feed.made, sources.feed.name));
+    byId("save-picture").addEventListener(
+      "click",
+      () => sources.feed?.made && save(sources.feed.made, sources.feed.name),
+    );
     this.bindDropping();
   }
 
@@ -48,7 +69,10 @@ export class Toolbar {
       e.preventDefault();
       frame.classList.add("dropping");
     });
-    document.addEventListener("dragleave", (e) => e.relatedTarget || frame.classList.remove("dropping"));
+    document.addEventListener(
+      "dragleave",
+      (e) => e.relatedTarget || frame.classList.remove("dropping"),
+    );
     document.addEventListener("drop", (e) => {
       e.preventDefault();
       frame.classList.remove("dropping");
@@ -60,8 +84,17 @@ export class Toolbar {
   /** Copy the link, and say what it does not hold. */
   private async copyLink(): Promise<void> {
     const { source, sensor } = this.store.state;
-    const missing = [identityIn(source)?.name, sensor.startsWith("file:") ? this.hands.camera()?.model.name : null].filter(Boolean).join(" and ");
-    const rest = missing ? `. It holds the view, not ${missing}: elsewhere it asks for the file` : source.startsWith("webcam:") ? ". It opens the webcam of whoever opens it" : "";
+    const missing = [
+      identityIn(source)?.name,
+      sensor.startsWith("file:") ? this.hands.camera()?.model.name : null,
+    ]
+      .filter(Boolean)
+      .join(" and ");
+    const rest = missing
+      ? `. It holds the view, not ${missing}: elsewhere it asks for the file`
+      : source.startsWith("webcam:")
+        ? ". It opens the webcam of whoever opens it"
+        : "";
     await copy(location.href, "Link", rest);
   }
 
@@ -70,7 +103,11 @@ export class Toolbar {
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
     if (!png) return say("The browser made no picture.");
-    const texts = { Software: "omnimirror studio", Comment: this.hands.commands(), Source: this.hands.sources.feed?.name ?? "" };
+    const texts = {
+      Software: "omnimirror studio",
+      Comment: this.hands.commands(),
+      Source: this.hands.sources.feed?.name ?? "",
+    };
     save(await withTexts(png, texts), `${this.store.state.mode}.png`);
   }
 
@@ -88,7 +125,10 @@ export class Toolbar {
       rim_radius_px: radius,
     };
     try {
-      save(new Blob([await api.sensorFile(wanted)], { type: "application/toml" }), fittedName(camera));
+      save(
+        new Blob([await api.sensorFile(wanted)], { type: "application/toml" }),
+        fittedName(camera),
+      );
     } catch (e) {
       fail(e);
     }

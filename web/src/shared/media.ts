@@ -15,29 +15,46 @@ const LAST = 20;
 
 /** A camera of this machine; `lost` is told when it goes. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
-  if (!navigator.mediaDevices) throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
+  if (!navigator.mediaDevices)
+    throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
   let stream: MediaStream;
   try {
     const exact = id ? { deviceId: { exact: id } } : {};
-    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
+    stream = await navigator.mediaDevices.getUserMedia({
+      video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } },
+    });
   } catch (e) {
     const name = (e as DOMException).name;
     if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
-    if (name === "NotAllowedError") throw new Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
+    if (name === "NotAllowedError")
+      throw new Refused(
+        "The camera was refused. Allow it for this page in the browser's address bar, and try again.",
+      );
     if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
     throw new Refused("The camera cannot be opened; another program may be using it.");
   }
-  const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
+  const video = Object.assign(document.createElement("video"), {
+    srcObject: stream,
+    muted: true,
+    playsInline: true,
+  });
   await started(video);
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
   track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
   const device = track.getSettings().deviceId ?? "";
-  put([locals], NAMES, JSON.stringify([[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST)));
+  put(
+    [locals],
+    NAMES,
+    JSON.stringify(
+      [[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST),
+    ),
+  );
   return { video, name, device, close: () => track.stop() };
 }
 
-const named = (): [string, string][] => (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
+const named = (): [string, string][] =>
+  (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
 
 /** The camera of another day: browsers give new identities, some at every reload, but a camera keeps its name. */
 async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
@@ -59,7 +76,8 @@ export function started(video: HTMLVideoElement): Promise<void> {
   });
 }
 
-export const isVideo = (file: Blob, name: string): boolean => file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
+export const isVideo = (file: Blob, name: string): boolean =>
+  file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
 
 /** The JPEG without what cameras note beside it: a calibration belongs to the pixels as stored, unturned. */
 export async function asStored(blob: Blob): Promise<Blob> {

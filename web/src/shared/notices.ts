@@ -30,7 +30,10 @@ export function banner(sentence: string | null, about: Subject = "page"): void {
 
 function line(subject: Subject, text: string): HTMLElement {
   const made = document.createElement("div");
-  const away = Object.assign(document.createElement("button"), { type: "button", textContent: "×" });
+  const away = Object.assign(document.createElement("button"), {
+    type: "button",
+    textContent: "×",
+  });
   away.setAttribute("aria-label", "Put this away");
   away.addEventListener("click", () => banner(null, subject));
   made.append(Object.assign(document.createElement("span"), { textContent: text }), away);

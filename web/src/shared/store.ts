@@ -24,7 +24,8 @@ export class Store {
 
   constructor() {
     ({ state: this.state, trouble: this.trouble } = fromHash(beforeReload() ?? location.hash));
-    for (const event of ["popstate", "hashchange"] as const) addEventListener(event, () => this.follow());
+    for (const event of ["popstate", "hashchange"] as const)
+      addEventListener(event, () => this.follow());
     addEventListener("pagehide", () => this.leave());
   }
 

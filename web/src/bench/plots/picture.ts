@@ -37,7 +37,8 @@ export class PictureView {
     do {
       design = this.wanted!;
       await this.fetch(design, COARSE);
-      for (let waited = 0; waited < IDLE_MS && design === this.wanted; waited += 50) await new Promise((r) => setTimeout(r, 50));
+      for (let waited = 0; waited < IDLE_MS && design === this.wanted; waited += 50)
+        await new Promise((r) => setTimeout(r, 50));
       if (design === this.wanted) await this.fetch(design, FINE);
     } while (design !== this.wanted);
     this.isTaking = false;

@@ -5,7 +5,11 @@ export class Newest<Asked, Found> {
   private waiting: Asked | null = null;
   private isAsking = false;
 
-  constructor(private readonly send: (asked: Asked) => Promise<Found>, private readonly answered: (found: Found, asked: Asked) => void, private readonly refused: (sentence: string) => void) {}
+  constructor(
+    private readonly send: (asked: Asked) => Promise<Found>,
+    private readonly answered: (found: Found, asked: Asked) => void,
+    private readonly refused: (sentence: string) => void,
+  ) {}
 
   /** Whether nothing is on its way, and nothing waits. */
   get isAtRest(): boolean {

@@ -24,7 +24,10 @@ export class WebcamPane {
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
   private readonly said = h("p", { className: "advice", role: "status" });
   private readonly auto = h("input", { type: "checkbox", checked: true }) as HTMLInputElement;
-  private readonly which = h("select", { "aria-label": "Which webcam", hidden: true }) as HTMLSelectElement;
+  private readonly which = h("select", {
+    "aria-label": "Which webcam",
+    hidden: true,
+  }) as HTMLSelectElement;
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
   private before: BoardSeen | null = null;
@@ -32,8 +35,30 @@ export class WebcamPane {
   private number = 0;
 
   constructor(private readonly hands: Hands) {
-    const buttons = h("div", { className: "row" }, h("button", { type: "button", className: "primary", onclick: () => (this.wanted = true) }, "Take a picture"), h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"), this.which);
-    this.element = h("section", { className: "plot webcam", "aria-label": "Webcam", hidden: true }, this.stage, this.said, h("label", { className: "check" }, this.auto, "Take pictures by itself, when the board is sharp, still, and somewhere new"), buttons);
+    const buttons = h(
+      "div",
+      { className: "row" },
+      h(
+        "button",
+        { type: "button", className: "primary", onclick: () => (this.wanted = true) },
+        "Take a picture",
+      ),
+      h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"),
+      this.which,
+    );
+    this.element = h(
+      "section",
+      { className: "plot webcam", "aria-label": "Webcam", hidden: true },
+      this.stage,
+      this.said,
+      h(
+        "label",
+        { className: "check" },
+        this.auto,
+        "Take pictures by itself, when the board is sharp, still, and somewhere new",
+      ),
+      buttons,
+    );
     this.which.addEventListener("change", () => void this.open(this.which.value));
   }
 
@@ -76,8 +101,12 @@ export class WebcamPane {
   }
 
   private async offer(device: string): Promise<void> {
-    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter((d) => d.kind === "videoinput");
-    this.which.replaceChildren(...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)));
+    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter(
+      (d) => d.kind === "videoinput",
+    );
+    this.which.replaceChildren(
+      ...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)),
+    );
     this.which.value = device;
     this.which.hidden = cameras.length < 2;
   }
@@ -90,7 +119,11 @@ export class WebcamPane {
         await rest(REST_MS);
       } catch (e) {
         if (number !== this.number) return;
-        this.say(e instanceof Error && (e instanceof api.Refused || e instanceof api.Away) ? e.message : "Something went wrong with this picture.");
+        this.say(
+          e instanceof Error && (e instanceof api.Refused || e instanceof api.Away)
+            ? e.message
+            : "Something went wrong with this picture.",
+        );
         await rest(PAUSE_MS);
       }
     }
@@ -101,14 +134,20 @@ export class WebcamPane {
     if (!board || document.hidden) return;
     const frame = await frameOf(this.video!);
     if (this.wanted) return this.take(frame, "Taken.");
-    const seen = await api.look(frame, { ...board, name: "the picture", quick: true }, new AbortController().signal);
+    const seen = await api.look(
+      frame,
+      { ...board, name: "the picture", quick: true },
+      new AbortController().signal,
+    );
     const together = await this.hands.together(seen);
     if (number !== this.number) return;
     this.draw(seen, together);
     const isStill = movedBy(this.before, seen) < STILL;
     this.before = seen;
-    if (seen.reason !== null) return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
-    if (together.not_new !== null) return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
+    if (seen.reason !== null)
+      return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
+    if (together.not_new !== null)
+      return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
     if (!isStill) return this.say("Here; hold it still.");
     if (this.auto.checked) return this.take(frame, "Taken. Now hold it elsewhere.");
     this.say("This would be a good picture: take it.");
@@ -125,7 +164,10 @@ export class WebcamPane {
     this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     const size = Math.max(width, height) / 140;
     const empty = coverage ? cellsOf(coverage).filter((cell) => cell.count < coverage.enough) : [];
-    this.overlay.replaceChildren(svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }), svg("path", { class: "corners", d: crosses(seen.corners_px, size) }));
+    this.overlay.replaceChildren(
+      svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }),
+      svg("path", { class: "corners", d: crosses(seen.corners_px, size) }),
+    );
   }
 
   private say(sentence: string): void {
@@ -134,7 +176,8 @@ export class WebcamPane {
 }
 
 /** Where to hold the board next. */
-const advice = ({ advice: all }: Together): string => all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
+const advice = ({ advice: all }: Together): string =>
+  all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function frameOf(video: HTMLVideoElement): Promise<Blob> {

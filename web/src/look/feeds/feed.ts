@@ -39,7 +39,15 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
     if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
     return createImageBitmap(await api.convert(blob, name), DECODING);
   });
-  return { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height, moves: false, close: () => bitmap.close() };
+  return {
+    name,
+    source: name,
+    picture: bitmap,
+    width: bitmap.width,
+    height: bitmap.height,
+    moves: false,
+    close: () => bitmap.close(),
+  };
 }
 
 /** A video file, again and again. */
@@ -53,12 +61,23 @@ export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
 }
 
 /** A video at an address, again and again. */
-export async function addressFeed(address: string, name: string, after = (): void => {}): Promise<Feed> {
-  const video = Object.assign(document.createElement("video"), { src: address, muted: true, loop: true, playsInline: true });
+export async function addressFeed(
+  address: string,
+  name: string,
+  after = (): void => {},
+): Promise<Feed> {
+  const video = Object.assign(document.createElement("video"), {
+    src: address,
+    muted: true,
+    loop: true,
+    playsInline: true,
+  });
   try {
     await started(video);
   } catch {
-    throw new api.Refused(`${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`);
+    throw new api.Refused(
+      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`,
+    );
   }
   return { ...ofVideo(video, name, after), video };
 }
@@ -70,7 +89,11 @@ export async function webcamFeed(id: string, lost: (sentence: string) => void): 
 }
 
 /** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
-export function streamFeed(id: string, name: string, told: (state: StreamState | null) => void): Promise<Feed> {
+export function streamFeed(
+  id: string,
+  name: string,
+  told: (state: StreamState | null) => void,
+): Promise<Feed> {
   return new Promise((resolve, reject) => {
     let feed: Feed | null = null;
     let closed = false;
@@ -97,7 +120,17 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
         if (feed) (feed.picture as ImageBitmap).close();
         const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
         if (feed) Object.assign(feed, shown);
-        else resolve((feed = { ...shown, name, source: name, moves: true, next: (then) => (isNew = then), close }));
+        else
+          resolve(
+            (feed = {
+              ...shown,
+              name,
+              source: name,
+              moves: true,
+              next: (then) => (isNew = then),
+              close,
+            }),
+          );
         isNew();
         requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
       };
@@ -112,10 +145,15 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
 }
 
 /** What a feed shows now, as a file of at most so many pixels a side, and how many of the feed's each of them is. */
-export async function fileOf(feed: Feed, longest = Infinity): Promise<{ picture: Blob; scale: number }> {
+export async function fileOf(
+  feed: Feed,
+  longest = Infinity,
+): Promise<{ picture: Blob; scale: number }> {
   const scale = Math.max(1, Math.max(feed.width, feed.height) / longest);
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side / scale)));
+  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) =>
+    Math.max(1, Math.round(side / scale)),
+  );
   const context = canvas.getContext("2d")!;
   context.imageSmoothingQuality = "high";
   context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
@@ -133,5 +171,14 @@ function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed
     if ("requestVideoFrameCallback" in video) video.requestVideoFrameCallback(then);
     else requestAnimationFrame(then); // in older browsers, which do not tell
   };
-  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, next, close };
+  return {
+    name,
+    source: name,
+    picture: video,
+    width: video.videoWidth,
+    height: video.videoHeight,
+    moves: true,
+    next,
+    close,
+  };
 }

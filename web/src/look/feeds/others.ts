@@ -45,7 +45,9 @@ export class Others {
 
   /** Why nothing is seen yet of what a state is of; "" where something is. */
   doubt(s: State): string {
-    return this.seenBy(s) ? "" : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
+    return this.seenBy(s)
+      ? ""
+      : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
   }
 
   /** Let go of a picture that is shown by itself from now on; null where it is not held. */
@@ -57,7 +59,8 @@ export class Others {
 
   /** Hold a picture that was shown by itself, or close it where no view is of it. */
   give(source: string, feed: Feed): void {
-    if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source)) return feed.close();
+    if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source))
+      return feed.close();
     this.feeds.set(source, feed);
     this.follow(source, feed);
   }
@@ -94,4 +97,5 @@ export class Others {
   }
 }
 
-const nameOf = (s: State): string => JSON.stringify({ ...ofTaken(s), source: INITIAL.source, rim: null });
+const nameOf = (s: State): string =>
+  JSON.stringify({ ...ofTaken(s), source: INITIAL.source, rim: null });

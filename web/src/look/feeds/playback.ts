@@ -9,7 +9,10 @@ export class Playback {
 
   constructor() {
     this.button.addEventListener("click", () => this.toggle());
-    this.time.addEventListener("input", () => this.video && (this.video.currentTime = Number(this.time.value)));
+    this.time.addEventListener(
+      "input",
+      () => this.video && (this.video.currentTime = Number(this.time.value)),
+    );
   }
 
   /** Follow a video; null where there is none, or one without an end. */
@@ -19,7 +22,8 @@ export class Playback {
     if (!this.video) return;
     this.time.max = String(this.video.duration);
     const show = (): void => this.show();
-    for (const event of ["timeupdate", "play", "pause", "seeked"] as const) this.video.addEventListener(event, show);
+    for (const event of ["timeupdate", "play", "pause", "seeked"] as const)
+      this.video.addEventListener(event, show);
     show();
   }
 
@@ -41,4 +45,5 @@ export class Playback {
 }
 
 /** Minutes and seconds. */
-const clock = (s: number): string => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
+const clock = (s: number): string =>
+  `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;

@@ -7,8 +7,10 @@ import { aimOf, type Orientation } from "../geometry/turning";
 const WAIT_MS = 1500; // for the first word of a device that can tell
 const STEEP_DEG = 80; // from which it does not turn sideways: a device that lies flat has no direction there
 const NOT_TOLD = "This device does not tell how it is turned.";
-const REFUSED = "Motion was refused. Allow it for this page in the browser's settings, and try again.";
-const NOT_SAFE = "Browsers tell how a device is turned to pages of this machine, or over https, only.";
+const REFUSED =
+  "Motion was refused. Allow it for this page in the browser's settings, and try again.";
+const NOT_SAFE =
+  "Browsers tell how a device is turned to pages of this machine, or over https, only.";
 
 /** Safari asks, and only if somebody pressed something. */
 type Asking = { requestPermission?: () => Promise<"granted" | "denied"> };
@@ -34,7 +36,9 @@ export class GyroscopePanel {
   private async start(): Promise<void> {
     if (this.button.getAttribute("aria-disabled") === "true") return say(this.button.title);
     const { requestPermission } = DeviceOrientationEvent as unknown as Asking;
-    const answer = requestPermission ? await requestPermission.call(DeviceOrientationEvent).catch(() => "denied") : "granted";
+    const answer = requestPermission
+      ? await requestPermission.call(DeviceOrientationEvent).catch(() => "denied")
+      : "granted";
     if (answer !== "granted") return say(REFUSED);
     this.button.setAttribute("aria-pressed", "true");
     this.last = null;
