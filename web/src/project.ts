@@ -1,3 +1,4 @@
+import { background } from "./shared/background";
 import { fileOf } from "./look/feeds/feed";
 import {
   identityIn,
@@ -13,6 +14,7 @@ import { fromHash, toHash } from "./shared/address";
 import * as api from "./shared/api";
 import { byId, save } from "./shared/dom";
 import { fail, say } from "./shared/notices";
+import { checkReadable } from "./shared/media";
 import { locals, parsed, put, sessions, taken } from "./shared/storage";
 import type { Store } from "./shared/store";
 
@@ -43,11 +45,11 @@ export class ProjectMenu {
     private readonly store: Store,
     private readonly look: Look,
   ) {
-    byId("save-project").addEventListener("click", () => void this.try(() => this.save()));
+    byId("save-project").addEventListener("click", () => background(this.try(() => this.save())));
     byId("open-project").addEventListener("click", () => this.file.click());
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
-      if (file) void this.try(() => this.open(file));
+      if (file) background(this.try(() => this.open(file)));
       this.file.value = "";
     });
     document.addEventListener(
@@ -118,6 +120,7 @@ export class ProjectMenu {
   }
 
   private async open(file: File | Blob): Promise<void> {
+    await checkReadable(file, file instanceof File ? file.name : "The project");
     const project = projectIn(await file.text());
     const { state } = fromHash(project.state);
     if (project.picture) {
@@ -161,7 +164,7 @@ async function base64(blob: Blob): Promise<string> {
   const address = await new Promise<string>((resolve, reject) => {
     const reader = new FileReader();
     reader.onload = () => resolve(reader.result as string);
-    reader.onerror = () => reject(reader.error);
+    reader.onerror = () => reject(reader.error!);
     reader.readAsDataURL(blob);
   });
   return address.slice(address.indexOf(",") + 1);

@@ -28,7 +28,7 @@ describe.each(STAGES)("a stage of %i x %i", (width, height) => {
         Math.min(a.left, a.top, width - a.left - a.width, height - a.top - a.height),
       ).toBeGreaterThan(-1e-6);
       expect(Math.min(a.width, a.height)).toBeGreaterThan(20);
-      if (set[i] !== null) expect(a.width / a.height).toBeCloseTo(set[i]!, 6);
+      if (set[i] !== null) expect(a.width / a.height).toBeCloseTo(set[i], 6);
       for (const b of cells.slice(0, i)) {
         const over = [
           Math.min(a.left + a.width, b.left + b.width) - Math.max(a.left, b.left),

@@ -18,12 +18,12 @@ describe.each(NAMES)("%s", (name) => {
     let seen = 0;
     for (const [target, pixel] of pairs) {
       const found = camera.project(vector(target), isPoint);
-      expect(found.seen, `${target}`).toBe(pixel !== null);
+      expect(found.seen, String(target)).toBe(pixel !== null);
       if (!pixel) continue;
       seen++;
       expect(
         Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1]),
-        `${target}`,
+        String(target),
       ).toBeLessThan(NEAR_PX[name]);
     }
     expect(seen).toBeGreaterThan(15);
@@ -33,10 +33,10 @@ describe.each(NAMES)("%s", (name) => {
     let seen = 0;
     for (const [pixel, direction] of back) {
       const found = camera.backproject([pixel[0], pixel[1]]);
-      expect(found !== null, `${pixel}`).toBe(direction !== null);
+      expect(found !== null, String(pixel)).toBe(direction !== null);
       if (!found || !direction) continue;
       seen++;
-      expect(between(found, direction), `${pixel}`).toBeLessThan(NEAR_RAD[name]);
+      expect(between(found, direction), String(pixel)).toBeLessThan(NEAR_RAD[name]);
     }
     expect(seen).toBeGreaterThan(10);
   });

@@ -1,7 +1,7 @@
 /** Designs of the bench: in addresses, undone and redone, and what is no design. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import { fromAddress, inAddress } from "../src/bench/designs/address";
-import { History, placed, withEntry, type Design } from "../src/bench/designs/design";
+import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
 import { keep, kept } from "../src/bench/designs/kept";
 import { lacking } from "../src/bench/designs/whole";
 import type { BenchStart, Facts, ParameterOf, PartOf } from "../src/shared/messages";
@@ -49,7 +49,7 @@ const DESIGN: Design = {
   requirements: { field: { omega_max_deg: 120 }, limit: [{ quantity: "blur_px", at_most: 3 }] },
 };
 
-const changed = (change: (d: any) => void): Design => {
+const changed = (change: (d: Tables) => void): Design => {
   const design = structuredClone(DESIGN);
   change(design);
   return design;
@@ -130,9 +130,9 @@ describe("what is no design says what it lacks", () => {
     expect(lacking({ ...changed((d) => delete d.tables.mount), follows: true }, PARTS)).toBeNull();
     expect(
       lacking(
-        changed(
-          (d) => (d.tables = { ...d.tables, lens: { kind: "orthographic" }, mount: undefined }),
-        ),
+        changed((d) => {
+          Object.assign(d.tables, { lens: { kind: "orthographic" }, mount: undefined });
+        }),
         PARTS,
       ),
     ).toBeNull();

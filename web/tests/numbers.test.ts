@@ -78,7 +78,6 @@ test.each([
   expect([scale.from(-1e9), scale.from(1e9)]).toEqual([expect.closeTo(0, 6), 1]);
 });
 
-test("whole numbers stay whole", () =>
-  expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(
-    Number.isInteger,
-  ));
+test("whole numbers stay whole", () => {
+  expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(Number.isInteger);
+});

@@ -19,8 +19,8 @@ const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, o
 /** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
 export class Answers {
   private socket: WebSocket | null = null;
-  private waiting = new Map<number, Question>();
-  private onItsWay: (Question & { slot: number }) | null = null;
+  private readonly waiting = new Map<number, Question>();
+  private onItsWay: Sent | null = null;
   private retry = RETRY_MS;
   private number = 0;
   private isAway = false;
@@ -52,10 +52,10 @@ export class Answers {
     };
     socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
       this.retry = RETRY_MS;
-      const found = read(e.data, this.onItsWay?.asked ?? 0);
+      const question = this.onItsWay;
       this.onItsWay = null;
       this.next();
-      this.answered(found);
+      this.answered(answerTo(question, e.data));
     };
     socket.onclose = (e) => {
       const isRefused = this.unanswered(e);
@@ -73,7 +73,7 @@ export class Answers {
     if (!onItsWay) return false;
     const failures = onItsWay.failures + 1;
     const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
-    if (isRefused) this.answered({ ...NOTHING, slot: onItsWay.slot, asked: onItsWay.asked });
+    if (isRefused) this.answered(noneTo(onItsWay));
     else if (!this.waiting.has(onItsWay.slot))
       this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
     return isRefused;
@@ -108,6 +108,21 @@ const NOTHING: Omit<Found, "slot" | "asked"> = {
   bent: null,
   block: () => null,
 };
+
+type Sent = Question & { slot: number };
+
+const noneTo = ({ slot, asked }: Sent): Found => ({ ...NOTHING, slot, asked });
+
+/** Read an answer; one that cannot be read counts as none, so that the next question is sent. */
+function answerTo(question: Sent | null, data: ArrayBuffer): Found {
+  try {
+    return read(data, question?.asked ?? 0);
+  } catch (e) {
+    if (!question) throw e;
+    reportError(e);
+    return noneTo(question);
+  }
+}
 
 function read(data: ArrayBuffer, asked: number): Found {
   const { header, start } = unpack<Answer>(data);

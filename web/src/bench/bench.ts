@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h, hideComputed } from "../shared/dom";
 import type { BenchSensor, BenchStart } from "../shared/messages";
@@ -75,7 +76,7 @@ export class Bench {
       facts: () => this.found[0]?.facts ?? null,
       edit: (design: Design) => this.edit(this.own(design)),
       settle: () => this.settle(),
-      change: (what: "mirror" | "lens" | "focus", to: string) => void this.change(what, to),
+      change: (what: "mirror" | "lens" | "focus", to: string) => background(this.change(what, to)),
       take: (found: BenchSensor, words: string) => this.take(found, words),
     };
     this.toolbar = new Toolbar(host, this);
@@ -124,7 +125,7 @@ export class Bench {
       isShown: host.isShown,
       undo: () => this.undo(),
       redo: () => this.redo(),
-      save: () => void this.toolbar.download("sensor"),
+      save: () => background(this.toolbar.download("sensor")),
     });
   }
 
@@ -247,7 +248,7 @@ export class Bench {
   }
 
   fail(e: unknown): void {
-    if (!(e instanceof api.Refused || e instanceof api.Away)) throw e;
+    if (!api.isForeseen(e)) return reportError(e);
     this.form.complain({ path: [], sentence: e.message });
     this.host.say(e.message);
   }
@@ -377,7 +378,8 @@ export class Bench {
     }
     this.requirements.judge(found.rows, found.requirements_trouble);
     clearTimeout(this.marking);
-    if (found.rows.length) this.marking = window.setTimeout(() => void this.markMet(), MARKED_MS);
+    if (found.rows.length)
+      this.marking = window.setTimeout(() => background(this.markMet()), MARKED_MS);
     this.desk.showPicture(this.tolerances.pictured(this.history.now));
     this.tolerances.follow();
   }

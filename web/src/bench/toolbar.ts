@@ -1,5 +1,7 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
+import { checkReadable } from "../shared/media";
 import type { BenchSensor, Download } from "../shared/messages";
 import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
@@ -53,7 +55,7 @@ export class Toolbar {
   private readonly summary = h("summary", { role: "button" }, "Download");
   private readonly requirements = h(
     "button",
-    { type: "button", onclick: () => void this.downloadRequirements() },
+    { type: "button", onclick: () => background(this.downloadRequirements()) },
     "Requirements (TOML)",
   );
 
@@ -63,11 +65,11 @@ export class Toolbar {
   ) {
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
-      if (file) void this.open(file, file.name);
+      if (file) background(this.open(file, file.name));
       this.file.value = "";
     });
     const items = FILES.map(([kind, title]) =>
-      h("button", { type: "button", onclick: () => void this.download(kind) }, title),
+      h("button", { type: "button", onclick: () => background(this.download(kind)) }, title),
     );
     this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
     const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement =>
@@ -102,7 +104,7 @@ export class Toolbar {
             type: "button",
             className: "primary",
             "data-computes": "",
-            onclick: () => void this.look(),
+            onclick: () => background(this.look()),
           },
           "Look through it",
         ),
@@ -131,6 +133,7 @@ export class Toolbar {
   /** Open a sensor file, or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
+      await checkReadable(file, name);
       const { sensor, requirements } = await supply.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
       if (!requirements) return;
@@ -150,11 +153,14 @@ export class Toolbar {
       return this.host.say("One file at a time; the last one is still being made");
     const asked: Download = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
-    await this.try(async () => {
-      const { blob, name } = await supply.download(asked);
-      save(blob, name);
-    });
-    stop();
+    try {
+      await this.try(async () => {
+        const { blob, name } = await supply.download(asked);
+        save(blob, name);
+      });
+    } finally {
+      stop();
+    }
   }
 
   /** Say how far a file is, until it is there: a report takes some seconds. */
@@ -206,7 +212,7 @@ export class Toolbar {
     select.addEventListener("change", () => {
       const name = select.value;
       select.value = "";
-      void this.try(async () => this.bench.take(await supply.bundled(name), ""));
+      background(this.try(async () => this.bench.take(await supply.bundled(name), "")));
     });
     return select;
   }
@@ -228,7 +234,7 @@ export class Toolbar {
         if (!this.host.isShown() || !file) return;
         e.preventDefault();
         e.stopImmediatePropagation();
-        void this.open(file, file.name);
+        background(this.open(file, file.name));
       },
       { capture: true },
     );

@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h } from "../shared/dom";
 import type {
@@ -7,8 +8,7 @@ import type {
   CalibrationFound,
   Together,
 } from "../shared/messages";
-import { isVideo } from "../shared/media";
-import { WENT_WRONG } from "../shared/texts";
+import { checkReadable, isVideo } from "../shared/media";
 import { framesOf } from "./frames";
 import type { Host } from "./host";
 import { keepResult, keepSettings, keptResult, keptSettings } from "./kept";
@@ -72,7 +72,7 @@ export class Calibrate {
     this.shots = new Shots({
       board: () => this.board.board,
       changed: () => this.changed(),
-      settled: () => void this.findRim(),
+      settled: () => background(this.findRim()),
       fail,
     });
     this.gallery = new Gallery((shot) => this.choose(shot));
@@ -89,12 +89,12 @@ export class Calibrate {
       fail,
     });
     this.toolbar = new Toolbar(host, {
-      add: (files) => void this.add(files),
-      webcam: () => void this.webcam.open(),
+      add: (files) => background(this.add(files)),
+      webcam: () => background(this.webcam.open()),
       clear: () => this.clear(),
       found: () => this.found,
       report: () => this.report,
-      look: () => void this.look(),
+      look: () => background(this.look()),
     });
     const [boards, cameras, runs] = [panel("The board"), panel("The camera"), panel("Calibration")];
     this.board = new BoardPanel(
@@ -169,21 +169,24 @@ export class Calibrate {
     this.host.banner(null, "calibrate");
     const take = (picture: Blob, name: string, time: number | null): Promise<boolean> =>
       this.take(picture, name, time);
-    try {
-      for (const file of files) {
+    const refusals: string[] = [];
+    for (const file of files) {
+      try {
+        await checkReadable(file, file.name);
         if (isVideo(file, file.name))
           await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
         else if (!(await take(file, file.name, null))) {
-          this.host.banner(
+          refusals.push(
             `${MOST_SHOTS} pictures are as many as are taken here; ${file.name} and what came after it were left out.`,
-            "calibrate",
           );
           break;
         }
+      } catch (e) {
+        if (e instanceof api.Refused) refusals.push(e.message);
+        else this.fail(e);
       }
-    } catch (e) {
-      this.fail(e);
     }
+    if (refusals.length) this.host.banner(refusals.join(" "), "calibrate");
   }
 
   private async take(picture: Blob, name: string, time: number | null = null): Promise<boolean> {
@@ -238,7 +241,7 @@ export class Calibrate {
   private changed(): void {
     this.show();
     clearTimeout(this.timer);
-    this.timer = window.setTimeout(() => void this.compare(), TOGETHER_MS);
+    this.timer = window.setTimeout(() => background(this.compare()), TOGETHER_MS);
   }
 
   /** Ask what the pictures are together. */
@@ -417,7 +420,11 @@ export class Calibrate {
           { type: "button", className: "primary", onclick: () => this.toolbar.open() },
           "Choose pictures…",
         ),
-        h("button", { type: "button", onclick: () => void this.webcam.open() }, "Use the webcam"),
+        h(
+          "button",
+          { type: "button", onclick: () => background(this.webcam.open()) },
+          "Use the webcam",
+        ),
       ),
     );
   }
@@ -430,16 +437,12 @@ export class Calibrate {
     const { board } = this.board;
     if (board)
       keepSettings({ board, sought: this.camera.sought, rim: this.camera.rim } satisfies Settings);
-    void keepResult(this.keys, this.found, this.report);
+    background(keepResult(this.keys, this.found, this.report));
   }
 
   private fail(e: unknown): void {
-    if (e instanceof api.Away) this.host.banner(e.message, "server");
-    else if (e instanceof api.Refused) this.host.banner(e.message, "calibrate");
-    else {
-      this.host.banner(WENT_WRONG, "calibrate");
-      throw e;
-    }
+    if (api.isForeseen(e)) this.host.banner(e.message, e.name === "Away" ? "server" : "calibrate");
+    else reportError(e);
   }
 }
 

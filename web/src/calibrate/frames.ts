@@ -1,6 +1,8 @@
 import { Refused } from "../shared/api";
+import { release } from "../shared/media";
 
 const EVERY_S = 0.5;
+const LONGEST_SEEK_MS = 60_000;
 const LONGEST_WAIT_MS = 10_000; // for a picture that is not clear; those of videos hardly ever are
 
 /** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
@@ -30,6 +32,7 @@ export async function framesOf(
       if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
     }
   } finally {
+    release(video);
     URL.revokeObjectURL(address);
   }
 }
@@ -42,28 +45,35 @@ async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   const end = performance.now() + LONGEST_WAIT_MS;
   do {
     context.drawImage(video, 0, 0);
-    if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3]! > 0) break;
+    if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3] > 0) break;
     await new Promise((then) => requestAnimationFrame(then));
   } while (performance.now() < end);
   return canvas;
 }
 
-function event(
+/** Wait for an event of a video; a damaged one may never have it. */
+async function event(
   video: HTMLVideoElement,
   kind: "loadeddata" | "seeked",
   name: string,
 ): Promise<void> {
-  return new Promise((resolve, reject) => {
-    video.addEventListener(kind, () => resolve(), { once: true });
-    video.addEventListener(
-      "error",
-      () =>
+  const ended = new AbortController();
+  const once = { once: true, signal: ended.signal };
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  try {
+    await new Promise<void>((resolve, reject) => {
+      const fail = (): void =>
         reject(
           new Refused(
             `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`,
           ),
-        ),
-      { once: true },
-    );
-  });
+        );
+      video.addEventListener(kind, () => resolve(), once);
+      video.addEventListener("error", fail, once);
+      timer = setTimeout(fail, LONGEST_SEEK_MS);
+    });
+  } finally {
+    clearTimeout(timer);
+    ended.abort();
+  }
 }

@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import type { BoardAsked, BoardSeen } from "../shared/messages";
 import { asStored } from "../shared/media";
@@ -42,7 +43,7 @@ export class Shots {
   all: Shot[] = [];
   /** The board that was looked for last. */
   private lookedFor = "";
-  private looking = new Map<Shot, AbortController>();
+  private readonly looking = new Map<Shot, AbortController>();
   /** What the browser kept and has not given back yet. */
   private coming: Listed[] = [];
 
@@ -102,8 +103,9 @@ export class Shots {
     };
     this.all.push(shot);
     this.told();
-    void keepPicture(shot.key, blob);
+    background(keepPicture(shot.key, blob));
     shot.thumbnail = await thumbnailOf(blob, name);
+    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed meanwhile
     this.hands.changed();
     this.go();
     return true;
@@ -113,7 +115,7 @@ export class Shots {
     this.looking.get(shot)?.abort();
     this.all = this.all.filter((s) => s !== shot);
     URL.revokeObjectURL(shot.thumbnail);
-    void forget(shot.key);
+    background(forget(shot.key));
     this.told();
   }
 
@@ -146,7 +148,7 @@ export class Shots {
     for (const shot of this.all) {
       if (this.looking.size >= AT_ONCE) return;
       if (shot.seen === null && shot.trouble === null && !this.looking.has(shot))
-        void this.look(shot, board);
+        background(this.look(shot, board));
     }
   }
 
@@ -164,7 +166,7 @@ export class Shots {
         time_s: shot.time,
       };
       shot.reason = shot.seen.reason;
-      if (this.all.includes(shot)) void keepSeen(shot.key, shot.seen);
+      if (this.all.includes(shot)) background(keepSeen(shot.key, shot.seen));
     } catch (e) {
       if (e instanceof api.Refused) shot.trouble = e.message;
       else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
@@ -192,8 +194,11 @@ async function thumbnailOf(blob: Blob, name: string): Promise<string> {
     [canvas.width, canvas.height] = [bitmap.width, bitmap.height].map((side) =>
       Math.max(1, Math.round(side * scale)),
     );
-    canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-    bitmap.close();
+    try {
+      canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+    } finally {
+      bitmap.close();
+    }
     const small = await new Promise<Blob | null>((resolve) =>
       canvas.toBlob(resolve, "image/jpeg", 0.8),
     );

@@ -20,14 +20,14 @@ export class Toolbar {
     hidden: true,
     "aria-label": "Pictures or a video of a board",
     id: "calibrate-files",
-  }) as HTMLInputElement;
-  private readonly clear = h("button", { type: "button" }, "Clear") as HTMLButtonElement;
+  });
+  private readonly clear = h("button", { type: "button" }, "Clear");
   private readonly keep: HTMLElement;
   private readonly report = h(
     "button",
     { type: "button", title: "Everything on one page" },
     "Report",
-  ) as HTMLButtonElement;
+  );
 
   constructor(
     private readonly host: Host,

@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import { byId, choices, hideComputed, put } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import type { Mode } from "../shared/state";
@@ -71,11 +72,11 @@ export class Look {
       changed: () => this.sourceChanged(),
       take: (source) => this.others.take(source),
       give: (source, feed) => this.others.give(source, feed),
-      opened: (feed) => void this.first.look(feed),
+      opened: (feed) => background(this.first.look(feed)),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
     this.others = new Others({
-      open: (source) => this.sources.feedNamed(source),
+      open: (source, signal) => this.sources.feedNamed(source, signal),
       fetch: (s) => this.sensor.fetch(s),
       fit: (camera, feed, rim) => this.rim.fit(camera, feed, rim),
       states: () => this.views.others(),

@@ -1,7 +1,8 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, byId } from "../shared/dom";
 import type { Source, StreamState } from "../shared/messages";
-import { isVideo } from "../shared/media";
+import { checkReadable, isVideo } from "../shared/media";
 import { banner, busy, fail } from "../shared/notices";
 import type { State } from "../shared/state";
 import type { Store } from "../shared/store";
@@ -42,17 +43,19 @@ export class Sources {
   /** Who opens project files. */
   projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
-  private readonly webcams = new Webcams((id) => void this.openWebcam(id));
+  private readonly webcams = new Webcams((id) => background(this.openWebcam(id)));
   private heard = ""; // of the server's, the one whose fate is told
   private hasBegun = false;
-  private opened = 0;
+  private opening = new AbortController();
 
   constructor(
     private readonly store: Store,
     private readonly hands: Hands,
   ) {
     this.showWhether(false);
-    store.listen((_, changed) => changed.has("source") && this.hasBegun && void this.openAsked());
+    store.listen(
+      (_, changed) => changed.has("source") && this.hasBegun && background(this.openAsked()),
+    );
   }
 
   /** Begin with what the address asks for. */
@@ -92,6 +95,11 @@ export class Sources {
 
   /** Open a file that was handed to the page, or one that it kept. */
   async openFile(file: Blob, name: string, isNew = true): Promise<void> {
+    try {
+      await checkReadable(file, name);
+    } catch (e) {
+      return fail(e);
+    }
     if (/\.omnimirror$/i.test(name)) return this.projects(file);
     if (/\.(toml|txt)$/i.test(name)) return this.hands.calibrated(file, name);
     const make = (): Promise<Feed> => this.feedOf(file, name);
@@ -135,21 +143,21 @@ export class Sources {
     this.heard = source;
     await this.open(
       `Opening ${name}`,
-      async () => this.hands.take(source) ?? this.feedOfServer(source),
+      async (signal) => this.hands.take(source) ?? this.feedOfServer(source, signal),
       source,
       isAsked,
     );
   }
 
   /** A picture that the browser has kept, or what the server offers. */
-  async feedNamed(source: string): Promise<Feed> {
+  async feedNamed(source: string, signal: AbortSignal): Promise<Feed> {
     const identity = identityIn(source);
     const file = identity && (await keptPicture(identity));
-    return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source);
+    return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source, signal);
   }
 
   /** A picture or stream that the server offers. */
-  private async feedOfServer(source: string): Promise<Feed> {
+  private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
     if (!option) throw new api.Refused(`This server does not offer ${id}.`);
@@ -165,7 +173,7 @@ export class Sources {
     const feed =
       option.dataset.kind === "picture"
         ? await pictureFeed(await api.picture(id), name, true)
-        : await streamFeed(id, name, told);
+        : await streamFeed(id, name, told, signal);
     return Object.assign(feed, { source: option.dataset.command });
   }
 
@@ -176,10 +184,14 @@ export class Sources {
   /** What another sensor needs beside itself: the demo room has another picture of it. What then shows it, or null. */
   async prepare({ source, sensor }: State): Promise<(() => void) | null> {
     if (source !== "room" || !this.shown || this.shown === nameOf(source, sensor)) return null;
-    const number = ++this.opened;
+    const signal = this.supersede();
     const feed = await roomOf(sensor);
+    const drop = (): void => feed.close();
+    if (signal.aborted) drop();
+    signal.addEventListener("abort", drop);
     return () => {
-      if (number !== this.opened) return feed.close();
+      if (signal.aborted) return;
+      signal.removeEventListener("abort", drop);
       this.call(nameOf(source, sensor));
       this.show(feed);
     };
@@ -198,7 +210,7 @@ export class Sources {
   /** Open what the address asks for, and nothing in its place. */
   private async openAsked(): Promise<void> {
     const { source, sensor } = this.store.state;
-    this.opened++; // what is still on its way was asked for before
+    this.supersede(); // what is still on its way was asked for before
     busy(null);
     if (this.shown === nameOf(source, sensor)) return;
     const held = this.hands.take(source);
@@ -241,19 +253,26 @@ export class Sources {
     banner(null, "picture");
   }
 
+  /** Give up what is being opened; the signal is that of what is opened next. */
+  private supersede(): AbortSignal {
+    this.opening.abort();
+    this.opening = new AbortController();
+    return this.opening.signal;
+  }
+
   /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
   private async open(
     words: string,
-    make: () => Promise<Feed>,
+    make: (signal: AbortSignal) => Promise<Feed>,
     source: string | ((feed: Feed) => string) = "",
     isAsked = false,
     turns = !isAsked,
   ): Promise<void> {
-    const number = ++this.opened;
+    const signal = this.supersede();
     busy(`${words}…`);
     try {
-      const feed = await make();
-      if (number !== this.opened) return feed.close();
+      const feed = await make(signal);
+      if (signal.aborted) return feed.close();
       const isAlike =
         isAsked ||
         (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
@@ -264,9 +283,9 @@ export class Sources {
       this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
       if (!isAsked && identityIn(named)) this.hands.opened(feed);
     } catch (e) {
-      if (number === this.opened) fail(e);
+      if (!signal.aborted) fail(e);
     } finally {
-      if (number === this.opened) busy(null);
+      if (!signal.aborted) busy(null);
     }
   }
 
@@ -276,10 +295,12 @@ export class Sources {
 
   private show(feed: Feed): void {
     const { largest } = this.hands;
-    if (Math.max(feed.width, feed.height) > largest)
+    if (Math.max(feed.width, feed.height) > largest) {
+      feed.close();
       throw new api.Refused(
         `${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`,
       );
+    }
     if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
     this.feed = feed;
     this.playback.follow(feed.video ?? null);

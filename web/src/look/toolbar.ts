@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { byId, save } from "../shared/dom";
 import { copy, fail, say } from "../shared/notices";
@@ -31,31 +32,31 @@ export class Toolbar {
     const file = byId<HTMLInputElement>("file");
     for (const id of ["open", "choose"]) byId(id).addEventListener("click", () => file.click());
     file.addEventListener("change", () => {
-      if (file.files?.[0]) void sources.openFile(file.files[0], file.files[0].name);
+      if (file.files?.[0]) background(sources.openFile(file.files[0], file.files[0].name));
       file.value = "";
     });
     for (const id of ["room", "try"])
-      byId(id).addEventListener("click", () => void sources.openRoom());
-    byId("sources").addEventListener(
-      "change",
-      (e) => void sources.openServer((e.target as HTMLSelectElement).value),
+      byId(id).addEventListener("click", () => background(sources.openRoom()));
+    byId("sources").addEventListener("change", (e) =>
+      background(sources.openServer((e.target as HTMLSelectElement).value)),
     );
-    byId("snapshot").addEventListener("click", () => void this.snapshot());
-    byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200)); // once the address is written
-    byId("whole-screen").addEventListener(
-      "click",
-      () =>
-        void (document.fullscreenElement
+    byId("snapshot").addEventListener("click", () => background(this.snapshot()));
+    byId("link").addEventListener("click", () =>
+      setTimeout(() => background(this.copyLink()), 200),
+    ); // once the address is written
+    byId("whole-screen").addEventListener("click", () =>
+      background(
+        document.fullscreenElement
           ? document.exitFullscreen()
           : byId("stage")
               .requestFullscreen()
-              .catch(() => say("This browser does not show it on the full screen."))),
+              .catch(() => say("This browser does not show it on the full screen.")),
+      ),
     );
-    byId("copy-command").addEventListener(
-      "click",
-      () => void copy(byId("command-line").textContent ?? "", "Command"),
+    byId("copy-command").addEventListener("click", () =>
+      background(copy(byId("command-line").textContent ?? "", "Command")),
     );
-    byId("save-sensor").addEventListener("click", () => void this.saveSensor());
+    byId("save-sensor").addEventListener("click", () => background(this.saveSensor()));
     byId("save-picture").addEventListener(
       "click",
       () => sources.feed?.made && save(sources.feed.made, sources.feed.name),
@@ -77,7 +78,7 @@ export class Toolbar {
       e.preventDefault();
       frame.classList.remove("dropping");
       const file = e.dataTransfer?.files[0];
-      if (file) void this.hands.sources.openFile(file, file.name);
+      if (file) background(this.hands.sources.openFile(file, file.name));
     });
   }
 

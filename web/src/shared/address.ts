@@ -13,7 +13,7 @@ export function toHash(s: State): string {
       continue;
     parts.set(
       key,
-      Array.isArray(value) ? value.map((x) => +x.toFixed(3)).join(",") : String(value),
+      Array.isArray(value) ? value.map((x: number) => +x.toFixed(3)).join(",") : String(value),
     );
   }
   const text = parts.toString();

@@ -45,6 +45,10 @@ export class Away extends Error {
   override readonly name = "Away";
 }
 
+/** Whether a failure was foreseen: its message is for users. By name, as each script of the page has classes of its own. */
+export const isForeseen = (e: unknown): e is Error =>
+  e instanceof Error && (e.name === "Refused" || e.name === "Away");
+
 // -- what both tabs ask ---------------------------------------------------------------------------
 
 export const isThere = async (): Promise<boolean> =>
@@ -77,17 +81,14 @@ export const picture = async (id: string): Promise<Blob> =>
   (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await handedUp("api/pictures", file, { name })).blob();
-export const rim = async (picture: Blob, name: string): Promise<RimFound> =>
-  (await handedUp("api/rim", picture, { name })).json();
-export const level = async (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
-  (await ask("api/level", { method: "POST", body: pack(asked, picture) })).json();
+export const rim = (picture: Blob, name: string): Promise<RimFound> =>
+  json(handedUp("api/rim", picture, { name }));
+export const level = (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
+  json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
 export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> =>
   (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
-export const loadSensor = async (
-  file: Blob,
-  name: string,
-  optics = "mirror",
-): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
+export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
+  json(handedUp("api/sensors", file, { name, optics }));
 export const sensorFile = async (asked: SensorFile): Promise<string> =>
   (await posted("api/sensor-file", asked)).text();
 
@@ -95,12 +96,12 @@ export const sensorFile = async (asked: SensorFile): Promise<string> =>
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = async (asked: Change): Promise<BenchSensor> =>
-  (await posted("api/bench/change", asked)).json();
-export const slides = async (asked: SlidesAsk): Promise<SlidesOf> =>
-  (await posted("api/bench/slides", asked)).json();
-export const openFile = async (file: Blob, name: string): Promise<Opened> =>
-  (await handedUp("api/bench/open", file, { name })).json();
+export const change = (asked: Change): Promise<BenchSensor> =>
+  json(posted("api/bench/change", asked));
+export const slides = (asked: SlidesAsk): Promise<SlidesOf> =>
+  json(posted("api/bench/slides", asked));
+export const openFile = (file: Blob, name: string): Promise<Opened> =>
+  json(handedUp("api/bench/open", file, { name }));
 export const requirements = async (file: RequirementFile): Promise<Blob> =>
   (await posted("api/bench/requirements", file)).blob();
 
@@ -112,8 +113,8 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
 }
 
 /** How far such a file is; null before it is begun, and when it is there. */
-export const making = async (asked: Download): Promise<FileUnderWay | null> =>
-  (await posted("api/bench/making", asked)).json();
+export const making = (asked: Download): Promise<FileUnderWay | null> =>
+  json(posted("api/bench/making", asked));
 
 /** The picture that a design takes of a room, and its panorama. */
 export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
@@ -125,10 +126,9 @@ export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panoram
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
-export const errors = async (asked: ErrorsAsk): Promise<ErrorsOf> =>
-  (await posted("api/bench/errors", asked)).json();
-export const yields = async (asked: YieldAsk): Promise<YieldOf> =>
-  (await posted("api/bench/yield", asked)).json();
+export const errors = (asked: ErrorsAsk): Promise<ErrorsOf> =>
+  json(posted("api/bench/errors", asked));
+export const yields = (asked: YieldAsk): Promise<YieldOf> => json(posted("api/bench/yield", asked));
 
 /** A sensor with errors: numbers, the places of objects, and by calibrations how far they have gone. */
 export async function built(
@@ -144,16 +144,10 @@ export async function built(
 // -- calibrating ----------------------------------------------------------------------------------
 
 export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
-export const look = async (
-  picture: Blob,
-  asked: BoardLook,
-  signal: AbortSignal,
-): Promise<BoardSeen> =>
-  (
-    await ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal })
-  ).json();
-export const together = async (asked: TogetherAsk): Promise<Together> =>
-  (await posted("api/calibrate/together", asked)).json();
+export const look = (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> =>
+  json(ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal }));
+export const together = (asked: TogetherAsk): Promise<Together> =>
+  json(posted("api/calibrate/together", asked));
 export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> =>
   (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
 
@@ -161,8 +155,9 @@ export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob>
 
 type Query = Record<string, unknown>;
 
-const got = async <T>(path: string, query: Query = {}): Promise<T> =>
-  (await ask(to(path, query))).json() as Promise<T>;
+const json = async <T>(answer: Promise<Response>): Promise<T> =>
+  (await answer).json() as Promise<T>;
+const got = <T>(path: string, query: Query = {}): Promise<T> => json(ask(to(path, query)));
 const handedUp = (path: string, file: Blob, query: Query): Promise<Response> =>
   ask(to(path, query), { method: "POST", body: file });
 const posted = (path: string, body: unknown): Promise<Response> =>
@@ -221,6 +216,7 @@ export class ServerTask<News> {
 
   /** Send what is asked, and hear of it until it ends; `cutOff` where the server has gone. */
   begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
+    this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
     socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
     socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as News);

@@ -12,6 +12,7 @@ interface Webcam {
 
 const NAMES = "omnimirror-webcams"; // the last cameras: what each was called
 const LAST = 20;
+const FIRST_FRAME_MS = 10_000; // of a camera that was opened
 
 /** A camera of this machine; `lost` is told when it goes. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
@@ -38,7 +39,14 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     muted: true,
     playsInline: true,
   });
-  await started(video);
+  try {
+    await started(video, FIRST_FRAME_MS);
+  } catch {
+    release(video);
+    throw new Refused(
+      "The camera gives no image. Check that it is connected and that no other program uses it; then try again.",
+    );
+  }
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
   track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
@@ -50,7 +58,7 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
       [[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST),
     ),
   );
-  return { video, name, device, close: () => track.stop() };
+  return { video, name, device, close: () => release(video) };
 }
 
 const named = (): [string, string][] =>
@@ -60,20 +68,53 @@ const named = (): [string, string][] =>
 async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
   const name = named().find(([device]) => device === id)?.[1];
   const any = await openedWebcam("", lost); // once one is allowed, all are called by their names
-  const cameras = await navigator.mediaDevices.enumerateDevices();
-  const same = cameras.find((d) => d.kind === "videoinput" && d.label === name);
+  const same = (await videoInputs()).find((d) => d.label === name);
   if (!same || same.deviceId === any.device) return any;
   any.close();
   return openedWebcam(same.deviceId, lost);
 }
 
-/** Wait until a video shows something. */
-export function started(video: HTMLVideoElement): Promise<void> {
-  return new Promise((resolve, reject) => {
-    video.onloadeddata = () => resolve();
-    video.onerror = reject;
-    video.play().catch(reject);
-  });
+/** The cameras of this machine; none where the browser does not list them. */
+export async function videoInputs(): Promise<MediaDeviceInfo[]> {
+  const devices = await navigator.mediaDevices.enumerateDevices().catch(() => []);
+  return devices.filter((d) => d.kind === "videoinput");
+}
+
+/** Play a video and wait for its first frame; reject after `limitMs` without one. */
+export async function started(video: HTMLVideoElement, limitMs?: number): Promise<void> {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  try {
+    await new Promise<void>((resolve, reject) => {
+      const fail = (): void => reject(new Error("The video does not start."));
+      if (limitMs !== undefined) timer = setTimeout(fail, limitMs);
+      video.onloadeddata = () => resolve();
+      video.onerror = fail;
+      video.play().catch(fail);
+    });
+  } finally {
+    clearTimeout(timer);
+    video.onloadeddata = video.onerror = null;
+  }
+}
+
+/** Stop a video and release what it plays: the tracks of a camera, or the memory of a file. */
+export function release(video: HTMLVideoElement): void {
+  video.pause();
+  (video.srcObject as MediaStream | null)?.getTracks().forEach((track) => track.stop());
+  video.srcObject = null;
+  video.removeAttribute("src");
+  video.load();
+}
+
+/** Check that a file can be read, which one that was moved or deleted cannot, nor a folder. */
+export async function checkReadable(file: Blob, name: string): Promise<void> {
+  try {
+    await file.slice(0, 1).arrayBuffer();
+  } catch {
+    throw new Refused(
+      `${name} cannot be read. Check that it is a file and no folder, that it still exists and that you may read it; then open it again.`,
+    );
+  }
 }
 
 export const isVideo = (file: Blob, name: string): boolean =>

@@ -39,7 +39,7 @@ function open(): Promise<IDBDatabase> {
     const request = indexedDB.open("omnimirror-studio", 1);
     request.onupgradeneeded = () => request.result.createObjectStore(STORE);
     request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error);
+    request.onerror = () => reject(request.error!);
   });
 }
 
@@ -65,4 +65,4 @@ export const shelved = <T>(key: string): Promise<T | undefined> =>
 export const shelve = (key: string, value: unknown): Promise<unknown> =>
   run("readwrite", (store) => store.put(value, key));
 export const unshelve = (key: string): Promise<unknown> =>
-  run("readwrite", (store) => store.delete(key) as IDBRequest<undefined>);
+  run("readwrite", (store) => store.delete(key));

@@ -18,7 +18,7 @@ export class Store {
   entered: () => void = () => {};
   /** What is done before the page is left. */
   leaving: () => void = () => {};
-  private listeners: Listener[] = [];
+  private readonly listeners: Listener[] = [];
   private pending = 0;
   private written = location.hash;
 

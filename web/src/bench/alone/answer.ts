@@ -1,5 +1,6 @@
 /** What a design does, as studio/bench/answers.py answers it: its curves, its section, its squares. */
 import type { Ask, BenchAlone, Facts } from "../../shared/messages";
+import type { Tables } from "../designs/design";
 import type { Found, Table } from "../found";
 import { idealOf, Trouble } from "./ideal";
 import { type Columns, type Ideal, Kernel, WAVELENGTH_NM } from "./kernel";
@@ -143,7 +144,7 @@ function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
 const finite = (value: number): number | null => (Number.isFinite(value) ? value : null);
 
 /** The largest circle about the axis that the imager holds, px. */
-function inscribed({ width_px: w, height_px: h, centre_px: centre }: Record<string, any>): number {
+function inscribed({ width_px: w, height_px: h, centre_px: centre }: Tables): number {
   const [u, v] = (centre as [number, number] | undefined) ?? [(w - 1) / 2, (h - 1) / 2];
   return Math.min(u, v, w - 1 - u, h - 1 - v) + 0.5;
 }

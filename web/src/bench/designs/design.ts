@@ -1,5 +1,7 @@
 import type { Facts } from "../../shared/messages";
 
+/** Parsed TOML; the server checks its entries. */
+// eslint-disable-next-line @typescript-eslint/no-explicit-any
 export type Tables = Record<string, any>;
 
 /** Everything that says what design is on the bench. */

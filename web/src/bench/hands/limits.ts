@@ -34,7 +34,7 @@ export class LimitLines implements Over {
   private lines: Line[] = [];
   private elements: HTMLElement[] = [];
   private area: Area | null = null;
-  private held = { top: 0 };
+  private readonly held = { top: 0 };
 
   constructor(private readonly hands: LimitHands) {}
 

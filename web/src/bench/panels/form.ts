@@ -31,8 +31,8 @@ const FAR: ParameterOf = {
 
 /** Sliders and number fields, made from what the parts say of themselves. */
 export class Form {
-  private fields = new Map<string, Field>();
-  private defaults = new Map<string, number>();
+  private readonly fields = new Map<string, Field>();
+  private readonly defaults = new Map<string, number>();
   private readonly unfolded = new Set<string>();
   private shape = "";
   private last = "";
@@ -183,7 +183,8 @@ export class Form {
   }
 
   private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
-    if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
+    if (p.choices.length)
+      return [this.words(section, p, (value as string | undefined) ?? p.choices[0])];
     if (value === undefined || value === null) return [];
     return p.is_list
       ? this.list(section, p, value as number[])

@@ -23,7 +23,7 @@ export class RequirementsPanel {
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private shape = "";
-  private marks = new Map<string, HTMLElement>();
+  private readonly marks = new Map<string, HTMLElement>();
   private inputs: { input: HTMLInputElement; value: () => number | null | undefined }[] = [];
 
   constructor(

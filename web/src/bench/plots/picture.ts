@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h } from "../../shared/dom";
 import { type Design, nameOf } from "../designs/design";
@@ -27,7 +28,7 @@ export class PictureView {
   show(design: Design): void {
     if (this.wanted?.tables === design.tables) return;
     this.wanted = design;
-    if (!this.isTaking) void this.take();
+    if (!this.isTaking) background(this.take());
   }
 
   /** One picture at a time, of what is newest then. */

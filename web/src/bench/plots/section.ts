@@ -72,7 +72,7 @@ export class SectionView {
     );
     cursor.listen(() => this.drawCursor());
     for (const place of [this.whole, this.close])
-      place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
+      place.addEventListener("pointermove", (e) => this.moved(place, e));
     this.sizes = new Sizes([this.whole, this.close], true, () => this.draw());
   }
 

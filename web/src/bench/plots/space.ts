@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { h } from "../../shared/dom";
 import { unfetched } from "../../shared/texts";
 import type { begin } from "../../space/begin";
@@ -36,7 +37,7 @@ export class SpacePlot {
 
   show(drawn: Drawn[]): void {
     this.first = drawn[0]?.found.block("rays") ? drawn[0] : null;
-    if (!this.view) void this.fetch();
+    if (!this.view) background(this.fetch());
     else if (this.first) this.view.show(this.first.found);
   }
 

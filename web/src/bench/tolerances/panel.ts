@@ -98,7 +98,7 @@ export class TolerancesPanel {
   private tables: Tables | null = null;
   private values = new Map<string, number>();
   private tolerances = new Map<string, number>();
-  private rows = new Map<string, ErrorRow>();
+  private readonly rows = new Map<string, ErrorRow>();
   private last: Moved | null = null;
   /** What is to be tried as soon as the errors are known. */
   private wanted: Trying | null = null;
@@ -260,7 +260,7 @@ export class TolerancesPanel {
     );
   }
 
-  private numbersOf = (name: string): { value: number; tolerance: number } => ({
+  private readonly numbersOf = (name: string): { value: number; tolerance: number } => ({
     value: this.values.get(name) ?? 0,
     tolerance: this.tolerances.get(name) ?? 0,
   });

@@ -14,14 +14,14 @@ export class BoardPanel {
     "select",
     {},
     ...KINDS.map(([value, text]) => h("option", { value }, text)),
-  ) as HTMLSelectElement;
+  );
   private readonly columns = number({ min: "2", max: "200", step: "1", value: "11" });
   private readonly rows = number({ min: "2", max: "200", step: "1", value: "7" });
   private readonly square = number({ min: "0.001", step: "any", value: "30" });
   private readonly marker = number({ min: "0", step: "any", placeholder: "¾" });
   private readonly spacing = number({ min: "0.01", max: "1", step: "any", value: "0.3" });
   private readonly family: HTMLSelectElement;
-  private readonly legacy = h("input", { type: "checkbox" }) as HTMLInputElement;
+  private readonly legacy = h("input", { type: "checkbox" });
   private readonly counted = h("span", {});
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private readonly command = h("code", { tabIndex: 0 });
@@ -40,7 +40,7 @@ export class BoardPanel {
       {},
       h("option", { value: "" }, "usual"),
       ...families.map((name) => h("option", { value: name }, name)),
-    ) as HTMLSelectElement;
+    );
     this.columns.setAttribute("aria-label", "Columns");
     this.rows.setAttribute("aria-label", "Rows");
     const size = h(
@@ -164,7 +164,7 @@ export class BoardPanel {
 }
 
 const number = (properties: Record<string, unknown>): HTMLInputElement =>
-  h("input", { type: "number", ...properties }) as HTMLInputElement;
+  h("input", { type: "number", ...properties });
 
 function field(title: string, input: HTMLElement): HTMLElement {
   input.id = unique();

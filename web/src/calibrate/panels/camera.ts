@@ -138,8 +138,8 @@ export class CameraPanel {
 }
 
 const select = (all: [string, string][]): HTMLSelectElement =>
-  h("select", {}, ...all.map(([value, text]) => h("option", { value }, text))) as HTMLSelectElement;
-const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" }) as HTMLInputElement;
+  h("select", {}, ...all.map(([value, text]) => h("option", { value }, text)));
+const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" });
 
 function field(title: string, input: HTMLElement): HTMLElement {
   input.id = unique();

@@ -26,22 +26,22 @@ export class RunPanel {
     "button",
     { type: "button", className: "primary", onclick: () => this.start() },
     "Calibrate",
-  ) as HTMLButtonElement;
+  );
   private readonly enough = h(
     "button",
     { type: "button", hidden: true, onclick: () => this.end() },
     "Stop, and keep what is found",
-  ) as HTMLButtonElement;
+  );
   private readonly cancel = h(
     "button",
     { type: "button", hidden: true, onclick: () => this.over("Cancelled.") },
     "Cancel",
-  ) as HTMLButtonElement;
+  );
   private readonly bar = h("progress", {
     max: 1,
     hidden: true,
     "aria-label": "Calibration",
-  }) as HTMLProgressElement;
+  });
   private readonly said = h("p", { className: "words", role: "status" });
 
   constructor(

@@ -1,7 +1,8 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
 import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
-import { openedWebcam } from "../../shared/media";
+import { openedWebcam, videoInputs } from "../../shared/media";
 import { cellsOf, crosses, movedBy } from "../drawing";
 
 const STILL = 0.008; // of the picture's longer side, between two looks
@@ -23,16 +24,17 @@ export class WebcamPane {
   private readonly stage = h("div", { className: "live" });
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
   private readonly said = h("p", { className: "advice", role: "status" });
-  private readonly auto = h("input", { type: "checkbox", checked: true }) as HTMLInputElement;
+  private readonly auto = h("input", { type: "checkbox", checked: true });
   private readonly which = h("select", {
     "aria-label": "Which webcam",
     hidden: true,
-  }) as HTMLSelectElement;
+  });
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
   private before: BoardSeen | null = null;
   private wanted = false;
   private number = 0;
+  private looking = new AbortController();
 
   constructor(private readonly hands: Hands) {
     const buttons = h(
@@ -59,7 +61,7 @@ export class WebcamPane {
       ),
       buttons,
     );
-    this.which.addEventListener("change", () => void this.open(this.which.value));
+    this.which.addEventListener("change", () => background(this.open(this.which.value)));
   }
 
   get isOpen(): boolean {
@@ -81,9 +83,11 @@ export class WebcamPane {
       this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${video.videoWidth} ${video.videoHeight}`);
       this.stage.replaceChildren(video, this.overlay);
       await this.offer(device);
+      if (number !== this.number) return;
       this.say("Show it the board.");
-      void this.run(number);
+      background(this.run(number));
     } catch (e) {
+      if (number !== this.number) return;
       this.stop();
       this.hands.fail(e);
     }
@@ -91,6 +95,8 @@ export class WebcamPane {
 
   stop(): void {
     this.number++;
+    this.looking.abort();
+    this.looking = new AbortController();
     this.close();
     this.close = () => {};
     this.video = this.before = null;
@@ -101,9 +107,7 @@ export class WebcamPane {
   }
 
   private async offer(device: string): Promise<void> {
-    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter(
-      (d) => d.kind === "videoinput",
-    );
+    const cameras = await videoInputs();
     this.which.replaceChildren(
       ...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)),
     );
@@ -119,11 +123,7 @@ export class WebcamPane {
         await rest(REST_MS);
       } catch (e) {
         if (number !== this.number) return;
-        this.say(
-          e instanceof Error && (e instanceof api.Refused || e instanceof api.Away)
-            ? e.message
-            : "Something went wrong with this picture.",
-        );
+        this.say(api.isForeseen(e) ? e.message : "Something went wrong with this picture.");
         await rest(PAUSE_MS);
       }
     }
@@ -137,7 +137,7 @@ export class WebcamPane {
     const seen = await api.look(
       frame,
       { ...board, name: "the picture", quick: true },
-      new AbortController().signal,
+      this.looking.signal,
     );
     const together = await this.hands.together(seen);
     if (number !== this.number) return;

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
 import type { CalibrationFound } from "../../shared/messages";
@@ -24,9 +25,9 @@ export class Single {
   });
   private readonly title = h("b", {});
   private readonly words = h("p", { className: "words" });
-  private readonly image = h("img", {}) as HTMLImageElement;
+  private readonly image = h("img", {});
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
-  private readonly straight = h("img", { alt: "The board, straightened" }) as HTMLImageElement;
+  private readonly straight = h("img", { alt: "The board, straightened" });
   private readonly straightFigure: HTMLElement;
   private readonly straightWords = h("figcaption", {});
   private readonly again: HTMLElement;
@@ -67,7 +68,7 @@ export class Single {
       this.shot = null;
       return;
     }
-    if (shot !== this.shot) void this.load(shot);
+    if (shot !== this.shot) background(this.load(shot));
     this.title.textContent = shot.name;
     this.again.hidden = shot.trouble === null;
     const outcome = found?.pictures.find((p) => p.name === shot.name) ?? null;
@@ -80,7 +81,7 @@ export class Single {
       ? `${state}, ${px(outcome.rms_px)} off on the average; drawn ${times} times as long.`
       : state;
     this.draw(shot, rim, outcome?.used ? arrows(outcome.residuals, times) : "");
-    if (shot !== this.shot || found !== this.shown) void this.straighten(shot, found);
+    if (shot !== this.shot || found !== this.shown) background(this.straighten(shot, found));
     this.shot = shot;
     this.shown = found;
   }

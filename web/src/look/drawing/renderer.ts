@@ -21,7 +21,7 @@ export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private program!: WebGLProgram;
   private textures!: Record<keyof typeof UNITS, WebGLTexture>;
-  private places = new Map<string, WebGLUniformLocation | null>();
+  private readonly places = new Map<string, WebGLUniformLocation | null>();
   private camera: Camera | null = null;
   private pictureSize: [number, number] = [0, 0];
   private restored: WebGLTexture | null = null;

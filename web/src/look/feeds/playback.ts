@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { byId } from "../../shared/dom";
 
 /** Stopping a video, and going to another place in it. */
@@ -29,7 +30,7 @@ export class Playback {
 
   toggle(): void {
     if (!this.video) return;
-    if (this.video.paused) void this.video.play();
+    if (this.video.paused) background(this.video.play());
     else this.video.pause();
   }
 

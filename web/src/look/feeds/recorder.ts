@@ -35,13 +35,19 @@ export class Recorder {
     if (!kind) return say("This browser does not record canvases.");
     const pieces: Blob[] = [];
     const stream = this.view.captureStream(30);
-    const recorder = (this.running = new MediaRecorder(stream, {
-      mimeType: kind,
-      videoBitsPerSecond: 12e6,
-    }));
+    const release = (): void => stream.getTracks().forEach((track) => track.stop());
+    let recorder: MediaRecorder;
+    try {
+      recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 12e6 });
+      recorder.start(1000);
+    } catch {
+      release();
+      return say("This browser cannot record the view.");
+    }
+    this.running = recorder;
     recorder.ondataavailable = (e) => pieces.push(e.data);
     recorder.onstop = () => {
-      stream.getTracks().forEach((track) => track.stop());
+      release();
       this.running = null;
       this.show(false);
       save(
@@ -49,7 +55,6 @@ export class Recorder {
         `view.${kind.startsWith("video/mp4") ? "mp4" : "webm"}`,
       );
     };
-    recorder.start(1000);
     this.show(true);
     this.started();
   }

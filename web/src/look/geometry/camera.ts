@@ -76,11 +76,7 @@ export class Camera {
   /** Under what a target is seen: sin(Omega/2), and cosine and sine of the azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
-    const seen: Vec3 = [
-      dot(target, axis as Vec3),
-      dot(target, right as Vec3),
-      dot(target, down as Vec3),
-    ];
+    const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
     if (isPoint && t.starts) return this.solveInSpace(seen);
     const [s, cos, sin] = polar(seen);
     return [isPoint && t.origins ? this.solve(Math.hypot(seen[1], seen[2]), seen[0]) : s, cos, sin];
@@ -110,16 +106,16 @@ export class Camera {
     if (!(s <= end + 1e-6 && s >= this.model.tables.first - 1e-6)) return null;
     const cosine = Math.sqrt(Math.max(0, 1 - s * s));
     return sum(
-      times(1 - 2 * s * s, this.model.axis as Vec3),
-      times(2 * cosine * x, this.model.right as Vec3),
-      times(2 * cosine * y, this.model.down as Vec3),
+      times(1 - 2 * s * s, this.model.axis),
+      times(2 * cosine * x, this.model.right),
+      times(2 * cosine * y, this.model.down),
     );
   }
 
   /** The pixel at a place of the disk sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
-    let [du, dv] = [0, 0];
+    let du: number, dv: number;
     if (this.model.tables.lattice) {
       const [u, v] = this.latticeAt(x, y);
       [du, dv] = [u - own.u, v - own.v];

@@ -41,7 +41,7 @@ export class CirclePane {
     for (const end of ["pointerup", "pointercancel"] as const)
       this.overlay.addEventListener(end, () => this.letGo());
     for (const which of ["centre", "radius"] as const)
-      this.handles[which].addEventListener("keydown", (e) => this.key(e as KeyboardEvent, which));
+      this.handles[which].addEventListener("keydown", (e) => this.key(e, which));
     this.overlay.append(this.drawn);
   }
 

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { byId, h } from "../../shared/dom";
 import { INITIAL, type Looks } from "../../shared/state";
 import type { Store } from "../../shared/store";
@@ -67,7 +68,7 @@ export class FirstLook {
       this.card.hidden = true;
       if (changed.has("sensor")) this.isKnown = true;
       const feed = hands.feed();
-      if (changed.has("sensor") && feed) void this.look(feed);
+      if (changed.has("sensor") && feed) background(this.look(feed));
     });
   }
 
@@ -120,7 +121,7 @@ export class FirstLook {
     const answers = TAKEN_BY.map((given) =>
       h(
         "button",
-        { type: "button", onclick: () => void this.answered(given) },
+        { type: "button", onclick: () => background(this.answered(given)) },
         given.answer,
         h("small", {}, given.seen),
       ),
@@ -146,7 +147,7 @@ export class FirstLook {
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);
     if (rim && !alone)
-      requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
+      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // once it is drawn through the new camera
   }
 
   private fromFile(): void {

@@ -26,7 +26,7 @@ interface Shown {
 /** Dragging, wheel, pinch and keys on the view. */
 export class Gestures {
   glides = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-  private pointers = new Map<number, PointerEvent>();
+  private readonly pointers = new Map<number, PointerEvent>();
   private speed = { x: 0, y: 0, at: 0 };
   private gliding = 0;
 

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { allow, byId } from "../../shared/dom";
 import { say } from "../../shared/notices";
 import { wrapped } from "../../shared/numbers";
@@ -24,7 +25,7 @@ export class GyroscopePanel {
 
   constructor(private readonly store: Store) {
     this.button.hidden = !matchMedia("(any-pointer: coarse)").matches;
-    this.button.addEventListener("click", () => void (this.isOn ? this.stop() : this.start()));
+    this.button.addEventListener("click", () => background(this.isOn ? this.stop() : this.start()));
     if (!isSecureContext) allow(this.button, NOT_SAFE);
     else allow(this.button, "DeviceOrientationEvent" in window ? null : NOT_TOLD);
   }
@@ -43,6 +44,7 @@ export class GyroscopePanel {
     this.button.setAttribute("aria-pressed", "true");
     this.last = null;
     addEventListener("deviceorientation", this.told);
+    clearTimeout(this.waiting);
     this.waiting = window.setTimeout(() => this.give(), WAIT_MS);
   }
 

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail, say } from "../../shared/notices";
@@ -32,8 +33,10 @@ export class LevelPanel {
       if (isOn && !isLevelled(store.state)) store.set({ mode: "panorama" });
       changed();
     });
-    this.finder.addEventListener("click", () => void this.find());
-    byId("plumb").addEventListener("click", () => void this.sensor().want({ pitch: 0, roll: 0 }));
+    this.finder.addEventListener("click", () => background(this.find()));
+    byId("plumb").addEventListener("click", () =>
+      background(this.sensor().want({ pitch: 0, roll: 0 })),
+    );
   }
 
   /** What is looked at, and through what. */

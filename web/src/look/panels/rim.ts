@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
 import type { CameraShown, RimFound } from "../../shared/messages";
@@ -29,7 +30,7 @@ export class RimPanel {
       byId("rim-numbers").hidden = !isFitting;
       toggled(isFitting);
     });
-    this.finder.addEventListener("click", () => void this.findHere());
+    this.finder.addEventListener("click", () => background(this.findHere()));
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
     for (const input of this.inputs)
       input.addEventListener("change", () => {

@@ -1,5 +1,7 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId, choices } from "../../shared/dom";
+import { checkReadable } from "../../shared/media";
 import type { SensorEntry } from "../../shared/messages";
 import { banner, busy, fail, say } from "../../shared/notices";
 import { INITIAL, type Looks, type State } from "../../shared/state";
@@ -45,53 +47,47 @@ export class SensorPanel {
       ["down", "down"],
       ["forward", "ahead"],
     ] as const;
-    this.showLooks = choices<Looks>(
-      byId("looks"),
-      "looks",
-      looks,
-      (value) => void this.want({ looks: value, pitch: null, roll: null }),
+    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) =>
+      background(this.want({ looks: value, pitch: null, roll: null })),
     ); // a lean is one of the way that it looks
     const optics = [
       ["mirror", "a mirror"],
       ["fisheye", "a fisheye"],
     ] as const;
-    this.showOptics = choices<Optics>(
-      byId("optics"),
-      "optics",
-      optics,
-      (value) => void this.loadAgain(value),
+    this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) =>
+      background(this.loadAgain(value)),
     );
-    this.select.addEventListener(
-      "change",
-      () => void this.want({ sensor: this.select.value, ...AS_IN_FILE }),
+    this.select.addEventListener("change", () =>
+      background(this.want({ sensor: this.select.value, ...AS_IN_FILE })),
     );
     byId("load").addEventListener("click", () => byId<HTMLInputElement>("calibration").click());
     byId<HTMLInputElement>("calibration").addEventListener("change", (e) => {
       const input = e.target as HTMLInputElement;
-      if (input.files?.[0]) void this.load(input.files[0], input.files[0].name);
+      if (input.files?.[0]) background(this.load(input.files[0], input.files[0].name));
       input.value = "";
     });
     const ball = byId<HTMLInputElement>("ball-field");
     ball.addEventListener(
       "change",
-      () => ball.checkValidity() && void this.want({ sensor: `ball:${+ball.value}` }),
+      () => ball.checkValidity() && background(this.want({ sensor: `ball:${+ball.value}` })),
     );
     const forward = byId<HTMLInputElement>("forward");
     forward.addEventListener(
       "change",
-      () => forward.checkValidity() && void this.want({ forward: +forward.value }),
+      () => forward.checkValidity() && background(this.want({ forward: +forward.value })),
     );
     for (const key of ["pitch", "roll"] as const) {
       const input = byId<HTMLInputElement>(key);
       input.addEventListener(
         "change",
-        () => input.checkValidity() && void this.want({ [key]: +input.value }),
+        () => input.checkValidity() && background(this.want({ [key]: +input.value })),
       );
     }
     const flipped = byId<HTMLInputElement>("flipped");
-    flipped.addEventListener("change", () => void this.want({ flipped: flipped.checked }));
+    flipped.addEventListener("change", () => background(this.want({ flipped: flipped.checked })));
     store.listen(
-      (_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want(),
+      (_, changed) =>
+        this.chosen && CHOSEN.some((key) => changed.has(key)) && background(this.want()),
     );
   }
 
@@ -108,6 +104,7 @@ export class SensorPanel {
   /** Read a calibration file, and choose it; `isMade` is for one of a design on the bench. */
   async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
     try {
+      await checkReadable(file, name);
       const entry = await api.loadSensor(file, name, optics);
       await keep(entry.id, { blob: file, name, optics, isMade });
       if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade))
@@ -221,7 +218,9 @@ export class SensorPanel {
   settleLean(): void {
     const mount = this.camera?.model.mount;
     if (mount)
-      void this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) });
+      background(
+        this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) }),
+      );
   }
 
   private show({ model }: Camera): void {

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail } from "../../shared/notices";
@@ -41,7 +42,7 @@ export class WipePanel {
     const by = nameOf(camera, this.store.state.distance);
     if (this.asked && (this.asked.feed !== feed || this.asked.by !== by || wipe === null || reason))
       this.forget();
-    if (wipe !== null && !reason && !this.asked) void this.restore(camera, feed, by);
+    if (wipe !== null && !reason && !this.asked) background(this.restore(camera, feed, by));
     this.place.hidden = this.share === null;
     if (wipe === null || this.place.hidden) return;
     const { offsetTop, offsetLeft, offsetWidth, offsetHeight } = canvas;
