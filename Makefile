@@ -50,10 +50,11 @@ programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the packag
 	done
 	$(BLENDER_PYTHON) -m venv $(VENV)/blender && $(VENV)/blender/bin/python -m pip --quiet install bpy
 
-lint: $(VENV)/.test
+lint: $(VENV)/.test node
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	@! command -v npm >/dev/null || { cd web && npm run --silent lint; }
 
 # The browser in which the studio's page is tested. The shell without windows takes half of the processor time of the
 # whole: it draws pages alone, no frame around them.
@@ -69,10 +70,10 @@ firefox:
 	  command -v apt-get >/dev/null && apt-get -qq update && apt-get -qq install -y firefox-esr >/dev/null; } || \
 	  echo "there is no firefox here: the tests of the studio's page in it are skipped"
 
-# What builds the studio's page, and examines it: for the tests of its sources, and its own unit tests.
+# Tools that build, lint and test the studio's page.
 node:
 	@if command -v npm >/dev/null; then $(MAKE) -s web/node_modules/.made; else \
-	  echo "there is no npm here: the page's unit tests, that it is built from its sources, and axe are skipped"; fi
+	  echo "npm is not installed: the page's linter, formatter, unit tests, build comparison and axe tests are skipped"; fi
 
 web/node_modules/.made: web/package-lock.json
 	cd web && npm ci --no-audit --no-fund --loglevel=error
@@ -82,9 +83,10 @@ page: $(VENV)/.test  ## Build the studio's page from web/ (needs Node 20)
 	$(BIN)/python web/message_types.py
 	cd web && npm ci --no-audit --no-fund && npm run build
 
-format: $(VENV)/.test  ## Format the code
+format: $(VENV)/.test node  ## Format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	@! command -v npm >/dev/null || { cd web && npm run --silent format; }
 
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
 	$(BIN)/python benchmarks/evaluation_time.py --out out/benchmarks
