@@ -45,7 +45,8 @@ FIGURES = (
 )
 HOUSED = (
     SENSOR.format(a="50.0", b="11.6", c="64", d="185.93", e="")
-    + "[housing.tube]\ndiameter_mm = {a}\nwall_mm = {b}\n[housing.camera]\ndiameter_mm = {c}\n[housing.rim]\nwidth_mm = {d}\n{e}"
+    + "[housing.tube]\ndiameter_mm = {a}\nwall_mm = {b}\n[housing.camera]\ndiameter_mm = {c}\n"
+    + "[housing.rim]\nwidth_mm = {d}\n{e}"
 )
 USUAL = {
     SENSOR: ("50.0", "11.6", "64", "185.93"),
