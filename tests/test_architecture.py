@@ -72,8 +72,9 @@ READERS = {
     "open", "read_text", "read_bytes", "loads", "loadtxt", "genfromtxt", "fromfile", "memmap", "ZipFile", "TarFile",
     "GzipFile", "decompress", "decompressobj", "imread", "imdecode", "VideoCapture", "FileStorage", "read_topography",
     "open_topography", "load_scene", "load_mesh", "AnyReader", "ParquetFile", "read_table", "read_metadata",
-    "safe_load", "compose", "readfile", "loadmat", "np.load", "numpy.load", "json.load", "yaml.load", "tomllib.load", "pickle.load",
-    "trimesh.load", "yaml.parse", "ElementTree.parse", "ET.parse", "ElementTree.fromstring", "library.File",
+    "safe_load", "compose", "readfile", "loadmat", "np.load", "numpy.load", "json.load", "yaml.load", "tomllib.load",
+    "pickle.load", "trimesh.load", "yaml.parse", "ElementTree.parse", "ET.parse",
+    "ElementTree.fromstring", "library.File",
 }  # fmt: skip
 """Calls that read or parse files, by their last name or, where that is a common word, with what stands before it."""
 PARSED_OWN = "data of its own process"
