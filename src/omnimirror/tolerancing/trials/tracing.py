@@ -197,7 +197,7 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjec
     return SeenObjects(
         xy,
         tangents,
-        spread @ vergence @ np.linalg.inv(spread),
+        spread @ vergence @ _inverse(spread),
         spread @ inverse @ sideways,
         ~on_mirror,
     )
