@@ -19,6 +19,7 @@ from ... import __version__
 from ...arguments import shown
 from ...errors import OmnimirrorError
 from ...serving.access import Guard
+from ...serving.bodies import refuse_invalid_bodies
 from ...serving.limits import Bounded
 from .gateway import Gateway
 from .live_view import STEERING, LiveView
@@ -68,13 +69,11 @@ def api(gateway: Gateway, token: str | None = None, publish_to: str | None = Non
 
     app = FastAPI(title="omnimirror gateway", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None)
 
+    refuse_invalid_bodies(app, _misread)
+
     @app.exception_handler(OmnimirrorError)
     async def refused(request: Request, error: OmnimirrorError) -> Response:
         return JSONResponse({"detail": str(error)}, 400)
-
-    @app.exception_handler(RequestValidationError)
-    async def misread(request: Request, error: RequestValidationError) -> Response:
-        return JSONResponse({"detail": _misread(error)}, 422)
 
     @app.get("/health")
     def health() -> dict[str, str]:
