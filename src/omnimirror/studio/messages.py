@@ -16,7 +16,7 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Question(Message):
+class ClientMessage(Message):
     """Message of a client; its numbers are finite."""
 
     model_config = ConfigDict(allow_inf_nan=False)

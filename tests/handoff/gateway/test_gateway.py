@@ -403,8 +403,7 @@ def command(film, camera, folder, *more):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"),
-    few([(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)], (signal.SIGTERM, -signal.SIGTERM)),
+    ("number", "code"), few([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], (signal.SIGTERM, 143))
 )
 def test_the_command_serves_until_it_is_told_to_end(film, camera, tmp_path, number, code):
     with command(film, camera, tmp_path) as (process, address):
