@@ -54,7 +54,7 @@ def process_state(is_quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def _signals() -> Iterator[None]:
-    """Raise :class:`Terminated` at signals that end the process; one that the caller ignores, as nohup does, stays so."""
+    """Raise :class:`Terminated` at signals that end the process; those that are ignored, as under nohup, stay so."""
     global _number
     _number = signal.SIGINT
     if threading.current_thread() is not threading.main_thread():

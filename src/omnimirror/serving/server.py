@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 
 from ..errors import OmnimirrorError
 from .access import is_loopback
-from .connections import Connection
+from .connections import Connection, Socket
 from .limits import LARGEST_MESSAGE
 
 EVERYWHERE = ("0.0.0.0", "::", "")
@@ -105,7 +105,7 @@ def configured(app: ASGIApp, log_level: str = "warning") -> uvicorn.Config:
         app,
         log_level=log_level,
         http=Connection,
-        ws="websockets-sansio",
+        ws=Socket,
         ws_max_size=LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # pictures are coded already, and would be once more for every page that watches
         backlog=AT_A_TIME,
