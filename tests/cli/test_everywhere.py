@@ -112,7 +112,7 @@ def test_quiet_leaves_standard_output_to_files(capsys):
 def test_verbose_ends_with_what_it_took(capsys):
     main(["sensors", "--verbose"])
     said = capsys.readouterr().err.strip()
-    assert re.fullmatch(r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: \w+", said)
+    assert re.fullmatch(r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", said)
 
 
 def test_what_stands_after_two_dashes_is_nobodys_option(capsys):

@@ -21,6 +21,8 @@ import pytest
 import tomli_w
 from starlette.responses import Response
 from starlette.testclient import TestClient
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 import omnimirror as om
 from omnimirror.errors import MediaError
@@ -399,6 +401,40 @@ def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
         for half in held[:40]:  # all but the newest 20 are let go, and not by the clock
             with suppress(ConnectionError):
                 assert half.recv(1) == b""
+
+
+def test_idle_sockets_keep_nobody_out(monkeypatch):
+    """More than the server takes: those that have been idle longest go, and the newest is still served."""
+    monkeypatch.setattr(connections, "most_connections", lambda: 20)
+    with serving(Studio()) as address, ExitStack() as open_ones:
+        where = address.replace("http", "ws") + "api/bench/ask"
+        held = [open_ones.enter_context(connect(where, open_timeout=300)) for _ in range(30)]
+        assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
+        for gone in held[:10]:
+            with pytest.raises(ConnectionClosed):
+                gone.recv()
+        held[-1].send("no question")
+        with pytest.raises(ConnectionClosed) as closed:
+            held[-1].recv()
+        assert closed.value.rcvd.code == 1003
+
+
+def test_an_idle_socket_is_closed(monkeypatch):
+    monkeypatch.setattr(connections, "IDLE_S", 0.2)
+    with serving(Studio()) as address, connect(address.replace("http", "ws") + "api/bench/ask") as idle:
+        with pytest.raises(ConnectionClosed) as closed:
+            idle.recv()
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1001, "no message for long")
+
+
+@pytest.mark.parametrize("pieces", [[b"\xff{}"], [b'{"a": "\xc3', b'\x28"}']])
+def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, caplog):
+    with serving(Studio()) as address, connect(address.replace("http", "ws") + "api/bench/ask") as bad:
+        bad.send(pieces if len(pieces) > 1 else pieces[0], text=True)
+        with pytest.raises(ConnectionClosed) as closed:
+            bad.recv()
+        assert closed.value.rcvd.code == 1007
+    assert not caplog.records
 
 
 def test_a_head_that_does_not_end_is_given_up(monkeypatch):

@@ -124,6 +124,32 @@ def test_a_camera_leans_as_asked(client):
 # -- who may ask ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("", False),
+        ("example.org", False), ("localhost.example.org", False), ("127.0.0.1.example.org", False), ("door", False),
+        ("0.0.0.0", False), ("::", False), ("192.168.1.7", False), ("::2", False), ("128.0.0.1", False),
+    ],
+)  # fmt: skip
+def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
+    assert is_loopback(host) is expected
+
+
+def test_the_policy_of_the_page_names_every_directive(client):
+    """As a browser splits it; a directive that is missing would fall back to anything."""
+    policy = client.get("/").headers["content-security-policy"]
+    directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
+    nothing = ["default-src", "base-uri", "form-action", "frame-ancestors"]
+    assert {name: directives[name] for name in nothing} == {name: ["'none'"] for name in nothing}
+    assert directives["img-src"] == ["'self'", "blob:", "data:"]
+    assert directives["media-src"] == ["'self'", "blob:", "mediastream:"]
+    assert directives["connect-src"] == ["'self'", "blob:", "data:"]
+    assert directives["script-src"][0] == "'self'"
+    hashes = [*directives["script-src"][1:], *directives["style-src"]]
+    assert all(source.startswith("'sha256-") for source in hashes)
+
+
 def test_other_names_and_other_pages_are_refused(client):
     assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
     answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})

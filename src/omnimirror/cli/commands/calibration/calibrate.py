@@ -205,7 +205,8 @@ def command(
     if figures:
         say("Figures in ", (str(figures), "bold"), console=console)
     if code:
-        say("Stopped: this is what was found until then", console=console)
+        say("Stopped: this is the best camera found so far", console=console)
+        click.echo("omnimirror: stopped", err=True)
         sys.exit(code)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -174,6 +175,7 @@ def command(
     for options in (view, pictures):
         options.check()
     if sampling.threads is not None:
+        click.get_current_context().call_on_close(partial(backend.set_threads, backend.threads))
         backend.set_threads(sampling.threads)
     if viewer is not None:
         if auto.auto:
@@ -304,6 +306,8 @@ def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
     say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
     for why, how_many in found.left_out.items():
         say(f"{folder}: {how_many} of them {why}")
+    if results.not_begun:
+        click.echo(f"omnimirror: stopped; {folder} holds what was done", err=True)
 
 
 def _named(output: str, kind: str | None) -> Path:
