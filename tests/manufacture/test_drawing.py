@@ -194,7 +194,7 @@ def test_the_mirror_sheet_says_what_a_shop_asks_for():
     volume = 2.70e-3 * body.volume_mm3(sensor.mirror)
     edge, radius = float(sensor.mirror.sag(43.9)), float(sensor.mirror.radius_t(0.0))
     assert words >= {
-        "Ø87.8 ± 0.02", "5 ± 0.05", f"{edge:.3f}", f"({edge + 5:.3f})", "M6, 12 deep",
+        "Ø87.8 ± 0.02", "5 ± 0.05", f"({edge:.3f})", f"({edge + 5:.3f})", "M6, 12 deep",
         f"{radius:.9g} ± 0.05 mm", f"{-1 - (74.5422 / 32.51673) ** -2 + 0:.6g} ± 0.005".replace("-1.190", "-1.190"),
         "A", "B", "0.001", "0.005", "3/1000 nm", "4/3' (0.02 mm)", "5/5x0.16", "Rq 5 nm", "Ra 3.2", "Rq 0.005",
         "Al, protected, R &gt; 88 %", "aluminium EN AW-6061 T6", f"{volume:.3g} g", "0.2 × 45°", "ISO 2768-mK",
@@ -231,7 +231,7 @@ def test_the_data_file_is_the_one_that_is_named(tmp_path):
 def test_the_sheet_says_what_the_sensor_is():
     drawing = draw_sheets(om.load_sensor("paper-spherical"), TAPPED, Housing(rod=Rod(4.0)))
     assert shown(drawing, 0) >= {"paper-spherical", "180.429", "12.271", "4.35 %", "1:1"}
-    assert shown(drawing, 1) >= {"Ø87.81", "26.122", "M6, 12 deep", "drill Ø5"}
+    assert shown(drawing, 1) >= {"Ø87.81", "(26.122)", "M6, 12 deep", "drill Ø5"}
     assert 'width="1190.55' in drawing.render("svg").decode()
 
 

@@ -128,7 +128,8 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
 
     assert write("a.csv", "--step-deg", "45", "--digits", "2").splitlines()[-2].startswith("43.90,26.12,135.00,")
     assert write("a.dat", "--grid-points", "11").startswith("11 11 ")
-    svg = write("a.svg", "--support", "rod", "--support-diameter-mm", "5", "--sheet", "A4", "--scale", "1:5")
+    svg = write("a.svg", "--support", "rod", "--support-diameter-mm", "5", "--allow-changes", "--sheet", "A4",
+                "--scale", "1:5")  # fmt: skip
     assert "rod Ø5" in svg
     assert "SENSOR  1:5" in svg
     coarse, fine = (len(write("a.stl", "--chord-tolerance-um", t)) for t in ("100", "10"))
@@ -143,7 +144,7 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
         (["--scale", "1:0"], "'1:0' is not a scale"),
         (["--thread", "M6", "--bore-diameter-mm", "5"], "leave out bore_diameter_mm"),
         (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "breaks through the mirror surface"),
-        (["--support-diameter-mm", "50"], "does not take in the mirror"),
+        (["--support", "tube", "--support-diameter-mm", "50"], "does not take in the mirror"),
         (["--thickness-mm", "nan"], "thickness_mm = nan"),
         (["--digits", "40"], "digits = 40"),
     ],

@@ -90,7 +90,7 @@ def test_a_tube_hides_at_its_ends(diameter):
 
 
 def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims_ray():
-    sensor = drawn(SPH, None)
+    sensor = drawn(SPH, Housing(shell=Tube()))
     tube = sensor.obstructions.housing.shell
     assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
     assert [r.part for r in sensor.obscurations] == ["tube's base"]
