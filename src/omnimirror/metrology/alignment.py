@@ -503,9 +503,7 @@ def _unit_advice(ratio: float) -> str:
     return ""
 
 
-def _check_likeness(
-    mirror: Mirror, points: Array, distance: Array, seen: Mask, source: str, is_profile: bool
-) -> None:
+def _check_likeness(mirror: Mirror, points: Array, distance: Array, seen: Mask, source: str, is_profile: bool) -> None:
     """Refuse points that do not follow the mirror, or mostly lie past its rim."""
     rim = mirror.rim_radius_mm
     width = float(np.ptp(points[:, :2], axis=0).max())

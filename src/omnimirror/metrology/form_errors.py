@@ -463,7 +463,7 @@ class _Gram:
         """
         best = self._best(((0, n) for n in ABOUT_AXIS), STEADY_OF_PROFILE)
         if best is None:
-            raise OmnimirrorError("the profile covers too little of the mirror; terms about the axis are not determined")
+            raise OmnimirrorError("the profile covers too little of the mirror to determine its form")
         return best
 
     def _best(self, orders: Iterable[tuple[int, int]], steady: float = STEADY) -> _Fit | None:
