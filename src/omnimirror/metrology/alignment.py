@@ -227,7 +227,7 @@ class _General:
                 "all of it"
             )
         r = np.hypot(centres[:, 0], centres[:, 1])
-        foot = np.interp(np.linalg.norm(np.stack([r, 0 * r]), axis=0), out, x)
+        foot = np.interp(r, out, x)
         _, slope, _ = mirror.profile(foot)
         up = 1 / np.sqrt(1 + slope**2)
         outwards = centres[:, :2] / np.maximum(r, 1e-300)[:, None]
@@ -268,7 +268,7 @@ class _Sphere:
         """Return the points (n, 3) that a ball touches, on the way from its centres to that of the sphere."""
         centre, *_ = _fitted_sphere(centres, float(mirror.radius_t(0.0)) + radius)
         inwards = centre - centres
-        return centres + radius * inwards / np.linalg.norm(inwards, axis=1)[:, None]
+        return np.asarray(centres + radius * inwards / np.linalg.norm(inwards, axis=1)[:, None])
 
 
 def _is_spherical(mirror: Mirror) -> bool:

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import checked
 from ..manufacture import Body, Making, Workshop
 from ..manufacture.drawings.tables import form_rms_um
 from ..mirrors import Mirror
@@ -34,6 +35,7 @@ PV_PER_RMS = 2 * np.sqrt(3)
 POINTS = 401
 
 
+@checked
 def tolerance_conflicts(
     sensor: Sensor, workshop: Workshop, body: Body | None = None, secondary_body: Body | None = None
 ) -> list[str]:

@@ -160,7 +160,7 @@ def draw_sheets(
         raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
     parts = parts_of(sensor, body, secondary_body)
     sensor, workshop = housed(parts, housing), workshop or Workshop()
-    files = data_files or [None] * len(parts)
+    files: Sequence[DataFile | None] = data_files or [None] * len(parts)
     count = 1 + len(parts)
     with styled():
         papers = [Sheet(sheet) for _ in range(count)]

@@ -129,9 +129,10 @@ def _print_asphere(console: Console, asphere: ForbesAsphere | None, why_none: st
     if asphere is None:
         console.print(f"\nabout its axis it is no asphere of Forbes: {why_none}", soft_wrap=True)
         return
-    terms = ", ".join(f"{um:.4f}" for um in asphere.um)
+    terms, names = ", ".join(f"{um:.4f}" for um in asphere.um), "a0"
+    names += f" ... a{len(asphere.um) - 1}" if len(asphere.um) > 1 else ""
     console.print(
-        f"\nabout its axis an asphere of Forbes (Qbfs): R = {asphere.radius_mm:.6f} mm, a0 .. a{len(asphere.um) - 1} = "
+        f"\nabout its axis an asphere of Forbes (Qbfs): R = {asphere.radius_mm:.6f} mm, {names} = "
         f"{terms} um, which leaves {asphere.left_um:.2g} um rms",
         soft_wrap=True,
     )
