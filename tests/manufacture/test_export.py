@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import subprocess
 import sys
@@ -59,8 +60,9 @@ def test_every_sensor_is_written_in_every_format(name, kind, tmp_path):
     files = om.export(SENSORS[name], tmp_path, formats=[kind], grid_points=33, chord_tolerance_um=50.0)
     assert {f.path for f in files} == set(tmp_path.iterdir())
     for file in files:
-        assert file.path.stat().st_size > 500
-        assert b"-0.0000" not in file.path.read_bytes() or kind in ("zmx", "gridsag", "step", "stl", "dxf")
+        assert file.path.stat().st_size > 300
+        if kind in ("csv", "gcode", "points"):
+            assert not re.search(r"-0(\.0+)?(?![\d.eE])", file.path.read_text())
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -74,7 +76,7 @@ def test_a_sensor_is_exported_as_it_is_evaluated(name):
     ("name", "options", "words"),
     [
         ("in-dome", {"body": Body(flange_width_mm=80.0)}, ["dome", "hides"]),
-        ("fitted-dome", {"body": Body(flange_width_mm=5.0)}, ["dome diameter_mm", "hidden_percent", "field_to_deg"]),
+        ("fitted-dome", {"body": Body(flange_width_mm=5.0)}, ["dome diameter_mm 238 -> 242", "hidden_percent"]),
         ("paper-spherical", {"body": Body(flange_width_mm=5.0)}, ["rim hides nothing -> 129.3 to 135 deg"]),
         ("paper-spherical", {"housing": Housing(rod=Rod())}, ["rod hides nothing", "hidden_to_deg"]),
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),

@@ -169,7 +169,7 @@ def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
 
 
 def test_the_sheet_says_what_a_wall_does_to_rays():
-    """Shift by Snell's law at a plate, and transmission by Fresnel's equations; of the tube that is drawn, by its name."""
+    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named material."""
     sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
     *_, (word, shift, passed) = hidden_rows(sensor)
     i = np.radians(45.0)

@@ -270,8 +270,9 @@ def test_a_grid_without_a_point_on_the_axis_is_refused(points):
         format_grid_sag(MIRRORS["sphere"][0], points)
 
 
-@pytest.mark.parametrize("sensor", [om.load_sensor("paper-spherical"), om.load_sensor("folded-spherical"), IN_WATER, IN_DOME],
-                         ids=lambda s: s.name)  # fmt: skip
+@pytest.mark.parametrize(
+    "sensor", [*map(om.load_sensor, ("paper-spherical", "folded-spherical")), IN_WATER, IN_DOME], ids=lambda s: s.name
+)
 def test_the_notes_of_a_lens_file_say_its_angles_and_what_it_leaves_out(sensor):
     notes = [line for line in format_zmx(sensor).splitlines() if line.startswith("NOTE")]
     (angles,) = (note for note in notes if "Omega = " in note)
@@ -280,5 +281,5 @@ def test_the_notes_of_a_lens_file_say_its_angles_and_what_it_leaves_out(sensor):
     x = sensor.meridian.x_from_omega(np.radians(field_angles(sensor)))
     bare = replace(sensor, housing=Housing())
     if sensor.secondary is None:  # the file has no cover
-        np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=2e-4, atol=1e-9)
+        np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9)
     assert any("left out" in note for note in notes) == (sensor.housing.shell is not None)
