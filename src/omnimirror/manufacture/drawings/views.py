@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 RAY = PALETTE[0]
 HEADING = 56.0
 """Room at the left for the view's heading, and for what is said of the tube, mm."""
+WIDEST_WINDOW = 8.0
+"""Radius up to which a window without a diameter is drawn as wide as its rays, in radii of the sensor."""
 STEPS_DEG = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 """Steps of the rays that are drawn, the largest first that shows two."""
 
@@ -67,7 +69,9 @@ class Assembly(NamedTuple):
         radii += [] if wall is None else [wall.radii_mm[1]]
         if isinstance(housing.shell, FlatWindow):
             base = min(base, housing.shell.heights_mm[1])
-            radii += [(housing.shell.diameter_mm or 0.0) / 2]
+            passing = float(sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm])).last[0][0])
+            width = (housing.shell.diameter_mm or 0.0) / 2 or min(passing, WIDEST_WINDOW * max(radii))
+            radii += [width]
         end = back if wall is None else shell_end_mm(sensor, wall, back)
         return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
 
@@ -160,10 +164,13 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if sensor.lens.TELECENTRIC
             else [(assembly.lens, at_lens[i]), (assembly.imager, -heights[i])]
         )
-        inner = np.array([*_through_wall(rays, i), *met, *tail])
+        wall, outwards = _through_wall(rays, i), rays.omega[i]
+        if wall and view.scale * wall[0][1] > min(region.top - 8 - view.y, view.y - region.bottom):
+            wall, outwards = [], rays.reflected[i]  # it leaves the sheet before the wall
+        inner = np.array([*wall, *met, *tail])
         for side in (1, -1) if omega == angles[-1] else (1,):
             points = view.at(inner[:, 0], side * inner[:, 1])
-            away = np.array([-np.cos(rays.omega[i]), side * np.sin(rays.omega[i])])
+            away = np.array([-np.cos(outwards), side * np.sin(outwards)])
             outermost = float(inner[0, 1])
             top = (region.top - 8 - points[0, 1]) if side > 0 else view.scale * (assembly.outer - outermost) + 5
             reach = max(top, 0.0) / max(abs(away[1]), 1e-9)
