@@ -163,6 +163,7 @@ if TYPE_CHECKING:
     from .thermal import Thermal as Thermal
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
+    from .tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
     from .tolerancing.errors import perturbed as perturbed
     from .tolerancing.forms.effects import as_made as as_made
     from .tolerancing.forms.effects import form_effect as form_effect
@@ -338,6 +339,7 @@ _HOMES = {
     "load_tolerances": "tolerancing.tolerance_file",
     "perturbed": "tolerancing.errors",
     "tolerance": "tolerancing.analysis",
+    "tolerance_conflicts": "tolerancing.drawing_conflicts",
     "tolerance_template": "tolerancing.tolerance_file",
     "TolerancePlan": "tolerancing.tolerance_file",
     "Sweep": "tolerancing.sweeps",

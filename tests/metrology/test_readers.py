@@ -25,6 +25,56 @@ def test_points_by_the_line(suffix, between, unit, mm, tmp_path):
     np.testing.assert_allclose(om.read_points(path, unit), mm * POINTS)
 
 
+ROWS = [(1.5, 2.25, -0.0125), (-3.0, 4.5, 0.75), (0.5, -6.0, 1e-3), (12.0, 7.125, 2.5)]
+
+
+def joined(between: str, row: str = "{}", number: str = "{:.6f}", header: str = "") -> str:
+    """Rows as a machine may write them; ``row`` takes the numbers of a row, and its own number as i."""
+    lines = [row.format(between.join(number.format(v) for v in r), i=i) for i, r in enumerate(ROWS, start=1)]
+    return "\n".join([*([header] if header else []), *lines])
+
+
+def decimal_commas(text: str) -> str:
+    return text.replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "text",
+    {
+        "decimal commas and semicolons": decimal_commas(joined(";", header="x;y;z")),
+        "decimal commas and tabs": decimal_commas(joined("\t")),
+        "decimal commas and blanks": decimal_commas(joined("  ", "   {}")),
+        "decimal commas, commas and blanks": decimal_commas(joined(", ")),
+        "row numbers": joined(" ", "{i} {}"),
+        "row numbers and decimal commas": decimal_commas(joined(";", "{i};{};", header="Nr;X [mm];Y [mm];Z [mm]")),
+        "labels": joined(" ", "PT{i:03d} {}"),
+        "labels of two words": joined(" ", "Point {i}: {}"),
+        "labels behind": joined(",", "{},OK"),
+        "labels and row numbers": joined(",", "{i},P{i},{}"),
+        "Fortran": joined(" ", number="{:.8E}").replace("E", "D"),
+        "Fortran in small letters and commas": joined(", ", number="{:.8e}").replace("e", "d"),
+        "axes": "\n".join("X{} Y{} Z{}".format(*r) for r in ROWS),
+        "report": joined(",", header="CMM 2026-11-28 10:30\nProbe 3.0 of 20\n\nX,Y,Z"),
+        "columns in another order": "\n".join(["z,y,x", *(",".join(map(str, r[::-1])) for r in ROWS)]),
+        "normals": joined(",", "{},0.0,0.1,0.99"),
+        "quoted": joined('","', '"{}"'),
+        "not measured": joined(",") + "\n1.0,2.0,NaN",
+    }.items(),
+    ids=lambda case: case[0].replace(" ", "-"),
+)
+def test_rows_of_any_machine(text, tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text(text[1])
+    np.testing.assert_allclose(om.read_points(path), ROWS, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("start", "header"), [("", ""), ("{i}\t", ""), ("", "x\tz"), ("P{i}\t", "")])
+def test_a_profile_has_two_columns(start, header, tmp_path):
+    lines = [f"{start.format(i=i)}{x}\t{z}" for i, (x, _, z) in enumerate(ROWS)]
+    (tmp_path / "a.txt").write_text("\n".join([*([header] if header else []), *lines]))
+    np.testing.assert_allclose(om.read_points(tmp_path / "a.txt"), np.array(ROWS)[:, [0, 2]])
+
+
 def test_a_grid_sag_file_is_text(tmp_path):
     path = tmp_path / "a.dat"
     path.write_text(format_grid_sag(Sphere(50.0, 20.0), 33))
@@ -41,7 +91,10 @@ def test_a_grid_sag_file_is_text(tmp_path):
         ("a.stl", b"x", r"no file of points that is known; valid are \.csv"),
         ("a.csv", None, "a.csv"),
         ("a.dat", None, "a.dat"),
-        ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z in mm"),
+        ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z as in the other rows"),
+        ("a.csv", b"1,5,2,0,3,1\n1,5,2,0,3,2\n1,7,2,0,3,1", "separates columns and decimals by commas"),
+        ("a.csv", b"x [um],y [um],z [um]\n1.0,2.0,3.0", "gives its points in um, and the unit is mm"),
+        ("a.csv", b"probe\nA. Meier", "holds no rows of numbers"),
     ],
 )
 def test_what_is_no_cloud_is_one_sentence(name, content, sentence, tmp_path):

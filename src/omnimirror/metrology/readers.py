@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..arguments import checked, file_name
 from ..errors import OmnimirrorError
-from ..files import check_file, open_file
-from ..mirrors.measured.clouds import cloud_points, grid_points
+from ..files import check_file, open_file, read_text
+from ..mirrors.measured.clouds import grid_points
+from ..mirrors.measured.point_rows import parsed_points
 
 Array = NDArray[np.float64]
 
@@ -32,25 +33,29 @@ BEGINNING = 512  # bytes that tell text from numbers
 
 @checked
 def read_points(path: str | Path, unit: Unit = "mm") -> Array:
-    """Points of a surface (n, 3) mm from the file of a measuring machine.
+    """Read points of a surface, mm, from the file of a measuring machine.
+
+    Rows may be separated by blanks, tabs, semicolons or commas, have decimal points or commas, exponents with E or D,
+    and hold row numbers and labels. Lines before the first row are a header; if it names x, y and z, these columns are
+    taken, otherwise the first three, or two of a profile.
 
     Parameters
     ----------
     path
-        Lines of x, y, z (.csv, .txt, .xyz, ..), an OpticStudio grid sag (.dat), or what a machine wrote (ISO 25178-72
-        .x3p, Zygo .dat and .datx, Bruker .opd and others, by the package SurfaceTopography).
+        Rows of x, y, z, or of x, z of a profile (.csv, .txt, .xyz, ...), an OpticStudio grid sag (.dat), or a
+        file of a machine (ISO 25178-72 .x3p, Zygo .dat and .datx, Bruker .opd, ...; by the package SurfaceTopography).
     unit
         Of points by the line: mm, um, m or inch. The other files say theirs.
 
     Returns
     -------
-    (n, 3) array
+    (n, 3) array, or (n, 2) of a profile
         Without the places where nothing was measured.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing, is none of these, or its package is not installed.
+        The file is missing, is none of these, names another unit, or its package is not installed.
 
     Examples
     --------
@@ -64,7 +69,7 @@ def read_points(path: str | Path, unit: Unit = "mm") -> Array:
     path = file_name("path", path)
     suffix = path.suffix.lower()
     if suffix in CLOUDS:
-        return MM[unit] * cloud_points(path)
+        return MM[unit] * parsed_points(read_text(path, "points"), path, unit)
     if suffix in MACHINES:
         try:
             check_file(path, LARGEST_MACHINE_FILE, LARGEST_MACHINE_FILE)

@@ -379,9 +379,11 @@ def obscured_rings(
 
 
 def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
-    """What two mirrors hide of their own field."""
+    """Return the ring before the first mirror point that sees the world."""
     start = meridian.trace(np.array([meridian.x_min]))
-    return Obscuration("secondary, bore", (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0]))
+    return Obscuration(
+        meridian.middle_hidden_by, (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0])
+    )
 
 
 def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:

@@ -87,13 +87,23 @@ class TwoMirrorMeridian(Meridian):
         self._check_shows_all(rays)
         checked(rays)
         self._check_bore(rays)
-        start = max(self._first_clear(x, self._past_camera), self._first_clear(x, self._past_secondary))
+        start = self._first_past_mirrors(x)
         if start >= rim:
             raise SelfObstruction(
                 f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
                 "bore_radius_mm must be smaller, or distance_mm larger"
             )
         return self._first_outside(start)
+
+    def _first_past_mirrors(self, x: Array) -> float:
+        """Return the first of mirror points (n,), mm, from which the rays pass bore, camera and secondary."""
+        return max(self._first_clear(x, self._past_camera), self._first_clear(x, self._past_secondary))
+
+    @property
+    def middle_hidden_by(self) -> str:
+        x = np.linspace(float(self.x_from_first([0.0])[0]), self.mirror.rim_radius_mm, NODES)
+        mirrors_alone = self.cover is None or self.x_min <= self._first_past_mirrors(x)
+        return "secondary, bore" if mirrors_alone else super().middle_hidden_by
 
     def _first_clear(self, x: Array, clearance: Callable[[ChiefRays], Array]) -> float:
         """Least mirror point from which a clearance (n,), mm, is kept to the rim; the rim if nowhere."""

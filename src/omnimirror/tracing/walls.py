@@ -46,30 +46,6 @@ def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
     return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
 
 
-def tube_transmission(omega_deg: ArrayLike, refractive_index: float) -> Array:
-    """Share of unpolarised light (n,) that passes the tube's wall in the meridian, all reflections added.
-
-    Fresnel's formulas at an incidence of 90 deg - Omega on the wall; (1 - R)/(1 + R) for each polarisation
-    sums the reflections between both sides.
-
-    >>> tube_transmission([90.0, 135.0], 1.5).round(4)  # 12/13 straight through
-    array([0.9231, 0.9073])
-    """
-    return wall_transmission(np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float))), refractive_index)
-
-
-def tube_shift_mm(omega_deg: ArrayLike, wall_mm: float, refractive_index: float) -> Array:
-    """How far the tube's wall moves rays (n,) sideways in the meridian, mm; their direction stays.
-
-    >>> tube_shift_mm([90.0, 135.0], 3.0, 1.5).round(3)
-    array([0.   , 0.987])
-    """
-    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
-    sin = np.sin(incidence)
-    shift: Array = wall_mm * sin * (1 - np.cos(incidence) / np.sqrt(refractive_index**2 - sin**2))
-    return shift
-
-
 class Passage(NamedTuple):
     """Rays (n,) that leave a tube or a dome from inside."""
 

@@ -59,7 +59,7 @@ def write_dxf(
 ) -> ProfileCurve:
     """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file.
 
-    The layout is the part's sheet of the drawing, with what a workshop is told and the file of the surface's data.
+    The layout is the part's sheet of the drawing; ``file`` is the sag table that it names, if one is written.
     """
     import ezdxf.filemanagement
     from ezdxf.units import MM
@@ -82,7 +82,7 @@ def write_dxf(
     _draw_dimensions(page, mirror, body, size, making)
     _draw_notes(page, mirror, body, curve, part.name, size)
     paper = Sheet(sheet)
-    draw_part_sheet(paper, part, workshop, file or DataFile.of(part, f"{part.name}-sag.csv"), place)
+    draw_part_sheet(paper, part, workshop, file, place)
     add_layout(doc, paper)
     doc.saveas(path)
     return curve

@@ -116,7 +116,7 @@ def format_table(sensor: Sensor, x_mm: ArrayLike, digits: int = 6, secondary: bo
     rows = zip(*(columns[name] for name in COLUMNS), strict=True)
     lines = [f"# {line}" for line in _head(sensor, len(columns["x_mm"]), secondary)]
     lines.append(",".join(COLUMNS))
-    lines += [",".join(f"{v:.{d}f}" for v, d in zip(row, decimals, strict=True)) for row in rows]
+    lines += [",".join(f"{round(v, d) + 0.0:.{d}f}" for v, d in zip(row, decimals, strict=True)) for row in rows]
     return "\n".join(lines) + "\n"
 
 

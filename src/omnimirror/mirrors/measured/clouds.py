@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...arguments import float_of, shown
 from ...errors import OmnimirrorError
 from ...files import read_text
+from .point_rows import parsed_points
 from .smoothing import NORMAL, _least_squares, extended
 
 Array = NDArray[np.float64]
@@ -39,8 +40,17 @@ def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") ->
 
 
 def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
-    """Points (n, 3) of a text file, a line each; header and comments are skipped."""
-    return _rows(path, read_text(path, noun), 3, names, header=True)[:, :3]
+    """Return the points (n, 3) of a text file, a line each, as :func:`.point_rows.parsed_points` reads them.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be read, or holds the two columns of a profile.
+    """
+    points = parsed_points(read_text(path, noun), path)
+    if points.shape[1] != 3:
+        raise OmnimirrorError(f"{path} holds two columns of numbers; {noun} need {names}")
+    return points
 
 
 def read_grid(path: Path, noun: str = "grid", names: str = "z and further columns") -> Columns:
@@ -66,7 +76,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
             f"{path} is no grid of heights: its first line must be 'nx ny dx dy unit xdec ydec', and nx * ny lines "
             "must follow"
         ) from None
-    rows = _rows(path, "\n".join(lines[1:]), 1, names, header=False)
+    rows = _rows(path, "\n".join(lines[1:]), names)
     j, i = np.divmod(np.arange(nx * ny), nx)
     x, y = (i - (nx - 1) / 2) * dx + offset[0], ((ny - 1) / 2 - j) * dy + offset[1]
     points = np.stack([x, y, rows[:, 0]], axis=-1) * unit
@@ -76,23 +86,18 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     return np.asarray(points[valid])
 
 
-def _rows(path: Path, text: str, least: int, names: str, header: bool) -> Array:
-    """Numbers (n, columns) of a text, separated by commas or blanks."""
+def _rows(path: Path, text: str, names: str) -> Array:
+    """Return the numbers (n, columns) of a grid's text, separated by commas or blanks."""
     found: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        words = line.replace(",", " ").replace(";", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
         try:
-            numbers = [float_of(word) for word in words]
-            if len(numbers) < least or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
+            numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
+            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
                 raise ValueError
         except ValueError:
-            if found or not header:
-                raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
-            continue
+            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
         found.append(numbers[: len(found[0])] if found else numbers)
-    return np.array(found).reshape(-1, len(found[0]) if found else least)
+    return np.array(found).reshape(-1, len(found[0]) if found else 1)
 
 
 def profile_of(points: Array, source: str = "the cloud") -> Columns:
