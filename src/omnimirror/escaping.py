@@ -22,8 +22,11 @@ from typing import Any
 
 MAX_LABEL = 200
 """Maximum number of characters of text in a comment or a label."""
+MAX_PLOT_LABEL = 60
+"""Maximum number of characters of a label in a figure."""
 MAX_STEM = 100
 """Maximum number of bytes of a file name that is derived from a name."""
+BREAKS = re.compile(r"\s*[\t-\r\x1c-\x1f\x85\u2028\u2029]\s*")
 JOINERS = "\u200c\u200d"
 """Format characters that Persian, Indic scripts and emoji need."""
 
@@ -61,7 +64,7 @@ def label(text: str, longest: int = MAX_LABEL) -> str:
     >>> label("a\\n  b"), label("abcdefgh", 6)
     ('a b', 'abc...')
     """
-    text = visible(" ".join(text[: 4 * longest].split()))
+    text = visible(BREAKS.sub(" ", text[: 4 * longest]).strip())
     return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
@@ -188,16 +191,16 @@ def gstreamer_comment(text: str) -> str:
 def gcode_comment(text: str) -> str:
     """Return text for a comment in parentheses of a G-code program: ASCII without the characters that controllers obey.
 
-    Letters with accents lose these; parentheses become brackets. Semicolons and percent signs, and what GRBL obeys
-    anywhere (``!``, ``?``, ``~``), become escapes.
+    Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs and what GRBL
+    obeys anywhere (``!``, ``?``, ``~``) become escapes.
 
     Examples
     --------
     >>> gcode_comment("Spiegel für (A); 100%")
-    'Spiegel fur [A]\\\\x3b 100\\\\x25'
+    'Spiegel fur [A], 100\\\\x25'
     """
-    text = ascii_only(label(text)).translate({ord("("): "[", ord(")"): "]"})
-    return re.sub(r"[;%!?~]", lambda c: f"\\x{ord(c[0]):02x}", text)
+    text = ascii_only(label(text)).translate({ord("("): "[", ord(")"): "]", ord(";"): ","})
+    return re.sub(r"[%!?~]", lambda c: f"\\x{ord(c[0]):02x}", text)
 
 
 # -- markup and data -------------------------------------------------------------------------------------
@@ -330,7 +333,7 @@ def plot_text(text: str) -> str:
     >>> print(plot_text("$x$ 5"))
     \\$x\\$ 5
     """
-    return label(text).replace("$", r"\$")
+    return label(text, MAX_PLOT_LABEL).replace("$", r"\$")
 
 
 def dxf_text(text: str) -> str:
@@ -341,7 +344,7 @@ def dxf_text(text: str) -> str:
     >>> print(dxf_text("100%%c ^J \\\\U+0041"))
     100%%%%%%c ^ J \\U+005CU+0041
     """
-    return _without_codes(label(text).replace("%%", "%%%%%%").replace("^", "^ "))
+    return _without_codes(visible(text).replace("%%", "%%%%%%").replace("^", "^ "))
 
 
 def dxf_mtext(text: str) -> str:

@@ -7,7 +7,6 @@ from datetime import date
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from ....arguments import float_of
 from ....files import write_json
@@ -23,7 +22,7 @@ from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
-from ...outputs import json_option, output_console, output_option, plain_table, say_written
+from ...outputs import json_option, output_console, output_option, plain_table, say, say_written
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
@@ -177,9 +176,11 @@ def command(
         console.print(f"A shop will ask for what the drawing does not say: {', '.join(missing)} (--workshop FILE)")
     for file in written:
         if not file.follows:
-            console.print(
-                f"[yellow]{escape(file.path.name)} does not follow the mirror[/]: its rays are up to "
-                f"{ray_words(file)} deg off; no asphere does better, the grid sag (--formats gridsag) does"
+            say(
+                (f"{file.path.name} does not follow the mirror", "yellow"),
+                f": its rays are up to {ray_words(file)} deg off; no asphere does better, the grid sag "
+                "(--formats gridsag) does",
+                console=console,
             )
 
 
