@@ -222,6 +222,11 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
     stream.flush()
 
 
+def notice(sentence: object) -> None:
+    """Print a sentence about the course of a command on standard error, even where ``--quiet`` is given."""
+    click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
+
+
 @contextmanager
 def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
     """A bar of frames and how many a second, on a terminal only; what is given tells it how far it is."""
