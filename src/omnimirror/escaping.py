@@ -22,8 +22,10 @@ from typing import Any
 
 MAX_LABEL = 200
 """Maximum number of characters of text in a comment or a label."""
-MAX_PLOT_LABEL = 60
+MAX_PLOT_LABEL = 40
 """Maximum number of characters of a label in a figure."""
+MAX_STEP_STRING = 60
+"""Maximum number of characters of a name in a STEP file, encoded: one line of OpenCASCADE."""
 MAX_STEM = 100
 """Maximum number of bytes of a file name that is derived from a name."""
 BREAKS = re.compile(r"\s*[\t-\r\x1c-\x1f\x85\u2028\u2029]\s*")
@@ -364,20 +366,29 @@ def _without_codes(text: str) -> str:
     return re.sub(r"\\(?=[UM]\+)", r"\\U+005C", text)
 
 
-def step_string(text: str) -> str:
-    """Return text for a string of a STEP file (ISO 10303-21), without its apostrophes, which the writer doubles.
+def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
+    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest`` characters.
+
+    OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string of several lines at
+    ``')``. Hence names are cut to one line, and apostrophes are encoded rather than doubled.
 
     Examples
     --------
     >>> print(step_string("Größe"))
     Gr\\X2\\00F600DF\\X0\\e
     """
+    lengths = range(min(longest, MAX_LABEL), 3, -1)
+    return next(code for n in lengths if len(code := _step_code(label(text, n))) <= longest)
 
-    def encoded(match: re.Match[str]) -> str:
-        data = match[0].encode("utf-16-be") if max(match[0]) < "\U00010000" else match[0].encode("utf-32-be")
-        return f"\\X{2 if max(match[0]) < chr(1 << 16) else 4}\\{data.hex().upper()}\\X0\\"
 
-    return re.sub(r"[^ -\[\]-~]+", encoded, label(text))
+def _step_code(text: str) -> str:
+    """Text in which all but printable ASCII, backslashes and apostrophes are control directives."""
+    return re.sub(r"[^ -&(-\[\]-~]+", lambda run: _directive(run[0]), text)
+
+
+def _directive(run: str) -> str:
+    digits, encoding = ("2", "utf-16-be") if max(run) < "\U00010000" else ("4", "utf-32-be")
+    return f"\\X{digits}\\{run.encode(encoding).hex().upper()}\\X0\\"
 
 
 # -- streams ---------------------------------------------------------------------------------------------

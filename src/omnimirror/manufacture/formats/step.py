@@ -56,7 +56,7 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurv
         Interface_Static.SetCVal_s("write.step.unit", "MM")
         writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
         header = APIHeaderSection_MakeHeader(writer.Model())
-        header.SetDescriptionValue(1, TCollection_HAsciiString(step_string(_description(mirror, body, curve))))
+        header.SetDescriptionValue(1, TCollection_HAsciiString(step_string(_description(mirror, body, curve), 1000)))
         header.SetName(TCollection_HAsciiString(step_string(name)))
         header.SetAuthorValue(1, TCollection_HAsciiString(""))
         header.SetOrganizationValue(1, TCollection_HAsciiString(""))
