@@ -344,7 +344,7 @@ def dxf_text(text: str) -> str:
     Examples
     --------
     >>> print(dxf_text("100%%c ^J \\\\U+0041"))
-    100%%%%%%c ^ J \\U+005CU+0041
+    100%%%%%%c ^ J \\U +0041
     """
     return _without_codes(visible(text).replace("%%", "%%%%%%").replace("^", "^ "))
 
@@ -362,8 +362,8 @@ def dxf_mtext(text: str) -> str:
 
 
 def _without_codes(text: str) -> str:
-    """Encode the backslash of what DXF readers decode as a character: ``\\U+0041``, ``\\M+18281``."""
-    return re.sub(r"\\(?=[UM]\+)", r"\\U+005C", text)
+    """Separate by a space what some DXF readers decode as a character: ``\\U+0041``, ``\\M+18281``."""
+    return re.sub(r"(?<=\\[UuMm])(?=\+)", " ", text)
 
 
 def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
