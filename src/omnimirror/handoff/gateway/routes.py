@@ -223,7 +223,7 @@ def told(view: LiveView) -> dict[str, Any]:
 def _page(gateway: Gateway) -> str:
     rows = "".join(
         f"<li>{html_text(name)}: {html_text(str(view.view))}: "
-        + ", ".join(f'<a href="{name}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
+        + ", ".join(f'<a href="{html_text(name)}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
         for name, view in gateway.views.items()
     )
     return f"<!doctype html><title>omnimirror</title><h1>{html_text(gateway.state)}</h1><ul>{rows}</ul>"
