@@ -18,6 +18,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import cv2
@@ -211,6 +212,11 @@ def test_names_of_files_are_plain_and_short(name):
     stem = escaping.file_stem(NAMES[name], "sensor")
     assert re.fullmatch(r"[\w+][\w.+-]*", stem)
     assert len(stem.encode()) <= escaping.MAX_STEM
+    header = escaping.http_attachment(f"{NAMES[name]}.csv")
+    whole = re.fullmatch(
+        r"""attachment; filename="([\w.+-]+)"(?:; filename\*=UTF-8\'\'([\w.~%-]+))?""", header, re.ASCII
+    )
+    assert unquote(whole[2] or whole[1]) == f"{escaping.visible(NAMES[name])}.csv"
 
 
 # -- every registered writer -------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby
 from typing import Any
+from urllib.parse import quote
 
 MAX_LABEL = 200
 """Maximum number of characters of text in a comment or a label."""
@@ -322,6 +323,21 @@ def file_stem(name: str, default: str) -> str:
     """
     stem = re.sub(r"[^\w.+-]+", "-", name)
     return stem.encode()[:MAX_STEM].decode(errors="ignore").strip("-.") or default
+
+
+def http_attachment(name: str) -> str:
+    """Return the value of a Content-Disposition header that offers a file under a name (RFC 6266).
+
+    Examples
+    --------
+    >>> http_attachment("a.csv")
+    'attachment; filename="a.csv"'
+    >>> print(http_attachment('ö".csv'))
+    attachment; filename="o_.csv"; filename*=UTF-8''%C3%B6%22.csv
+    """
+    plain = re.sub(r"[^\w.+-]", "_", ascii_only(visible(name)), flags=re.ASCII)
+    whole = "" if plain == name else f"; filename*=UTF-8''{quote(visible(name), safe='')}"
+    return f'attachment; filename="{plain}"{whole}'
 
 
 # -- drawings and CAD ------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from fastapi.responses import PlainTextResponse, Response
 from pydantic import ValidationError
 
 from ...errors import OmnimirrorError
+from ...escaping import http_attachment
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
@@ -105,7 +106,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
             made = await studio.reported.do(key, lambda: made_slowly(asked, key))
         else:
             made = await asyncio.to_thread(downloaded, asked)
-        headers = {"content-disposition": f'attachment; filename="{made.name}"'}
+        headers = {"content-disposition": http_attachment(made.name)}
         return Response(made.data, media_type=made.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
