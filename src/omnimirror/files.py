@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import OmnimirrorError, SpecError, shortened
+from .escaping import json_text
 
 if sys.platform != "win32":  # there, what killed runs leave behind stays
     import fcntl
@@ -101,7 +102,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 def write_json(path: str | Path, data: Any) -> None:
     """Write data as JSON, made fit for it by :func:`json_plain`, at once or not at all."""
-    write_text(path, json.dumps(json_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(json_plain(data), indent=1, allow_nan=False) + "\n")
 
 
 def json_plain(value: Any) -> Any:

@@ -109,7 +109,7 @@ def test_the_list_holds_where_the_tool_touches_and_a_diameter_is_twice_a_radius(
 
 def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards():
     lines = format_gcode(tool_path(Sphere(30.0, 20.0), Tool(1.0)), "a (ball); 50% µ\n").splitlines()
-    assert lines[1] == "(omnimirror tool path of a ball 50)"
+    assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"
     assert all(re.fullmatch(r"%|\([^()]*\)|[GMXZFS0-9. -]+", line) for line in lines)
     quick = [line for line in lines if line.startswith("G0")]
     assert quick[0] == quick[-1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..arguments import instance
 from ..errors import InvalidParameter
+from ..escaping import csv_cell, json_text
 from ..files import write_text
 from ..imagers import ImagerPose
 from ..lenses import GaussianLens
@@ -97,8 +97,9 @@ class Comparison:
         """Write the table, a line per quantity and a column per sensor, numbers with 17 significant digits."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["quantity", *self.names])
-        writer.writerows([r.name, *(v if isinstance(v, str) else f"{v:.17g}" for v in r.values)] for r in self.rows)
+        writer.writerow(["quantity", *map(csv_cell, self.names)])
+        for row in self.rows:
+            writer.writerow([row.name, *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values)])
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
@@ -106,7 +107,7 @@ class Comparison:
         sensors = [
             {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
         ]
-        write_text(path, json.dumps(sensors, indent=1) + "\n")
+        write_text(path, json_text(sensors, indent=1) + "\n")
 
 
 def compare(sensors: Sequence[Sensor]) -> Comparison:

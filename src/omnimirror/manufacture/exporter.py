@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 
 from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
+from ..escaping import file_stem
 from ..files import replacing
 from ..housing import Housing
 from ..numerics.registry import Registry
@@ -81,7 +81,7 @@ class Plan:
     @property
     def stem(self) -> str:
         """What the names of files begin with."""
-        return re.sub(r"[^\w.+-]+", "-", self.sensor.name).strip("-.") or "sensor"
+        return file_stem(self.sensor.name, "sensor")
 
     writes_table: bool = False
     """Whether the sag table is written by the same call."""

@@ -16,6 +16,7 @@ from pydantic import Field, create_model
 from ..arguments import checked, file_name, instance
 from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
 from ..errors import OmnimirrorError, SpecError
+from ..escaping import line_comment
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
 from ..sensor import Sensor
@@ -178,7 +179,7 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
     instance("camera", camera, kinds, f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}")
     instance("notes", notes, str, "text")
-    comment = "".join(f"# {line}\n" for line in notes.splitlines())
+    comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
     return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
 
 

@@ -15,6 +15,7 @@ from ..arguments import check_fields, checked, choice, file_name
 from ..design.criteria.limits import LIMITABLE
 from ..design.criteria.requirement_file import LimitTable, limit_of
 from ..errors import SpecError
+from ..escaping import line_comment
 from ..files import parse_json, parse_toml, read_text
 from ..metrology.readers import Unit
 from ..mirrors.form import LARGEST_ORDER, MirrorForm
@@ -385,7 +386,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     blur = float(
         Judge.of(sensor).judged({next(iter(errors_of(sensor))): np.zeros(1)})[0, merit_names().index("blur_px")]
     )
-    lines = [HEAD.format(name=sensor.name, grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
+    lines = [HEAD.format(name=line_comment(sensor.name), grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
     for kind in errors_of(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue

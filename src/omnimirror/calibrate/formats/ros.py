@@ -12,6 +12,7 @@ from typing import Any
 
 from ...camera_models import KannalaBrandt, RationalPinhole, Unified
 from ...errors import OmnimirrorError, SpecError
+from ...escaping import yaml_string
 from .base import CameraFormat, Layout, Reading, Stored, named, row, text_of
 from .entries import read_yaml
 from .opencv_omnidir import camera_matrix
@@ -58,7 +59,7 @@ def _written(camera: Any, name: str, model: str, coefficients: tuple[float, ...]
         for title, rows, columns, numbers in matrices
     )
     return (
-        f"image_width: {width}\nimage_height: {height}\ncamera_name: {name or 'camera'}\n"
+        f"image_width: {width}\nimage_height: {height}\ncamera_name: {yaml_string(name or 'camera')}\n"
         f"{first}distortion_model: {model}\n{second}{''.join(others)}"
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, contextmanager
-from html import escape
 from typing import Any
 from urllib.parse import quote
 
@@ -18,6 +17,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from ... import __version__
 from ...arguments import shown
 from ...errors import InvalidParameter, OmnimirrorError
+from ...escaping import html_text
 from ...serving.access import Guard
 from ...serving.bodies import invalid_entry, refuse_invalid_bodies
 from ...serving.limits import Bounded
@@ -271,8 +271,8 @@ def told(view: LiveView) -> dict[str, Any]:
 
 def _page(gateway: Gateway) -> str:
     rows = "".join(
-        f"<li>{escape(name)}: {escape(str(view.view))}: "
-        + ", ".join(f'<a href="{name}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
+        f"<li>{html_text(name)}: {html_text(str(view.view))}: "
+        + ", ".join(f'<a href="{html_text(name)}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
         for name, view in gateway.views.items()
     )
-    return f"<!doctype html><title>omnimirror</title><h1>{escape(gateway.state)}</h1><ul>{rows}</ul>"
+    return f"<!doctype html><title>omnimirror</title><h1>{html_text(gateway.state)}</h1><ul>{rows}</ul>"

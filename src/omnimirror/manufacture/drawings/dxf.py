@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...escaping import dxf_mtext
 from ...mirrors import Mirror
 from ..body import Body
 from ..forms import ProfileCurve, chords, conic_of, curve_of
@@ -215,7 +216,8 @@ def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name
     deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
     lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
     top = -body.outer_radius_mm(mirror) - 10 * size
-    text = page.add_mtext("\n".join(lines), dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
+    words = "\n".join(map(dxf_mtext, lines))
+    text = page.add_mtext(words, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
     text.set_location((0.0, top))
 
 

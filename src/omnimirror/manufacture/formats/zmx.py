@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
+from ...escaping import label, visible
 from ...housing import wall_words
 from ...lenses import GaussianLens, Orthographic
 from ...sensor import Sensor
@@ -46,8 +47,8 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
     lines = [
         "VERS 181107 0 0 0 0",
         "MODE SEQ",
-        f"NAME {' '.join(sensor.name.split())}",
-        *(f"NOTE 0 {note}" for note in _notes(sensor, aspheres)),
+        f"NAME {label(sensor.name)}",
+        *(f"NOTE 0 {visible(note)}" for note in _notes(sensor, aspheres)),
         "UNIT MM X W X CM MR CPMM",
         *_system(sensor),
         *_surfaces(sensor, aspheres),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
 
 from ...errors import OmnimirrorError
+from ...escaping import http_attachment
 from ...serving.bodies import InvalidMessage, close_refused, received
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
@@ -106,9 +106,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
             made = await studio.reported.do(key, lambda: made_slowly(asked, key))
         else:
             made = await asyncio.to_thread(downloaded, asked)
-        plain = made.name.encode("ascii", "replace").decode().replace("?", "_")  # headers are ASCII; RFC 6266
-        disposition = f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(made.name, safe='')}"
-        headers = {"content-disposition": disposition}
+        headers = {"content-disposition": http_attachment(made.name)}
         return Response(made.data, media_type=made.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)

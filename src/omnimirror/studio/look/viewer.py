@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
+from ...escaping import script_json
 from ...files import read_bytes
 from ...media.pictures.images import LARGEST
 from ...specs import AnyCamera
@@ -128,15 +129,11 @@ def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: st
 def page_holding(**messages: Message) -> str:
     """The page with messages inside, each for the part of it that looks for its name (with hyphens)."""
     held = "".join(
-        f'<script type="application/json" id="{name.replace("_", "-")}">{_unending(message)}</script>'
+        f'<script type="application/json" id="{name.replace("_", "-")}">'
+        f"{script_json(message.model_dump_json())}</script>"
         for name, message in messages.items()
     )
     return page_text().replace(PLACE, held)
-
-
-def _unending(message: Message) -> str:
-    """A message as a text in which nothing can end a script."""
-    return message.model_dump_json().replace("<", "\\u003c")
 
 
 def inside(data: bytes, kind: str) -> str:

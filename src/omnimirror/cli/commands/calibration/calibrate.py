@@ -23,6 +23,7 @@ from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
 from ....calibrate.targets.finding import find_boards
 from ....camera_models.base import CameraModel, Optics
+from ....escaping import shell_command
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
 from ....media.batch import READABLE, expand_inputs
@@ -266,9 +267,7 @@ def _write(
 
 
 def _command_line() -> str:
-    import shlex
-
-    return shlex.join(["omnimirror", *sys.argv[1:]])
+    return shell_command(["omnimirror", *sys.argv[1:]])
 
 
 # -- what is printed -------------------------------------------------------------------------------------

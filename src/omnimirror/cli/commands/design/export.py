@@ -185,8 +185,8 @@ def command(
         if not file.follows:
             say(
                 (f"{file.path.name} does not follow the mirror", "yellow"),
-                f": its rays are up to {ray_words(file)} deg off; no asphere does better, the grid sag (--formats "
-                "gridsag) does",
+                f": its rays are up to {ray_words(file)} deg off; no asphere does better, the grid sag "
+                "(--formats gridsag) does",
                 console=console,
             )
 

@@ -23,7 +23,7 @@ from ...options.common import NUMBER, WHOLE, distance, three_wavelengths
 from ...options.declared import Options, flag, option, takes
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
-from ...outputs import PICTURES, frame_bar, output_console, remark, say, take_standard_output
+from ...outputs import PICTURES, frame_bar, notice, output_console, remark, say, take_standard_output
 from .bags import BagOptions, dewarp_recording
 from .viewer import is_one_picture, needs_pyav, write_viewer
 
@@ -300,7 +300,7 @@ def _say_found(told: str) -> None:
 def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
     results = found.results
     for name, sentence in results.failed.items():
-        click.echo(f"omnimirror: {name}: {sentence}", err=True)
+        notice(f"{name}: {sentence}")
     count = len(results.done) + len(results.failed) + len(results.not_begun)
     was_there = f", {found.was_there} were there" if is_going_on else ""
     say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
@@ -342,7 +342,7 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
             raise
         raise needs_pyav(source) from None
     with frame_bar() as progress:
-        listener = Listener(lambda sentence: click.echo(f"omnimirror: {sentence}", err=True), progress)
+        listener = Listener(notice, progress)
         done = straighten_video(source, outputs, how, recording, listener)
     name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     (width, height), outcome = done.view.size, done.outcome
@@ -351,5 +351,5 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
     if done.summary:
         remark(f"{source}: {done.summary}")
     if outcome.stopped and outputs:
-        click.echo(f"omnimirror: stopped; {name} holds what was done", err=True)
+        notice(f"stopped; {name} holds what was done")
         sys.exit(outcome.exit_code)
