@@ -81,6 +81,7 @@ READS = {
     "media.pictures.exr": "bytes that were read and checked",
     "media.pictures.images": "bytes that were read and checked",
     "studio.uploads": "bytes of a request, limited",
+    "serving.bodies": "bytes of a request, limited",
     "metrology.readers": "check_file, then the number of points before the heights",
     "simulate.scenes.mesh": "check_mesh_file, then trimesh",
     "handoff.bags.files": "checked, then message by message",

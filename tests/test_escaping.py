@@ -226,6 +226,7 @@ import json, runpy, sys
 from unittest.mock import MagicMock
 for name in ("bpy", "mathutils", "mitsuba", "drjit"):
     sys.modules[name] = MagicMock()
+sys.modules["bpy"].app.version = (5, 3, 0)
 found = runpy.run_path(sys.argv[1])
 if "set_up" in found:
     found["set_up"]()
