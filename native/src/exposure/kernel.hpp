@@ -3,6 +3,7 @@
 // Rays go through in blocks: each step is a loop over a block's lanes without branches, which compilers vectorise.
 #pragma once
 
+#include <bit>
 #include <cmath>
 
 #include "exposure.hpp"
@@ -77,6 +78,13 @@ inline Shifts shifts_of(const Samples& samples, int column, int row) {
     uint32_t h = mixed(samples.seed ^ mixed(static_cast<uint32_t>(column) + mixed(static_cast<uint32_t>(row))));
     for (float& shift : shifts.of) shift = static_cast<float>(h >> 8) * 0x1p-24f, h = mixed(h + 0x9e3779b9u);
     return shifts;
+}
+
+// The whole part of a number from 0 to `last`, and 0 of all others: it is an index. Bits are compared, since -ffast-math
+// takes comparisons of NaN for granted: those of negative numbers, infinity and NaN exceed those of any `last`.
+inline int index_of(float x, int last) {
+    const bool is_inside = std::bit_cast<uint32_t>(x) <= std::bit_cast<uint32_t>(static_cast<float>(last));
+    return is_inside ? static_cast<int>(x) : 0;
 }
 
 inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
@@ -218,7 +226,7 @@ inline const MeridianNode* node_before(const Optics& o, float r, float& t) {
     const float place = r / o.step, last = static_cast<float>(o.cells) - 1;
     const float cell = place < last ? floor_of(place) : last;
     t = place - cell;
-    return o.nodes + static_cast<int>(cell);
+    return o.nodes + index_of(cell, o.cells - 1);
 }
 
 inline Between slope_at(const Optics& o, float r) {

@@ -19,8 +19,8 @@ struct Strip {
 // comparisons that are false for NaN.
 template <Interpolation I, class Real, class F>
 void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry& g, Block<F>& __restrict block) {
-    const Real right = static_cast<Real>(g.width - 0.5), bottom = static_cast<Real>(g.height - 0.5);
-    const Real x_last = static_cast<Real>(g.width - 1), y_last = static_cast<Real>(g.height - 1);
+    const Real right = at_most<Real>(g.width - 0.5), bottom = at_most<Real>(g.height - 0.5);
+    const Real x_last = at_most<Real>(g.width - 1), y_last = at_most<Real>(g.height - 1);
     const Real scale = one<F>, half = static_cast<Real>(0.5);
     for (int i = 0; i < 8; ++i) {
         const bool inside = (x[i] >= -half) & (x[i] <= right) & (y[i] >= -half) & (y[i] <= bottom);
@@ -28,11 +28,11 @@ void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry
         xc = xc < x_last ? xc : x_last;
         yc = yc < y_last ? yc : y_last;
         uint32_t kind = inside ? 0 : OUTSIDE;
-        int x0, y0;
+        int x0 = static_cast<int>(xc), y0 = static_cast<int>(yc);
         if constexpr (I == Interpolation::nearest) {
-            x0 = static_cast<int>(xc + half), y0 = static_cast<int>(yc + half);
+            // The sum with 1/2 would be rounded to the pixel after the next where numbers have gaps of 1.
+            x0 += xc - static_cast<Real>(x0) >= half, y0 += yc - static_cast<Real>(y0) >= half;
         } else {
-            x0 = static_cast<int>(xc), y0 = static_cast<int>(yc);
             x0 = x0 < g.x0_max ? x0 : g.x0_max;
             y0 = y0 < g.y0_max ? y0 : g.y0_max;
             block.fx[i] = static_cast<F>(static_cast<int>((xc - static_cast<Real>(x0)) * scale + half));
