@@ -169,8 +169,8 @@ class Recipes:
 
     def AxialCamera_project(self) -> tuple[Any, Arguments]:
         count = self.side(600)
-        arguments: Arguments = {"targets": self.floats(count, 3), "is_near": True, "pixels": self.b.empty((count, 2), float)}
-        return self.module.AxialCamera(**self.AxialCamera()), {**arguments, "excess": self.b.empty((count,), float)}
+        out = {"pixels": self.b.empty((count, 2), float), "excess": self.b.empty((count,), float)}
+        return self.module.AxialCamera(**self.AxialCamera()), {"targets": self.floats(count, 3), "is_near": True, **out}
 
     # -- batch
 
@@ -401,7 +401,8 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
         changed = b.copy(array)
         if changed.size:
             at = random.integers(0, changed.size, int(random.integers(1, 1 + changed.size)))
-            odd = [v for v in ODD_NUMBERS if isinstance(v, float)] if array.dtype.kind == "f" else [-1, -2, 2**31 - 1, 9]
+            real = [value for value in ODD_NUMBERS if isinstance(value, float)]
+            odd = real if array.dtype.kind == "f" else [-1, -2, 2**31 - 1, 9]
             with np.errstate(all="ignore"):
                 changed.reshape(-1)[at] = np.asarray(random.choice(odd, len(at))).astype(array.dtype)
         return changed

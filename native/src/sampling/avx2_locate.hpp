@@ -16,7 +16,7 @@ struct Axis {
 
 Axis along(const float* at, int size, int first_max) {
     const __m256 x = _mm256_loadu_ps(at);
-    const float last = at_most<float>(size - 1), end = at_most<float>(size - 0.5);
+    const float last = static_cast<float>(size - 1), end = static_cast<float>(size - 0.5);
     const __m256 inside = _mm256_and_ps(_mm256_cmp_ps(x, _mm256_set1_ps(-0.5f), _CMP_GE_OQ),
                                         _mm256_cmp_ps(x, _mm256_set1_ps(end), _CMP_LE_OQ));
     const __m256 kept = _mm256_min_ps(_mm256_max_ps(x, _mm256_setzero_ps()), _mm256_set1_ps(last));

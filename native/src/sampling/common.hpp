@@ -5,7 +5,6 @@
 // library that has a body is called.
 #pragma once
 
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -22,14 +21,6 @@ T smaller(T a, T b) {
 template <class T>
 T larger(T a, T b) {
     return a < b ? b : a;
-}
-
-// The largest number of a type that is not above x > 0: float has gaps of 1 and more above 2^23.
-template <class Real>
-Real at_most(double x) {
-    if constexpr (sizeof(Real) == sizeof(double)) return x;
-    const float nearest = static_cast<float>(x);
-    return static_cast<double>(nearest) > x ? std::bit_cast<float>(std::bit_cast<uint32_t>(nearest) - 1) : nearest;
 }
 
 // Fractions of deep pictures are finer: 1/65535 of a pixel instead of 1/255. A fraction of 1 occurs, at the

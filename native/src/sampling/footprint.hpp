@@ -48,7 +48,7 @@ void find_row(const Job& job, int row, int left, int right, float* x, float* y) 
 }
 
 void keep_inside(const Geometry& g, int count, float* __restrict x, float* __restrict y) {
-    const float right = at_most<float>(g.width - 0.5), bottom = at_most<float>(g.height - 0.5);
+    const float right = static_cast<float>(g.width - 0.5), bottom = static_cast<float>(g.height - 0.5);
     for (int i = 0; i < count; ++i) {
         const bool inside = (x[i] >= -0.5f) & (x[i] <= right) & (y[i] >= -0.5f) & (y[i] <= bottom);
         x[i] = inside ? x[i] : NOWHERE, y[i] = inside ? y[i] : NOWHERE;

@@ -19,8 +19,8 @@ struct Strip {
 // comparisons that are false for NaN.
 template <Interpolation I, class Real, class F>
 void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry& g, Block<F>& __restrict block) {
-    const Real right = at_most<Real>(g.width - 0.5), bottom = at_most<Real>(g.height - 0.5);
-    const Real x_last = at_most<Real>(g.width - 1), y_last = at_most<Real>(g.height - 1);
+    const Real right = static_cast<Real>(g.width - 0.5), bottom = static_cast<Real>(g.height - 0.5);
+    const Real x_last = static_cast<Real>(g.width - 1), y_last = static_cast<Real>(g.height - 1);
     const Real scale = one<F>, half = static_cast<Real>(0.5);
     for (int i = 0; i < 8; ++i) {
         const bool inside = (x[i] >= -half) & (x[i] <= right) & (y[i] >= -half) & (y[i] <= bottom);
@@ -28,11 +28,11 @@ void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry
         xc = xc < x_last ? xc : x_last;
         yc = yc < y_last ? yc : y_last;
         uint32_t kind = inside ? 0 : OUTSIDE;
-        int x0 = static_cast<int>(xc), y0 = static_cast<int>(yc);
+        int x0, y0;
         if constexpr (I == Interpolation::nearest) {
-            // The sum with 1/2 would be rounded to the pixel after the next where numbers have gaps of 1.
-            x0 += xc - static_cast<Real>(x0) >= half, y0 += yc - static_cast<Real>(y0) >= half;
+            x0 = static_cast<int>(xc + half), y0 = static_cast<int>(yc + half);
         } else {
+            x0 = static_cast<int>(xc), y0 = static_cast<int>(yc);
             x0 = x0 < g.x0_max ? x0 : g.x0_max;
             y0 = y0 < g.y0_max ? y0 : g.y0_max;
             block.fx[i] = static_cast<F>(static_cast<int>((xc - static_cast<Real>(x0)) * scale + half));
@@ -47,10 +47,21 @@ void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry
     }
 }
 
-// x and y hold count, a multiple of 8.
+// Above this float has gaps of a pixel: x + 1/2 is not exact, and neither is the last pixel.
+constexpr int LONG_SIDE = 1 << 23;
+
+bool is_long(const Geometry& g) { return g.width > LONG_SIDE || g.height > LONG_SIDE; }
+
+// x and y hold count, a multiple of 8 and at most STRIP + 8.
 template <Interpolation I, class Real, class F>
 void locate(const Real* x, const Real* y, int count, const Geometry& geometry, Block<F>* blocks) {
     const Geometry g = geometry;
+    if (sizeof(Real) < sizeof(double) && is_long(g)) {
+        alignas(64) double longer_x[STRIP + 8], longer_y[STRIP + 8];
+        for (int i = 0; i < count; ++i) longer_x[i] = x[i], longer_y[i] = y[i];
+        for (int i = 0; i < count; i += 8) locate_8<I>(longer_x + i, longer_y + i, g, blocks[i / 8]);
+        return;
+    }
     for (int i = 0; i < count; i += 8) locate_8<I>(x + i, y + i, g, blocks[i / 8]);
 }
 
