@@ -3,7 +3,6 @@
 // Rays go through in blocks: each step is a loop over a block's lanes without branches, which compilers vectorise.
 #pragma once
 
-#include <bit>
 #include <cmath>
 
 #include "exposure.hpp"
@@ -80,11 +79,12 @@ inline Shifts shifts_of(const Samples& samples, int column, int row) {
     return shifts;
 }
 
-// The whole part of a number from 0 to `last`, and 0 of all others: it is an index. Bits are compared, since -ffast-math
-// takes comparisons of NaN for granted: those of negative numbers, infinity and NaN exceed those of any `last`.
+// The whole part of a number from 0 to `last`, and 0 of all others: it is an index. The integer is compared, and kept from
+// conclusions that compilers draw from -ffast-math: NaN becomes the least integer, or 0.
 inline int index_of(float x, int last) {
-    const bool is_inside = std::bit_cast<uint32_t>(x) <= std::bit_cast<uint32_t>(static_cast<float>(last));
-    return is_inside ? static_cast<int>(x) : 0;
+    int whole = static_cast<int>(x);
+    asm("" : "+r"(whole));
+    return static_cast<unsigned>(whole) <= static_cast<unsigned>(last) ? whole : 0;
 }
 
 inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
