@@ -122,13 +122,13 @@ def test_kernels_meet_the_mirror_where_its_formula_says(kind, kernels):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"targets": np.zeros((2, 9))}, "targets and ways are"),
-        ({"rows": np.zeros((8, 8))}, "rows are as long as what is asked"),
-        ({"rows": np.zeros((7, 9))}, "rows are as long as what is asked"),
-        ({"states": np.zeros(8, np.uint8)}, "states are as many as what is asked"),
-        ({"by_omega": np.zeros((0, 4))}, r"tables are \(pieces, 4\)"),
-        ({"by_omega": np.zeros((9, 3))}, r"tables are \(pieces, 4\)"),
-        ({"omegas": (1.0, 0.9)}, "field angles do not fall"),
+        ({"targets": np.zeros((2, 9))}, r"targets must have shape \(3, any\); got \(2, 9\)"),
+        ({"rows": np.zeros((8, 8))}, r"rows must have shape \(8, 9\); got \(8, 8\)"),
+        ({"rows": np.zeros((7, 9))}, r"rows must have shape \(8, 9\)"),
+        ({"states": np.zeros(8, np.uint8)}, r"states must have shape \(9,\); got \(8,\)"),
+        ({"by_omega": np.zeros((0, 4))}, "by_omega must not be empty"),
+        ({"by_omega": np.zeros((9, 3))}, r"by_omega must have shape \(any, 4\)"),
+        ({"omegas": (1.0, 0.9)}, "omegas must not decrease"),
     ],
 )
 def test_kernels_refuse_what_would_leave_memory(change, says, kernels):

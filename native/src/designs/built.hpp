@@ -21,8 +21,8 @@ public:
 
     // The first `count` rows at a tangent.
     void at(double tangent, int count, double* rows) const {
-        const int place = static_cast<int>(tangent / step_), last = table_.cells - 1;
-        const int cell = place < 0 ? 0 : place > last ? last : place;
+        const double place = tangent / step_, last = table_.cells - 1;
+        const int cell = static_cast<int>(place > 0 ? place < last ? place : last : 0.0);  // NaN is in the first
         const double u = tangent / step_ - cell;
         const double* a = table_.values + static_cast<std::size_t>(cell) * 2 * LENS_ROWS;
         const double *da = a + LENS_ROWS, *b = da + LENS_ROWS, *db = b + LENS_ROWS;

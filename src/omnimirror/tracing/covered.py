@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..housing import Shell, Tube
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
-from ..native import backend
+from ..native import backend, kernel_array
 from ..numerics.lazy import cached_property
 from .covers import Cover
 from .meridian import Meridian
@@ -259,7 +259,7 @@ class CoveredMirror:
         backend.kernels.find_covered(
             (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
             said_to_kernels(self.shell), self.ends_mm, (MAX_STEPS, LONGEST_STEP, SETTLED),
-            (np.ascontiguousarray(pupils.xyz), pupils.distant), (np.ascontiguousarray(targets.xyz), targets.distant),
+            (kernel_array(pupils.xyz), pupils.distant), (kernel_array(targets.xyz), targets.distant),
             xy, settled.view(np.uint8),
         )  # fmt: skip
         return xy, settled

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter
 from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
-from ..native import backend
+from ..native import backend, kernel_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -131,7 +131,7 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
 
 def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
     """The same as :func:`way_out_in_numpy`, to the last digits."""
-    points, directions = (np.ascontiguousarray(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
+    points, directions = (kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
     count = len(points)
     vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
     backend.kernels.leave_wall(said_to_kernels(shell), points, directions, vectors, numbers, flags.view(np.uint8))
