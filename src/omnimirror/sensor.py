@@ -550,9 +550,12 @@ class Sensor:
         ------
         InvalidParameter
             Pixels of another shape.
+        NotOneToOne
+            A mapping that has no inverse, whether or not the sensor is aligned.
         """
         pixels = vectors("pixels", pixels, 2)
         if not self.is_axial:
+            self._check_one_to_one()
             return self.aperture_rays(pixels, np.zeros(2))
         image, _ = self.image_plane.flat_mm(pixels)
         radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
@@ -746,9 +749,22 @@ class Sensor:
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
-        """Pixels of points or directions (n, 3) of the camera frame."""
+        """Return the pixels of points or directions (n, 3) of the camera frame."""
+        self._check_one_to_one()
         image = self.optical_train.image_of(Ends.of(targets.reshape(-1, 3), distant))
         return self._in_picture(image.reshape(*targets.shape[:-1], 2))
+
+    def _check_one_to_one(self) -> None:
+        """Raise NotOneToOne for a misaligned sensor whose mapping is not one-to-one when it is aligned.
+
+        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt, however small, does
+        not make it a camera.
+        """
+        _ = self._is_one_to_one
+
+    @cached_property
+    def _is_one_to_one(self) -> bool:
+        return self.aligned().meridian.omega_max > 0
 
     def _in_picture(self, image_mm: Array) -> Projection:
         """Pixels of places (n, 2) mm on a square imager; NaN, or outside, is not valid."""

@@ -287,7 +287,12 @@ def _field_of(lens: SurfaceLens) -> LensField:
     outer = None
     if lens.index_short is not None and lens.index_long is not None:
         outer = np.array([1.0, *lens.index_short]), np.array([1.0, *lens.index_long])
-    return LensField(traced_field(traced, end, outer), "the lens's field")
+    return LensField(
+        traced_field(traced, end, outer),
+        "the lens's field",
+        at_fold="set field_max_deg below {angle}",
+        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+    )
 
 
 def _sequence_of(lens: SurfaceLens) -> Sequence:

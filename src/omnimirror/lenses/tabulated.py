@@ -210,7 +210,13 @@ def _field_of(lens: TabulatedLens) -> LensField:
         left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
         column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
     )  # fmt: skip
-    return LensField(_through_window(nodes, lens.window_mm, lens.window_index), "the lens's table")
+    nodes = _through_window(nodes, lens.window_mm, lens.window_index)
+    return LensField(
+        nodes,
+        "the lens's table",
+        at_fold="correct image_height_mm, or omit the rows from {angle} deg on",
+        at_end="add rows of larger field_deg",
+    )
 
 
 def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldNodes:
