@@ -60,6 +60,13 @@ class FieldNodes(NamedTuple):
     """(n,) by how much images of the shortest wavelength are higher than those of the middle one."""
     long: Array
     """(n,) the same of the longest."""
+    stop_t: Array
+    """(n,) half width in the meridian of the pupil without vignetting, over that on the axis."""
+    stop_s: Array
+    stop_shift: Array
+    """(n,) distance of its middle from the chief ray, over its radius on the axis."""
+    openness: Array
+    """(n,) share of its area that vignetting leaves."""
 
 
 class LensValues(NamedTuple):
@@ -75,9 +82,12 @@ class LensValues(NamedTuple):
     illumination: Array
     own_t: Array
     own_s: Array
+    stop_t: Array
+    stop_s: Array
+    openness: Array
 
 
-ODD = ("height", "shift_t", "short", "long")
+ODD = ("height", "shift_t", "short", "long", "stop_shift")
 
 
 @dataclass(frozen=True)
