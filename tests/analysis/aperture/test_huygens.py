@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import omnimirror as om
 from omnimirror.housing import CameraBody, Housing
-from omnimirror.lenses import Perspective, SurfaceLens
+from omnimirror.lenses import Perspective
 from omnimirror.mirrors import Flat, Hyperboloid, Secondary, Sphere
 from tests.everyday import few
-from tests.lenses import prescriptions as own
 
 WAVE = 550e-6  # mm
 PITCH = 5.2e-3
@@ -27,7 +27,7 @@ def conic(mirror):
         return 1 / mirror.radius_mm, 0.0
     if isinstance(mirror, Hyperboloid):
         a, b = mirror.a_mm, mirror.b_mm
-        return b / a**2, -1 - b**2 / a**2
+        return b / a**2, -1 - a**2 / b**2
     return 0.0, 0.0
 
 
@@ -37,8 +37,10 @@ def meet(c, k, p, d):
     b = c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1] + (1 + k) * p[:, 2] * d[:, 2]) - d[:, 2]
     e = c * (p[:, 0] ** 2 + p[:, 1] ** 2 + (1 + k) * p[:, 2] ** 2) - 2 * p[:, 2]
     root = np.sqrt(b**2 - a * e)
-    t = np.where(b > 0, -e / (b + root), -e / (b - root))
-    q = p + t[:, None] * d
+    with np.errstate(divide="ignore", invalid="ignore"):  # a hyperboloid has another sheet, on which the normal turns
+        near, far = e / (root - b), (root - b) / a
+        is_front = 1 - c * (1 + k) * (p[:, 2] + near * d[:, 2]) > 0
+    q = p + np.where(is_front, near, far)[:, None] * d
     n = np.stack([-c * q[:, 0], -c * q[:, 1], 1 - c * (1 + k) * q[:, 2]], axis=-1)
     return q, n / np.linalg.norm(n, axis=1)[:, None]
 
@@ -124,22 +126,19 @@ def flux(places_of, disk, step):
     return by_u.reshape(-1, 3), by_v.reshape(-1, 3)
 
 
-def line_mtf(sensor, light, phase, image, f_numbers, nu):
-    """|OTF| tangentially and sagittally: waves of the pupil summed at image points, intensity, line, transform."""
-    x = (np.arange(-150, 151)) * 0.12 * PITCH  # mm
-    F_t, F_s = f_numbers
-    k = 2 * np.pi / WAVE
-    amplitude = (np.sqrt(light) * np.exp(1j * k * phase)).reshape(SIDE, SIDE)
-    u = image.reshape(SIDE, SIDE, 2)
-    t = np.exp(1j * k * np.outer(x, u[:, 0, 0]) / (2 * F_t))
-    s = np.exp(1j * k * np.outer(u[0, :, 1], x) / (2 * F_s))
-    density = np.abs(t @ amplitude @ s) ** 2
+def line_mtf(light, phase, step, f_numbers, nu):
+    """|OTF| tangentially and sagittally: waves summed at image points, line spread of their intensity, transform.
+
+    The image points of the discrete transform span one period of the sampled pupil, so that no light is lost.
+    """
+    wave = (np.sqrt(light) * np.exp(2j * np.pi / WAVE * phase)).reshape(SIDE, SIDE)
+    density = np.abs(np.fft.fft2(wave, (2 * SIDE, 2 * SIDE))) ** 2
     found = []
-    for axis in (0, 1):
-        line = density.sum(axis=1 - axis)
-        otf = np.exp(-2j * np.pi * np.outer(nu / PITCH, x)) @ line / line.sum()
-        found.append(np.abs(otf))
-    return found
+    for axis, f_number in enumerate(f_numbers):
+        otf = np.fft.ifft(density.sum(axis=1 - axis))[:SIDE]
+        cycles_per_mm = np.arange(SIDE) * step / (2 * WAVE * f_number)
+        found.append(np.abs(CubicSpline(cycles_per_mm, otf / otf[0])(nu / PITCH)))
+    return np.array(found)
 
 
 def huygens(sensor, omega_deg, nu=NU):
@@ -168,8 +167,8 @@ def huygens(sensor, omega_deg, nu=NU):
     F = lens.focus_distance_mm * lens.focal_length_mm / (lens.focus_distance_mm - lens.focal_length_mm)
     F = F / (2 * radius)
     cos = 1 / np.hypot(1.0, chief[0, 0])
-    found = line_mtf(sensor, light * open_, phase, disk, (F / cos**3, F / cos), nu)
-    return np.array(found) * np.sinc([nu, 0 * nu + 0])[0], open_.sum() / (np.hypot(*disk.T) <= 1).sum()
+    found = line_mtf(light * open_, phase, step, (F / cos**3, F / cos), nu)
+    return found * np.sinc(nu), open_.sum() / (np.hypot(*disk.T) <= 1).sum()
 
 
 def folded(f_number, bore):
@@ -190,9 +189,9 @@ CASES = {
     "hyperboloidal": (at("folded-hyperboloidal", 2.0), 60.0),
     "hyperboloidal, fast": (at("folded-hyperboloidal", 1.4), 100.0),
     "spherical, fast": (at("folded-spherical", 1.0), 70.0),
-    "spherical, where its field begins": (at("folded-spherical", 4.0), 14.5),
+    "spherical, where its field begins": (at("folded-spherical", 4.0), 13.3),
     "at the rim": (at("paper-spherical", 4.0), 134.8),
-    "past the camera": (replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))), 9.0),
+    "past the camera": (replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))), 8.5),
 }
 
 

@@ -25,8 +25,9 @@ from .pupil_fit import DEGREE, FITTED, basis, fit, orders, slopes
 
 Array = NDArray[np.float64]
 
-SOFT = 1.5  # distances of neighbouring nodes over which sums soften the shadow of an edge
+SOFT = 5.0  # over nodes: width of softened edges in radii, the largest distance between neighbouring nodes
 CUT_NODES = 128  # per side, of integrals over an aperture that an edge cuts
+MANY = 4096  # points at which products of matrices are worth their start
 CLEAR_OF = 0.1  # of the range of its clearance: an edge that all rays pass by more does not cut the aperture
 ROUGHEST = 0.02  # of a wavelength of 550 nm: an rms misfit of the phase beyond this is refused
 PHASE, LANDING, DENSITY, EDGES = 0, (1, 2), 3, 4  # columns of what is fitted; edges from the last on
@@ -59,11 +60,14 @@ class Wavefront:
         """
         x, y = self._polynomials(points)
         t, s = (self._value(column, x, y) for column in LANDING)
-        light = np.maximum(self._value(DENSITY, x, y), 0.0) * self._transmission(x, y, soft)
-        return self._value(PHASE, x, y), np.stack([t, s], axis=-1), light
+        return self._value(PHASE, x, y), np.stack([t, s], axis=-1), self._light(x, y, soft)
+
+    def light(self, points: Array, soft: float = 0.0) -> Array:
+        """Return the light (n,) at points (n, 2); its integral over a softened edge is that over a sharp one."""
+        return self._light(*self._polynomials(points), soft)
 
     def phase_and_amplitude(self, points: Array, soft: float = 0.0) -> tuple[Array, Array]:
-        """Return phase (n,) mm and amplitude (n,)."""
+        """Return phase (n,) mm and amplitude (n,), whose integral over a softened edge is that over a sharp one."""
         x, y = self._polynomials(points)
         light = np.maximum(self._value(DENSITY, x, y), 0.0)
         return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
@@ -72,6 +76,10 @@ class Wavefront:
         """Chebyshev polynomials (n, orders) of the aperture's x and of its y, at tangential and sagittal points."""
         x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in np.einsum("na,ac->cn", points, self.axes))
         return x, y
+
+    def _light(self, x: Array, y: Array, soft: float) -> Array:
+        light: Array = np.maximum(self._value(DENSITY, x, y), 0.0) * self._transmission(x, y, soft)
+        return light
 
     def _transmission(self, x: Array, y: Array, soft: float) -> Array:
         """Return 1 (n,) where all edges let light pass and 0 where one blocks it, with a ramp over softened edges."""
@@ -85,8 +93,9 @@ class Wavefront:
         """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
         square = np.zeros((DEGREE + 1, DEGREE + 1))
         square[orders()] = self.coefficients[:, column]
-        # einsum, and no product of matrices: waking BLAS's threads for so little takes longer
-        value: Array = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", x, square), y)
+        # for few points waking BLAS's threads takes longer than the product
+        along = x @ square if len(x) > MANY else np.einsum("ni,ij->nj", x, square)
+        value: Array = np.einsum("nj,nj->n", along, y)
         return value
 
     @cached_property
