@@ -126,6 +126,7 @@ def built_optics(
         domega_dx=np.where(passes, foot.rate, -1.0),
         cos_incidence=cos_gamma,
         seen=seen,
+        near=near,
     )
 
 

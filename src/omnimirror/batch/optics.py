@@ -50,6 +50,8 @@ class NodeOptics(NamedTuple):
     """Cosine of the angle of incidence gamma (Eq. 3); above 0 where the lens sees the mirror's front."""
     seen: Any = True
     """Whether what is outside is seen there at all; not by way of the base of a tube before another medium."""
+    near: Any = 0.0
+    """1 over the distance of the objects from the mirror points, 1/mm."""
 
 
 class Look(NamedTuple):
@@ -106,6 +108,7 @@ def node_optics(
         viewpoint_z=z + (w * (1 - slope * slope) - 2 * slope * x) / sine,
         domega_dx=domega_dx,
         cos_incidence=cos_gamma,
+        near=near,
     )
 
 
@@ -127,6 +130,7 @@ def telecentric_optics(
         viewpoint_z=z + (1 - slope * slope) / (2 * slope_over_x),
         domega_dx=domega_dx,
         cos_incidence=1 / np.sqrt(steep),
+        near=near,
     )
 
 
