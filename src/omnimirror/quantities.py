@@ -294,7 +294,7 @@ OF_THE_APERTURE = (
     Quantity("relative", "", "", "Relative illumination", "irradiance, of the largest over the field", format=".4f",
              head="relative"),
     Quantity("reflectance", "R", "", "Reflectance", "of the mirror under the angle of incidence", format=".4f"),
-    Quantity("filled", "", "", "Aperture filled", "share of the aperture that the mirror fills", format=".4g",
+    Quantity("filled", "", "", "Aperture filled", "unvignetted share of the aperture", format=".4g",
              head="aperture filled"),
     Quantity("viewpoint_error_px", "", "px", "Error of one viewpoint",
              "how far in the image an object lies from where one viewpoint looks for it", "Eq. 23"),
