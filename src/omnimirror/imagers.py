@@ -47,7 +47,9 @@ class Imager:
         "width_px": Parameter("px", 1, 100_000, "number of columns"),
         "height_px": Parameter("px", 1, 100_000, "number of rows"),
         "pixel_pitch_um": Parameter("um", 0.01, 1e4, "distance of neighbouring pixels"),
-        "centre_px": Parameter("px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"),
+        "centre_px": Parameter(
+            "px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"
+        ),
     }
 
     def __post_init__(self) -> None:

@@ -267,8 +267,9 @@ def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, wid
 
 def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
     with pytest.raises(OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"):
-        _ = sensor_with(lens_of(file, field_max_deg=10.0)).field_deg, om.evaluate(
-            sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA
+        _ = (
+            sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
+            om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
         )
 
 

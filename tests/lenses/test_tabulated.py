@@ -175,7 +175,7 @@ def test_a_mirror_past_the_end_of_the_table_is_refused():
         table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19],
         entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
     )  # fmt: skip
-    with pytest.raises(OmnimirrorError, match="ends at 9 deg from its axis, and the mirror reaches .* add rows"):
+    with pytest.raises(OmnimirrorError, match=r"ends at 9 deg from its axis, and the mirror reaches .* add rows"):
         om.evaluate(replace(table, lens=short), OMEGA)
 
 

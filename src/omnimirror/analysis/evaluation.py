@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 LEAST_STEP_DEG = 1e-5  # which makes some ten million field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
-"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``."""
+"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """The columns that are told with a standard deviation."""
 

@@ -19,7 +19,7 @@ from ..mirrors import Mirror, Secondary
 from ..numerics.lazy import cached_property
 from ..numerics.roots import NEWTON_CLOSE
 from . import space
-from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK, Ends, Specular, Surface
+from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, Ends, Specular, Surface
 from .space import Reflections
 from .two_mirrors import TwoMirrorMeridian, clearances
 

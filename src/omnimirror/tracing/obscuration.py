@@ -103,6 +103,11 @@ class TaperedRod(NamedTuple):
     top_radius_mm: float
 
     @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Height and radius of either end."""
+        return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
+
+    @property
     def taper(self) -> float:
         """Change of its radius with height, mm/mm."""
         return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)

@@ -143,7 +143,8 @@ class OpticalTrain:
         mirror = self.posed_mirror
         seen_at = mirror.seen_at(origins, directions) if isinstance(mirror, FoldedMirror) else found.points
         edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
-        return np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from.

@@ -60,7 +60,7 @@ def out_of(sensor, start, d):
     if second is not None:
         to_second = m - second.distance_mm
         q, n = meet(*conic(second.mirror), p - [0, 0, to_second], d)
-        q = q + [0, 0, to_second]
+        q[:, 2] += to_second
         blocked |= np.hypot(q[:, 0], q[:, 1]) > second.mirror.rim_radius_mm
         path, d2 = np.linalg.norm(q - p, axis=1), bounce(d, n)
         flip = np.array([1.0, 1.0, -1.0])
@@ -154,7 +154,7 @@ def huygens(sensor, omega_deg, nu=NU):
     chief, way = slopes_towards(sensor, np.zeros((1, 2)), target, guess)
     chief_path = way[0][0] - way[1][0] @ target
     disk, step = pupil_grid()
-    slopes, (path, hit, out, blocked) = slopes_towards(sensor, radius * disk, target, chief[0])
+    _, (path, hit, out, blocked) = slopes_towards(sensor, radius * disk, target, chief[0])
     assert np.abs(out - target).max() < 1e-8
     path = path - hit @ target
     in_focus = lens.focus_distance_mm * np.array([*chief[0], 1.0])

@@ -111,7 +111,7 @@ class Wavefront:
     @property
     def is_cut(self) -> bool:
         """Whether an edge blocks some of the aperture."""
-        return self.coefficients.shape[1] > EDGES
+        return bool(self.coefficients.shape[1] > EDGES)
 
     def nodes(self, wavelength_mm: float) -> int:
         """Nodes per side that integrals over the disk need, for all the waves that cross it."""

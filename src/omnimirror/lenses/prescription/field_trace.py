@@ -124,7 +124,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     ]
     return FieldNodes(
         t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own, *colours,
-        stop_t, stop_s, stop_shift, openness,
+        stop_t=stop_t, stop_s=stop_s, stop_shift=stop_shift, openness=openness,
     )  # fmt: skip
 
 

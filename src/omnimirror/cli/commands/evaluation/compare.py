@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import click
@@ -25,8 +24,8 @@ FORMATS = ("png", "html")
     examples=("omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html",),
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
-@click.option("--object-distance-mm", type=distance, metavar="MM", default=math.inf,
-              help="Distance of the objects from the mirror, for lengths per pixel.  [default: distant objects]")  # fmt: skip
+@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
+              help="Distance of the objects from the mirror, for lengths per pixel.")  # fmt: skip
 @output_option("-o", "--output", formats=FORMATS,
                help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
 @format_option(FORMATS)
