@@ -123,8 +123,8 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         for index in (indices or (None, None))
     ]
     return FieldNodes(
-        t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own, *colours,
-        stop_t=stop_t, stop_s=stop_s, stop_shift=stop_shift, openness=openness,
+        t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own,
+        colours[0], colours[1], stop_t, stop_s, stop_shift, openness,
     )  # fmt: skip
 
 
