@@ -60,10 +60,11 @@ def illumination(
 
     The angle of the cosine is that of each ray at the imager, and R that at the mirror: rays are traced from the
     pixel outwards through every part of the aperture, a flat disk as everywhere here; those that miss the mirror or
-    that lens or housing block contribute nothing. On the axis this is ``pi L T R sin^2(u)`` with ``tan(u) = 1/(2
-    F_w)``; a lens that obeys the sine condition has ``sin(u) = 1/(2 F_w)`` instead and gets 1/(4 F_w^2) of it more:
-    1.4 % at F/4, 11 % at F/1.4. Radiance is conserved by mirrors, so the image area of a degree (the paper's Ds) does
-    not enter. What a cover throws back (Fresnel's formulas, both sides) is lost.
+    that lens or housing block contribute nothing. On the axis this is ``pi L T R sin^2(u)`` with
+    ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine condition has ``sin(u) = 1/(2 F_w)`` instead and gets
+    1/(4 F_w^2) of it more: 1.4 % at F/4, 11 % at F/1.4. Radiance is conserved by mirrors, so the image area of a
+    degree (the paper's Ds) does not enter. What a cover reflects (Fresnel's formulas, both sides) is lost.
+
     Parameters
     ----------
     sensor

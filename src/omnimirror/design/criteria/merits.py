@@ -188,7 +188,7 @@ def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag
     b0 = camera.image_distance(v)
     return FieldValues(
         t, s, look.dh, look.dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, look.airy_px,
-        look.light, own_t, own_s, omega=o.omega, near=np.atleast_1d(o.near),
+        look.light, own_t, own_s, omega=o.omega, near=np.broadcast_to(o.near, np.shape(o.omega)),
     )  # fmt: skip
 
 
@@ -213,7 +213,8 @@ def values_of(
         return FieldValues(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
             np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), b0, reach, height, airy, light,
-            *(own_px or (0 * airy, 0 * airy)), omega=omega, near=np.atleast_1d(1 / np.asarray(object_distance_mm)),
+            *(own_px or (0 * airy, 0 * airy)), omega=omega,
+            near=np.broadcast_to(1 / np.asarray(object_distance_mm), omega.shape),
         )  # fmt: skip
 
 
