@@ -452,6 +452,11 @@ class Sensor:
         dict of (n,) arrays
             By the name of each part, True where it hides.
 
+        Raises
+        ------
+        InvalidParameter
+            Pixels of another shape, or two mirrors in a tube, whose :attr:`obscurations` are known.
+
         Examples
         --------
         >>> import omnimirror as om
