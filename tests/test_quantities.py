@@ -19,7 +19,8 @@ from tests.conftest import sensor_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 UNITS = {
-    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "deg2": "deg²", "px2": "px²",
+    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "mm_per_px": "mm/px",
+    "deg2": "deg²", "px2": "px²",
     "deg": "deg", "px": "px", "mm": "mm", "percent": "%", "sr": "sr", "g": "g",
 }  # fmt: skip
 

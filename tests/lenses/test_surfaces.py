@@ -240,6 +240,39 @@ def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
     assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
 
 
+DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in enumerate(
+    zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1)}  # fmt: skip
+
+
+@pytest.mark.parametrize("diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}])
+@pytest.mark.parametrize(
+    ("fields", "widest_deg"),
+    [
+        ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
+        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, and as many as FTYP says
+        ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a paraxial image height of 3 mm, f = 11.6 mm
+        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a real one: the triplet has little distortion
+    ],
+)
+def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, widest_deg, diameters, tmp_path):
+    """OpticStudio writes DIAM lines by default; they clip rays and leave the field as it is."""
+    text = own.zmx(per_surface=diameters)
+    start, end = text.index("FTYP"), text.index("WAVM 1")
+    (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
+    lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
+    assert lens.field_max_deg == pytest.approx(1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4)
+    if diameters is not DIAMETERS:
+        assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
+
+
+def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
+    with pytest.raises(OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"):
+        _ = (
+            sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
+            om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
+        )
+
+
 def test_inches(file, tmp_path):
     text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
     (tmp_path / "inches.zmx").write_text(text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}"))

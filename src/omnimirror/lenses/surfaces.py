@@ -230,6 +230,12 @@ class SurfaceLens(FieldLens):
         """By tracing the rays through every surface; NaN for those that do not get through."""
         return self._landed_from(points, directions).image.reshape(directions[..., :2].shape)
 
+    def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at every surface with a clear aperture (``clear_mm``)."""
+        radii = self._landed_from(points, directions).radii.reshape(-1, *directions.shape[:-1])
+        limits = enumerate(self.clear_mm or (), start=1)
+        return {f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0}
+
     def image_cosines(self, points: Array, directions: Array) -> Array:
         """By tracing the rays through every surface; NaN for those that do not get through."""
         return self._landed_from(points, directions).cosines.reshape(directions[..., :2].shape)
@@ -288,7 +294,12 @@ def _field_of(lens: SurfaceLens) -> LensField:
     outer = None
     if lens.index_short is not None and lens.index_long is not None:
         outer = np.array([1.0, *lens.index_short]), np.array([1.0, *lens.index_long])
-    return LensField(traced_field(traced, end, outer), "the lens's field")
+    return LensField(
+        traced_field(traced, end, outer),
+        "the lens's field",
+        at_fold="set field_max_deg below {angle}",
+        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+    )
 
 
 def _sequence_of(lens: SurfaceLens) -> Sequence:

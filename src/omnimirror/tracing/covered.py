@@ -146,9 +146,9 @@ class CoveredMirror:
         left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
         return left_at, outwards
 
-    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
-        """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
-        return self.mirror.beyond_edge_mm(points, seen_at)
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
+        return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
 
     # -- out through the wall ----------------------------------------------------------------------
 
