@@ -4,6 +4,7 @@ import struct
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -191,7 +192,7 @@ def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
     def full(self, data):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(MediaError, match=r"cannot write .*a.png: No space left on device"):
         om.write_image(path, picture())
     np.testing.assert_array_equal(om.read_image(path), before)
