@@ -65,6 +65,7 @@ def test_any_brightness_is_counted(light):
     ("light", "seed", "words"),
     [
         (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
+        (np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5), 0, "light holds NaN"),  # one value of one pixel
         (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
         (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
         (np.zeros((4, 4, 3)), -1, "seed = -1"),

@@ -191,6 +191,11 @@ def test_object_distances_may_differ_by_row():
         ({"omega_deg": [1.0], "x_mm": [1.0]}, InvalidParameter, "omega_deg and x_mm were given together"),
         ({"omega_deg": [1.0], "object_distance_mm": 0.0}, InvalidParameter, "object_distance_mm = 0"),
         ({"omega_deg": [1.0], "object_distance_mm": -5.0}, InvalidParameter, "object_distance_mm = -5"),
+        (
+            {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
+            InvalidParameter,
+            "object_distance_mm = -5 is not a distance; it is valid above 0",
+        ),
         ({"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]}, InvalidParameter, "2 values for 1 field angles"),
         ({"omega_deg": [1.0], "focus_mm": 11.0}, InvalidParameter, "focus_distance_mm = 11 is not beyond"),
         ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode = 'rough'"),

@@ -100,7 +100,19 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
 
 
 def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None) -> FieldNodes:
-    """The nodes of a lens's field from the axis to a tangent; ``indices`` are those of the outer wavelengths."""
+    """Return the nodes of a lens's field from the axis to a tangent.
+
+    Parameters
+    ----------
+    traced, end
+    indices
+        Refractive indices in the shortest and the longest wavelength.
+
+    Raises
+    ------
+    InvalidParameter
+        Rays through the edge of the pupil miss a surface.
+    """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)
     height = traced.land(t, y).image[:, 0]
@@ -122,9 +134,17 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     ]
     shift = (ahead - behind) / 2
     shift[0] = 0.0
-    return FieldNodes(
+    nodes = FieldNodes(
         t, height, place, *focus, fan[2], fan[3], (ahead + behind) / 2, side, shift, light, *own, *colours
     )
+    finite = np.isfinite(np.stack(nodes)).all(axis=0)
+    if not finite.all():
+        angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
+        raise InvalidParameter(
+            f"rays through the edge of the pupil must pass all surfaces; some at {angle:.4g} deg miss one. "
+            "Increase f_number or reduce field_max_deg"
+        )
+    return nodes
 
 
 def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Array:
