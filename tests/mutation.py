@@ -58,15 +58,19 @@ class Score:
         return f"{self.killed:8d} {len(self.survivors):9d} {self.equivalent:11d}"
 
 
-def annotations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Return the spans (line, column) of annotations, which `from __future__ import annotations` never evaluates."""
-    spans = []
+def declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Return the spans (line, column) that are not mutated, as they declare and do not compute.
+
+    Annotations are never evaluated, decorators declare what Python enforces, ``strict=`` of ``zip`` is an assertion.
+    """
+    found: list[ast.expr] = []
     for node in ast.walk(ast.parse(source)):
-        for name in ("annotation", "returns"):
-            note = getattr(node, name, None)
-            if isinstance(note, ast.expr):
-                spans.append(((note.lineno, note.col_offset), (note.end_lineno, note.end_col_offset)))
-    return spans
+        found += [getattr(node, name, None) for name in ("annotation", "returns")]
+        found += getattr(node, "decorator_list", [])
+        if isinstance(node, ast.Call):
+            found += [keyword.value for keyword in node.keywords if keyword.arg == "strict"]
+    # the decorator's sign is no part of its expression
+    return [((e.lineno, e.col_offset - 1), (e.end_lineno, e.end_col_offset)) for e in found if isinstance(e, ast.expr)]
 
 
 def changed_lines(source: str, other: str) -> tuple[str, str]:
@@ -87,14 +91,14 @@ def mutants(source: str, count: int, draw: random.Random) -> Iterator[Mutant]:
     from cosmic_ray.plugins import get_operator, operator_names
 
     places: dict[tuple[tuple[int, int], tuple[int, int]], list[tuple[str, int]]] = {}
-    hidden, nodes = annotations(source), list(ast_nodes(get_ast(source)))
+    hidden, nodes = declarations(source), list(ast_nodes(get_ast(source)))
     for name in sorted(operator_names()):
         if get_operator(name).arguments():
             continue  # needs a configuration of its own
         operator = get_operator(name)()
         spans = (span for node in nodes for span in operator.mutation_positions(node))
         for occurrence, (start, end) in enumerate(spans):
-            if not any(a <= start and end <= b for a, b in hidden):
+            if not any(a <= start < b for a, b in hidden):
                 places.setdefault((start, end), []).append((name, occurrence))
     order = sorted(places)
     draw.shuffle(order)

@@ -56,7 +56,7 @@ def test_jobs_come_back_in_their_order_from_several_processes():
         again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same are asked again
         assert {process for _, process in again} <= processes
     for process in processes - {os.getpid()}:
-        with pytest.raises(ProcessLookupError):
+        with pytest.raises(ProcessLookupError, match="No such process"):
             os.kill(process, 0)
 
 

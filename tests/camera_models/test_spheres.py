@@ -120,6 +120,7 @@ def test_the_sphere_of_the_sensor_that_is_one():
 )
 def test_the_field_ends_where_it_should(model, end_deg):
     assert np.degrees(model.model_end) == pytest.approx(end_deg, abs=1e-6)
+    assert model.model_end < np.radians(end_deg)  # where r still grows
 
 
 OMEGA = np.linspace(0.0, np.pi, 200_001)[1:-1]

@@ -146,7 +146,10 @@ def test_beyond_this_machine_the_token_is_asked_for():
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
     with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
-        with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://192.168.1.7/api/stream?id=source"):
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
+        ):
             pass
         with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
             assert "there is no stream" in socket.receive_text()

@@ -126,6 +126,30 @@ def test_the_first_of_equally_bad_angles_is_named():
     assert row.reached == pytest.approx(values.min(), rel=1e-9)
 
 
+def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
+    wanted, sensor = (
+        replace(WANTED, limits=(om.Limit("total_blur_px", at_least=1.0),)),
+        om.load_sensor("paper-equidistant"),
+    )
+    found, same, other = (om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000}))
+    assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
+    assert found == same != other
+    for angles in (1, 100_001):
+        with pytest.raises(InvalidParameter, match=f"angles = {angles} is not"):
+            om.judge(WANTED, SPHERE, angles=angles)
+
+
+@pytest.mark.parametrize(("name", "is_blur"), [("total_blur_px", True), ("aspect", False)])
+def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_blur):
+    airy = om.evaluate(SPHERE, [90.0]).airy_px
+    for share in (0.9, 1.1):
+        (row,) = om.judge(replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE).limits
+        said = [remark for remark in row.remarks if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")]
+        assert len(said) == (is_blur and share < 1)
+    (row,) = om.judge(replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE).limits
+    assert not any("Airy" in remark for remark in row.remarks)
+
+
 def test_what_cannot_be_judged_is_said():
     with pytest.raises(InvalidParameter, match="the lens of the sensor is orthographic, and the req"):
         om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))

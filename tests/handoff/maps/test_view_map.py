@@ -171,5 +171,5 @@ def test_a_single_viewpoint_is_kept():
 
 
 def test_a_view_that_sees_nothing_is_refused():
-    with pytest.raises(OutsideField):
+    with pytest.raises(OutsideField, match=r"the perspective view .* sees nothing of the camera's field"):
         om.view_map(SMALL, om.screens.Plane((64, 48), tilt_deg=89.0, hfov_deg=10.0))
