@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from omnimirror import files
-from omnimirror.errors import OmnimirrorError
+from omnimirror.errors import OmnimirrorError, SpecError
 from omnimirror.files import LARGEST_TEXT, read_bytes, read_text, replacing, write_text
 
 
@@ -81,6 +81,22 @@ def test_a_folder_is_not_a_file_name(tmp_path):
     with pytest.raises(OmnimirrorError, match="it is a folder, and a file name is needed"):
         write_text(tmp_path, "x")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
+    files.write_json(tmp_path / "a.json", {"unit": "µm", "range": (1.0, np.inf)})
+    assert (tmp_path / "a.json").read_text(encoding="utf-8") == (
+        '{\n "unit": "µm",\n "range": [\n  1.0,\n  "inf"\n ]\n}\n'
+    )
+
+
+@pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
+def test_whole_numbers_of_toml_have_64_bits(digits):
+    """Refuse also thousands of digits, which Python does not convert."""
+    with pytest.raises(SpecError, match=r"^a.toml holds a whole number of more than 64 bits"):
+        files.parse_toml(f"a = [{{b = {digits}}}]", "a.toml")
+    for valid in (2**63 - 1, -(2**63)):
+        assert files.parse_toml(f"a = {valid}", "a.toml") == {"a": valid}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -239,6 +240,21 @@ def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
 def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         plano_convex(**columns)
+
+
+BOUNDS = {
+    "curvature_per_mm": (-1e3, 1e3), "thickness_mm": (-1e4, 1e4), "index": (1.0, 5.0), "conic": (-1e4, 1e4),
+    "edge_mm": (0.0, 1e4), "clear_mm": (0.0, 1e4), "index_short": (1.0, 5.0), "index_long": (1.0, 5.0),
+    "wavelengths_nm": (100.0, 2e4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_columns_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    for value in (low - 1e-4, high + 0.1):
+        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+            plano_convex(**{name: (value,) * 3})
 
 
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])

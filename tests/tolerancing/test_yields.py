@@ -131,6 +131,14 @@ def test_a_limit_itself_is_kept(name, kept):
     assert within(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
 
 
+def test_what_is_beyond_all_bins_counts_in_the_last():
+    merits = np.zeros((4, len(merit_names())))
+    merits[:, 0] = 1e30
+    tally = Tally({})
+    tally.add(merits)
+    assert tally.quantile(merit_names()[0], 0.5) == pytest.approx(1e9, rel=0.01)
+
+
 def test_without_trials_or_with_lost_ones_alone_there_is_no_curve():
     lost = np.ones((3, len(merit_names())))
     for merits in (lost[:0], lost):

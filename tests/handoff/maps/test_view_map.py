@@ -133,6 +133,14 @@ def test_rays_that_miss_a_view_end_nowhere(name):
     assert ends_of(view, origins[:0], directions[:0]).shape == (0, 2)
 
 
+@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3)])
+def test_rays_along_the_axes_of_the_frame_end_where_they_point(axis):
+    x, y, z = axis
+    view = om.screens.Plane((41, 31), pan_deg=-np.degrees(np.arctan2(y, x)), tilt_deg=90.0 * z, hfov_deg=60.0)
+    ends = ends_of(view, np.zeros((2, 3)), np.stack([axis, -axis]))
+    np.testing.assert_allclose(ends, [[20.0, 15.0], [np.nan, np.nan]], atol=1e-6)
+
+
 @pytest.mark.parametrize("distance_mm", [np.inf, 900.0])
 def test_rays_on_both_sides_of_a_seam_end_at_their_own_side(distance_mm):
     view = om.screens.Cylinder((90, 40), -40.0, 30.0, distance_mm=distance_mm)

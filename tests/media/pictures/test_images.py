@@ -184,6 +184,27 @@ def test_what_a_file_cannot_hold_is_refused(tmp_path, name, image, message):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("shape", [(1, 65501, 3), (65501, 1, 3)])
+def test_a_picture_too_wide_or_too_high_for_its_file_is_refused(shape, tmp_path):
+    size = f"{shape[1]} x {shape[0]}"
+    with pytest.raises(MediaError, match=f"holds pictures of up to 65500 px a side, and this one has {size} px"):
+        om.write_image(tmp_path / "a.jpg", np.zeros(shape, np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_opencv_speaks_again_when_the_last_is_done():
+    logging = cv2.utils.logging
+    before = logging.setLogLevel(logging.LOG_LEVEL_ERROR)
+    try:
+        with images._quiet():
+            with images._quiet():
+                assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+            assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+        assert logging.getLogLevel() == logging.LOG_LEVEL_ERROR
+    finally:
+        logging.setLogLevel(before)
+
+
 def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
     before = picture()
