@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import compileall
 import fnmatch
 import os
 import random
@@ -32,7 +33,7 @@ OUTSIDE_GIT = ("src/omnimirror/_native*",)
 PRELOADED = "numpy scipy.optimize scipy.interpolate cv2 pytest hypothesis pydantic click matplotlib.pyplot"
 """Imported once; every test run is a fork of the process that holds them."""
 MEMORY = 8 << 30
-"""Address space of one test run in bytes: some mutants allocate without end."""
+"""Data of one process of a test run in bytes: some mutants allocate without end."""
 # An editable installation locates the package through a finder that precedes every path.
 SITE = "import sys\nsys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith('ScikitBuild')]\n"
 
@@ -136,6 +137,7 @@ def copy_checkout(folder: Path) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(file, target)
     (folder / "sitecustomize.py").write_text(SITE)
+    compileall.compile_dir(folder / "src", quiet=1)
 
 
 def passes(copy: Path, arguments: list[str], timeout: float) -> bool | None:
@@ -149,7 +151,7 @@ def passes(copy: Path, arguments: list[str], timeout: float) -> bool | None:
             output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(output, 1)
             os.dup2(output, 2)
-            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+            resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
             os.chdir(copy)
             os.environ["PYTHONPATH"] = f"{copy / 'src'}{os.pathsep}{copy}"
             sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
@@ -227,6 +229,9 @@ def main() -> int:
         equivalent.setdefault(entry["module"], set()).add((entry["before"], entry["after"]))
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Byte code is written here only: tests that limit the size of files would leave truncated ones.
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    sys.dont_write_bytecode = True
     for name in PRELOADED.split():
         __import__(name)
     scores: list[Score] = []

@@ -13,7 +13,7 @@ import pytest
 import omnimirror as om
 from omnimirror.calibrate.estimation.bundle.adjustment import adjust
 from omnimirror.calibrate.estimation.bundle.board_shape import BoardShape
-from omnimirror.calibrate.estimation.bundle.linearisation import Linearised, without_slides
+from omnimirror.calibrate.estimation.bundle.linearisation import Linearised, as_placed, without_slides
 from omnimirror.calibrate.estimation.bundle.observations import Motion, Sighting, rotation_of
 from omnimirror.calibrate.estimation.covariance import uncertainty
 from omnimirror.camera_models import Unified
@@ -61,6 +61,17 @@ def test_points_somewhere_on_known_lines_give_the_camera():
     found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
+
+
+def test_points_are_placed_where_their_targets_stand():
+    """Residuals vanish with the true motion, and are those of the camera's own frame without one."""
+    points = room(20)
+    way = Motion(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
+    pixels = TRUTH.image(way(points)).pixels
+    moved = Sighting("moved", pixels, points, way)
+    assert np.abs(as_placed(TRUTH, [moved]).residuals).max() < 1e-9
+    still = as_placed(TRUTH, [replace(moved, motion=None)])
+    np.testing.assert_allclose(np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9)
 
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])

@@ -134,9 +134,21 @@ def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
     found, same, other = (om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000}))
     assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
     assert found == same != other
+    assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
     for angles in (1, 100_001):
         with pytest.raises(InvalidParameter, match=f"angles = {angles} is not"):
             om.judge(WANTED, SPHERE, angles=angles)
+
+
+@pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
+def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
+    """So far lens and focus are settled; the image is scaled by the pixels."""
+    largest = WANTED.largest_image_px
+    pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
+    moved = replace(SPHERE, imager=replace(SPHERE.imager, pixel_pitch_um=pitch))
+    row = rows_of(om.judge(WANTED, moved))["image_radius_px"]
+    assert row.margin == pytest.approx(-past_px, abs=1e-6)
+    assert row.is_met == is_met
 
 
 @pytest.mark.parametrize(("name", "is_blur"), [("total_blur_px", True), ("aspect", False)])

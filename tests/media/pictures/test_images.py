@@ -55,6 +55,26 @@ def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
     assert np.abs(back.astype(float) - smooth).mean() < tolerance
 
 
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_jpeg_with_a_thumbnail_is_whole_only_with_its_own_end(missing, tmp_path):
+    """A segment of 300 bytes, whose length takes both bytes, holds an end mark; another is filled with 0xff."""
+    data = cv2.imencode(".jpg", np.full((32, 32), 90, np.uint8))[1].tobytes()
+    thumbnail = b"\xff\xe1" + (300).to_bytes(2, "big") + b"\xff\xd9" + b"\0" * 296
+    whole = data[:2] + thumbnail + b"\xff\xff\xe2\x00\x04ab" + data[2:]
+    assert images._first_scan(whole) == whole.index(b"\xff\xda")
+    assert images._is_cut_short(whole[:-2] if missing else whole) == missing
+
+
+def test_formats_hold_what_their_standards_say():
+    held = {suffix: (kind.depths, kind.channels) for suffix, kind in FORMATS.items()}
+    assert held[".exr"] == (("float32",), (1, 3, 4))
+    assert held[".png"] == (("uint8", "uint16"), (1, 3, 4))
+    assert held[".tif"] == held[".tiff"] == (("uint8", "uint16", "float32"), (1, 3, 4))
+    assert held[".jpg"] == held[".jpeg"] == held[".bmp"] == (("uint8",), (1, 3))
+    assert (held[".webp"], held[".hdr"]) == ((("uint8",), (3, 4)), (("float32",), (3,)))
+    assert images.FULL == {"uint8": 2**8 - 1, "uint16": 2**16 - 1, "float32": 1.0}
+
+
 def test_opencv_speaks_again_after_several_threads_silenced_it():
     logging = cv2.utils.logging
     before = logging.getLogLevel()
