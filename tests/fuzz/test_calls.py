@@ -299,7 +299,7 @@ def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
 
 def test_a_covariance_may_hold_zeros_and_rounding():
     assert Uncertainty(("k1", "k2"), ((0.0, 0.0), (0.0, 4.0))).sigmas == {"k1": 0.0, "k2": 2.0}
-    rounded = Uncertainty(("k1", "k2"), ((1.0, 1.0 + 1e-13), (1.0, 1.0)))
+    rounded = Uncertainty(("k1", "k2"), ((1.0, 1.0 + 1e-12), (1.0 + 1e-12, 1.0)))
     assert rounded.sigmas == {"k1": 1.0, "k2": 1.0}
 
 
