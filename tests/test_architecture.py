@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import pkgutil
+import re
 import runpy
 import subprocess
 import sys
@@ -54,6 +55,12 @@ def test_no_room_is_crowded_and_no_file_is_long():
     assert not {str(room): len(found) for room, found in files.items() if len(found) > CROWD}
     lengths = {str(p): lines_of_code(p.read_text()) for found in files.values() for p in found}
     assert not {name: lines for name, lines in lengths.items() if lines > LONG}
+
+
+def test_tests_patch_objects_and_no_dotted_names():
+    """Pytest imports modules by path, which makes them no attributes of their packages: dotted names may not resolve."""
+    dotted = re.compile(r"monkeypatch\.setattr\(\s*[rf]*[\"']")
+    assert [str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())] == []
 
 
 def lines_of_code(text: str) -> int:
