@@ -58,7 +58,7 @@ def test_no_room_is_crowded_and_no_file_is_long():
 
 
 def test_tests_patch_objects_and_no_dotted_names():
-    """Modules that pytest imports by path may be no attributes of their packages, where a dotted name looks for them."""
+    """Modules that pytest imports by path may be no attributes of their packages, where dotted names look for them."""
     dotted = re.compile(r"monkeypatch\.setattr\(\s*[rf]*[\"']")
     assert [str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())] == []
 

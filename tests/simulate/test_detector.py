@@ -100,6 +100,13 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
     np.testing.assert_allclose(cv2.cvtColor(raw, code)[4, 4], np.rint(255 * colour), atol=1)
 
 
+@pytest.mark.parametrize("full_well_e", [np.inf, 1e4])
+@pytest.mark.parametrize("bayer", ["none", "RGGB"])
+def test_numbers_are_of_values_without_mosaic_and_without_noise(bayer, full_well_e):
+    detector = Detector(full_well_e=full_well_e, bayer=bayer, curve="linear")
+    assert detector.is_of_values == (bayer == "none" and full_well_e == np.inf)
+
+
 @pytest.mark.parametrize("first", [0, 1, 2, 3])
 def test_a_mosaic_in_parts_is_that_of_the_whole(first):
     light = np.random.default_rng(3).uniform(0, 1, (6, 8, 3)).astype(np.float32)
