@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
 PICTURE ?=
+ARGS ?=
 # The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
 RELEASE_PYTHONS ?= $(PYTHON)
 # The newest Blender on the index is built for one interpreter only: 3.13 for 5.1 to 5.3, 3.11 for 4.5 and 5.0.
@@ -16,7 +17,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo studio test test-full programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio test test-full mutation programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -34,6 +35,9 @@ test: lint chromium node  ## What every commit passes, in some ten minutes on 2 
 test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
+
+mutation: $(VENV)/.mutation  ## Mutation testing: share of random code changes that tests detect (ARGS=--help)
+	$(BIN)/python tests/mutation.py $(ARGS)
 
 programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the package, for tests of what is handed to them (2 GB)
 	@{ command -v gst-launch-1.0 && command -v cvlc && command -v qemu-system-arm; } >/dev/null || { \
@@ -147,6 +151,10 @@ $(VENV)/.studio: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 $(VENV)/.test: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test]'
 	@touch $@ $(VENV)/.core
+
+$(VENV)/.mutation: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
+	$(PIP) -e '.[mutation]'
+	@touch $@ $(VENV)/.test $(VENV)/.core
 
 $(VENV)/.full: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test,full]'

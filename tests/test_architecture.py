@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import pkgutil
+import re
 import runpy
 import subprocess
 import sys
@@ -96,6 +97,12 @@ READS = {
     "studio.bench.tolerances": PARSED_OWN,
 }
 """Modules with such calls, and what bounds them."""
+
+
+def test_tests_patch_objects_and_no_dotted_names():
+    """Modules that pytest imports by path may be no attributes of their packages, where dotted names look for them."""
+    dotted = re.compile(r"monkeypatch\.setattr\(\s*[rf]*[\"']")
+    assert [str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())] == []
 
 
 def test_files_are_read_by_the_bounded_reader():

@@ -96,6 +96,22 @@ def test_a_folder_is_not_a_file_name(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_json_is_written_in_utf_8_as_people_read_it(tmp_path):
+    files.write_json(tmp_path / "a.json", {"unit": "µm", "range": (1.0, np.inf)})
+    assert (tmp_path / "a.json").read_text(encoding="utf-8") == (
+        '{\n "unit": "µm",\n "range": [\n  1.0,\n  "inf"\n ]\n}\n'
+    )
+
+
+@pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
+def test_whole_numbers_of_toml_have_64_bits(digits):
+    """Refuse also thousands of digits, which Python does not convert."""
+    with pytest.raises(SpecError, match=r"^a.toml holds a whole number of more than 64 bits"):
+        files.parse_toml(f"a = [{{b = {digits}}}]", "a.toml")
+    for valid in (2**63 - 1, -(2**63)):
+        assert files.parse_toml(f"a = {valid}", "a.toml") == {"a": valid}
+
+
 @pytest.mark.parametrize(
     "args",
     [
@@ -112,6 +128,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
     )
     assert run.returncode != 0

@@ -52,6 +52,13 @@ def test_the_columns_are_those_of_an_evaluation():
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
 
 
+def test_a_head_is_the_short_one_where_there_is_one():
+    assert all(
+        quantity.heading == (quantity.head if quantity.head else quantity.symbol) for quantity in QUANTITIES.values()
+    )
+    assert {bool(quantity.head) for quantity in QUANTITIES.values()} == {True, False}
+
+
 def test_every_table_takes_its_words_from_here():
     assert set(COMPARED) | set(BATCH_COLUMNS) <= set(QUANTITIES)
     assert set(LIMITABLE) | set(FOCUS_MERITS) | set(DESIGN_MERITS) <= set(QUANTITIES)

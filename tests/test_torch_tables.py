@@ -12,7 +12,7 @@ from omnimirror.calibrate.physical.names import place_of, shape_names
 from omnimirror.calibrate.physical.shape_rates import profile_rates
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.native import backend
-from omnimirror.torch import differentiable
+from omnimirror.torch import differentiable, differentiable_camera
 from omnimirror.torch.pieces import rate_table
 from omnimirror.torch.reflection import CLOSE
 from omnimirror.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
@@ -153,7 +153,7 @@ def test_what_is_no_number_is_not_settled(kernels):
 
 def test_without_pytorch_one_is_told_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.setattr("omnimirror.torch.differentiable_camera.torch", type(_library())())
+    monkeypatch.setattr(differentiable_camera, "torch", type(_library())())
     with pytest.raises(OmnimirrorError, match=r"need PyTorch.*pip install 'omnimirror\[torch\]'"):
         differentiable(om.load_sensor("paper-spherical"))
 

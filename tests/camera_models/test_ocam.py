@@ -97,7 +97,7 @@ def test_what_is_no_ocam_file_is_refused(tmp_path, content):
 
 @given(st.text(max_size=200))
 def test_any_text_is_read_or_refused(text):
-    with pytest.raises(SpecError):
+    with pytest.raises(SpecError, match=r"^OCamCalib file"):
         parse_ocam(text)
 
 

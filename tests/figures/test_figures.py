@@ -17,6 +17,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.text import Text
 
 import omnimirror as om
+from omnimirror import figures
 from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
@@ -229,9 +230,7 @@ def test_figures_draw_what_was_evaluated():
 
 def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(
-        "omnimirror.figures.save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
-    )
+    monkeypatch.setattr(figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or [])
     options = "--paper-mode --image-radius-px 500 --object-distance-mm 50 --wavelength-nm 850 --tolerance-px 2"
     run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)])
     assert run.exit_code == 0, run.output

@@ -392,7 +392,7 @@ def test_streams_that_are_closed():
 
 
 def test_the_trace_is_shown_when_it_is_asked_for(capsys):
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit, match=r"^1$"):
         main(["evaluate", "nope", "--debug"])
     told = capsys.readouterr().err
     assert "Traceback" in told

@@ -1,5 +1,6 @@
 """A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -185,6 +186,87 @@ def test_even_aspheres_meet_their_surface():
     after = np.arcsin(np.sin(incidence) / 1.5) - np.arctan(steep)
     landed = one.trace(np.array([[start, 0.0]]), np.array([[slope, 0.0]]), to_imager).image
     assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
+
+
+PLANO = {"thickness_mm": (10.0, 4.0, 0.0), "index": (1.0, 1.5168, 1.0), "stop_surface": 1, "field_max_deg": 25.0}
+CURVED = (0.0, 1 / 25.84, 0.0)
+
+
+def plano_convex(curvature_per_mm=CURVED, f_number=8.0, focus_distance_mm=1e6, **columns):
+    return SurfaceLens(f_number, focus_distance_mm, curvature_per_mm, **{**PLANO, **columns})
+
+
+def test_a_paraboloid_is_its_first_asphere():
+    """z = c r^2 / 2, written as a conic of -1 and as the coefficient of r^2 of a plane."""
+    conic = plano_convex(conic=(0.0, -1.0, 0.0))
+    asphere = plano_convex((0.0, 0.0, 0.0), aspheres=(0.0, 0.0, 0.5 / 25.84, 0.0, 0.0, 0.0))
+    for one, other in zip(conic.field.nodes, asphere.field.nodes, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    assert asphere.focal_length_mm == pytest.approx(50.0, abs=1e-3)
+    assert max(conic.field.nodes.own_t) < max(plano_convex().field.nodes.own_t)  # which a sphere is not
+
+
+@pytest.mark.parametrize("focal_length", [0.5, 1e6])
+def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
+    lens = plano_convex((0.0, 50.0 / (25.84 * focal_length), 0.0), thickness_mm=(0.1, 0.04, 0.0))
+    assert lens.focal_length_mm == pytest.approx(focal_length, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        ({"curvature_per_mm": (0.0, 0.0, 0.0)}, "the surfaces have a focal length of -?inf mm; one above 0 is valid"),
+        ({"curvature_per_mm": (0.0, -1 / 25.84, 0.0)}, "the surfaces have a focal length of -50 mm; one above 0"),
+        ({"index": (1.0, 1.5168, 1.33)}, "index ends with 1.33; valid is 1, the air before the imager"),
+        ({"index": (1.0, 1.5168)}, "index has 2 values for 3 surfaces; it is valid with one for each"),
+        ({"aspheres": (1e-9,) * 4}, "aspheres has 4 values for 3 surfaces; it is valid with as many for each"),
+        ({"aspheres": (0.0, -1.001e9, 0.0)}, r"aspheres\[1\] = -1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"aspheres": (0.0, 0.0, 1.001e9)}, r"aspheres\[2\] = 1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"stop_surface": 4}, "stop_surface = 4 is not one of the surfaces, 1 to 3"),
+        ({"stop_surface": 1.5}, "stop_surface = 1.5 is not one of the surfaces, 1 to 3"),
+        ({"focus_distance_mm": 39.9}, "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40"),
+        (  # a front surface of f = 8 mm in glass
+            {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0),
+             "stop_surface": 2},
+            "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
+        ),
+        (
+            {"curvature_per_mm": (0.0, 0.8136, 0.0), "thickness_mm": (10.0, 6.4656, 0.0), "stop_surface": 2,
+             "field_max_deg": 80.0},
+            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* Increase f_number or reduce",
+        ),
+    ],
+)  # fmt: skip
+def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        plano_convex(**columns)
+
+
+BOUNDS = {
+    "curvature_per_mm": (-1e3, 1e3), "thickness_mm": (-1e4, 1e4), "index": (1.0, 5.0), "conic": (-1e4, 1e4),
+    "edge_mm": (0.0, 1e4), "clear_mm": (0.0, 1e4), "index_short": (1.0, 5.0), "index_long": (1.0, 5.0),
+    "wavelengths_nm": (100.0, 2e4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_columns_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    for value in (low - 1e-4, high + 0.1):
+        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+            plano_convex(**{name: (value,) * 3})
+
+
+@pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
+def test_without_three_indices_other_wavelengths_are_not_known(missing):
+    known = {
+        "wavelengths_nm": (486.1, 587.6, 656.3), "index_short": (1.0, 1.5224, 1.0), "index_long": (1.0, 1.5143, 1.0)
+    }  # fmt: skip
+    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[1] == pytest.approx(
+        1.5143, abs=1e-12
+    )
+    with pytest.raises(InvalidParameter, match="the indices of this lens at 700 nm are not known; it is valid with"):
+        plano_convex(**{name: value for name, value in known.items() if name != missing}).at_wavelength(700.0)
 
 
 def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):

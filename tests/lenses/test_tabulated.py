@@ -1,5 +1,6 @@
 """A lens by its table: against the ordinary lens where it has no faults, and the lens that the table was made of."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import OmnimirrorError
 from omnimirror.lenses import SurfaceLens, TabulatedLens
+from omnimirror.lenses.tabulated import COLUMNS
 from omnimirror.specs.sensor_file import format_sensor
 from tests.lenses import prescriptions as own
 
@@ -167,6 +169,27 @@ def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
     table = {"file": "lens.csv", "focal_length_mm": 11.6, "f_number": 4.0, "focus_distance_mm": 212.0}
     with pytest.raises(OmnimirrorError, match=sentence):
         TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
+
+
+BOUNDS = {
+    "focal_length_mm": (1e-2, 1e5), "principal_point_mm": (-1e4, 1e4), "table_focus_mm": (1e-3, 1e7),
+    "barrel_diameter_mm": (1e-3, 1e4), "barrel_mm": (-1e4, 1e4), "window_mm": (0.0, 1e3), "window_index": (1.0, 5.0),
+    "field_deg": (0.0, 89.0), "image_height_mm": (0.0, 1e4), "entrance_pupil_mm": (-1e4, 1e4),
+    "relative_illumination": (0.0, 2.0), "chief_ray_deg": (-89.0, 89.0), "field_curvature_t_mm": (-100.0, 100.0),
+    "field_curvature_s_mm": (-100.0, 100.0), "own_blur_t_mm": (0.0, 10.0), "own_blur_s_mm": (0.0, 10.0),
+    "lateral_colour_short_mm": (-10.0, 10.0), "lateral_colour_long_mm": (-10.0, 10.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_entries_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    lens = faultless(om.load_sensor("paper-spherical"))[1].lens
+    is_column = name in COLUMNS
+    for value in (low - 1e-4, high + 0.1):
+        wrong = (value,) * len(ANGLES) if is_column else value
+        with pytest.raises(OmnimirrorError, match=re.escape(f"is outside {low:g} to {high:g}")):
+            replace(lens, **{name: wrong})
 
 
 def test_a_mirror_past_the_end_of_the_table_is_refused():

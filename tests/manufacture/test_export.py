@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import resource
 import subprocess
@@ -143,11 +144,9 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
     module = sys.modules[FORMATS["zmx"].write.__module__]
     monkeypatch.setattr(module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object())
     sensor = om.load_sensor("paper-spherical")
-    with pytest.raises(OmnimirrorError) as caught:
+    said = "step, dxf need OCP, ezdxf: pip install 'omnimirror[cad]', or choose from stl, 3mf, zmx, gridsag, csv, pdf"
+    with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
         om.export(sensor, tmp_path)
-    assert str(caught.value) == (
-        "step, dxf need OCP, ezdxf: pip install 'omnimirror[cad]', or choose from stl, 3mf, zmx, gridsag, csv, pdf"
-    )
     with pytest.raises(OmnimirrorError, match=r"^step needs OCP: pip install 'omnimirror\[cad\]'$"):
         om.export(sensor, tmp_path / "mirror.step")
     assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2
@@ -215,10 +214,9 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
 )
 def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stop:
+    with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", "out", *options])
     said = capsys.readouterr().err
-    assert stop.value.code in (1, 2)
     assert sentence in said
     assert len(said.splitlines()) == 1
     assert not list(tmp_path.iterdir())
@@ -234,6 +232,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(suffix, tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
     )
     assert run.returncode == 1

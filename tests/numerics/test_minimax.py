@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.optimize
 from scipy.optimize import linprog
 
 from omnimirror.numerics.minimax import PENALTY, ObjectiveValues, Rows, _programme, minimise_mean, solve_minimax
@@ -104,7 +105,7 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         handed.append(len(A))
         return linprog(cost, A, *rest, **options)
 
-    monkeypatch.setattr("scipy.optimize.linprog", counting)
+    monkeypatch.setattr(scipy.optimize, "linprog", counting)
     for dim in (2, 5):
         J = np.cos(np.outer(x, np.arange(1, dim + 1)) * 2 + rng.normal(size=dim))
         K = np.sin(np.outer(x, np.arange(1, dim + 1)) * 3 + rng.normal(size=dim))

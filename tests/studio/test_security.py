@@ -268,7 +268,7 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
         many = [asyncio.create_task(turns.do("room", lambda: make("room"))) for _ in range(20)]
         other = asyncio.create_task(turns.do("other", lambda: make("other")))
         await begun.wait()
-        with pytest.raises(limits.Busy):
+        with pytest.raises(limits.Busy, match="more is being worked on than can be waited for"):
             await turns.do("third", lambda: make("third"))
         many[0].cancel()  # one page that goes takes it from none of the others
         go_on.set()

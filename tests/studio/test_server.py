@@ -23,6 +23,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
+from omnimirror.calibrate import rim
 from omnimirror.serving.access import is_loopback
 from omnimirror.serving.limits import LARGEST_MESSAGE
 from omnimirror.serving.server import listen
@@ -71,7 +72,7 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
 
 def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
     looked, find = [], om.find_rim
-    monkeypatch.setattr("omnimirror.calibrate.rim.find_rim", lambda picture: looked.append(1) or find(picture))
+    monkeypatch.setattr(rim, "find_rim", lambda picture: looked.append(1) or find(picture))
     one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
     found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
     assert found[0] == found[2]
@@ -171,7 +172,10 @@ def test_beyond_this_machine_the_token_is_asked_for():
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
     with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
-        with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://192.168.1.7/api/stream?id=source"):
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
+        ):
             pass
         with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
             assert "there is no stream" in socket.receive_text()

@@ -61,6 +61,18 @@ def covered(name):
     return replace(sensor, housing=Housing(shell=shell), mirror_pose=pose)
 
 
+@pytest.mark.parametrize("name", few(COVERS, "tube", "dome in oil"))
+def test_points_before_a_cover_or_beside_a_ray_are_not_on_it(name):
+    meridian = covered(name).meridian
+    x = np.linspace(0.3, 0.9, 5) * meridian.mirror.rim_radius_mm
+    rays = meridian.trace(x)
+    (start_x, start_z), sin, cos = rays.start, np.sin(rays.omega), np.cos(rays.omega)
+    for further, aside, is_on in ((50, 0, True), (0, 0, True), (50, 0.01, False), (50, -0.01, False), (-0.1, 0, False)):
+        along = rays.outside.reach + further
+        at = start_x + along * sin + aside * cos, start_z - along * cos + aside * sin
+        assert meridian.cover.leads_to(rays, *at).tolist() == [is_on] * len(x), (further, aside)
+
+
 # -- the truth, in the camera frame -----------------------------------------------------------------------
 
 

@@ -181,3 +181,8 @@ def test_the_pose_turns_as_it_says():
     turned = about_y.to_camera(about_x.to_camera(point))
     np.testing.assert_allclose(both.to_camera(point) - turned, [[1, 2, 3]])
     np.testing.assert_allclose(np.linalg.det(both.rotation()), 1.0)
+
+
+def test_the_axis_counts_as_azimuth_0():
+    cos, sin = space._unit(np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0]))
+    np.testing.assert_allclose([cos, sin], [[1.0, 0.6], [0.0, -0.8]], rtol=1e-15)

@@ -25,6 +25,7 @@ from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, OutsideField
+from omnimirror.handoff.gateway import gateway as gateway_module
 from omnimirror.handoff.gateway import outlets, routes
 from omnimirror.handoff.gateway.coders import Chunk
 from omnimirror.handoff.gateway.gateway import Gateway
@@ -164,8 +165,8 @@ def test_a_view_that_nobody_watches_is_not_drawn(gateway):
 
 
 def test_the_source_is_let_go_when_nobody_watches_for_a_while(gateway, monkeypatch):
-    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.LINGER_S", 0.0)
-    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.CHECK_EVERY_S", 0.05)
+    monkeypatch.setattr(gateway_module, "LINGER_S", 0.0)
+    monkeypatch.setattr(gateway_module, "CHECK_EVERY_S", 0.05)
     with served(create_app(gateway, None)) as address:
         for _ in range(2):  # and read again for who comes later
             assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200

@@ -100,7 +100,19 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
 
 
 def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None) -> FieldNodes:
-    """The nodes of a lens's field from the axis to a tangent; ``indices`` are those of the outer wavelengths."""
+    """Return the nodes of a lens's field from the axis to a tangent.
+
+    Parameters
+    ----------
+    traced, end
+    indices
+        Refractive indices in the shortest and the longest wavelength.
+
+    Raises
+    ------
+    InvalidParameter
+        Rays through the edge of the pupil miss a surface.
+    """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)
     height = traced.land(t, y).image[:, 0]
@@ -122,10 +134,18 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         height * 0.0 if index is None else _height_at(traced, index, t, place) - height
         for index in (indices or (None, None))
     ]
-    return FieldNodes(
+    nodes = FieldNodes(
         t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own,
         colours[0], colours[1], stop_t, stop_s, stop_shift, openness,
     )  # fmt: skip
+    finite = np.isfinite(np.stack(nodes)).all(axis=0)
+    if not finite.all():
+        angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
+        raise InvalidParameter(
+            f"rays through the edge of the pupil must pass all surfaces; some at {angle:.4g} deg miss one. "
+            "Increase f_number or reduce field_max_deg"
+        )
+    return nodes
 
 
 def _ellipse(edge: Array) -> tuple[Array, Array, Array]:

@@ -80,7 +80,7 @@ class Sequence:
     stop: int
 
     def paraxial(self) -> Paraxial:
-        """Gaussian optics by matrices of height and slope."""
+        """Compute Gaussian optics with matrices of height and slope; infinities where there is no power."""
         matrix, to_stop = np.eye(2), np.eye(2)
         power = self.curvature + 2 * (self.aspheres[:, 0] if self.aspheres.shape[1] else 0.0)
         for i, c in enumerate(power):
@@ -91,10 +91,10 @@ class Sequence:
             if i < len(power) - 1:
                 matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
         (a, b), (c, d) = matrix
-        focal = -1 / c
-        # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
-        p = to_stop[0, 1] / to_stop[0, 0]
-        return Paraxial(focal, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
+            p = to_stop[0, 1] / to_stop[0, 0]
+            return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
     def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
         """Rays given by places (n, 2) in the plane of the first vertex and slopes (n, 2), by s.
