@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.errors import OmnimirrorError
+from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.lenses import SurfaceLens
 from omnimirror.lenses.prescription.glasses import Glass, glass_named, read_agf
 from omnimirror.lenses.prescription.sequence import Sequence
@@ -333,3 +333,14 @@ def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
     assert "The lens is an ideal one of its focal length, entrance pupil and focus." in text
+
+
+@pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
+@pytest.mark.parametrize("thickness", [3.0, 1e4])
+def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvature, thickness):
+    try:
+        lens = SurfaceLens(4.0, 1e7, (curvature, -curvature), (thickness, 0.0), (1.5, 1.0), 1)
+    except InvalidParameter:
+        return
+    thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # the lensmaker's equation
+    assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)

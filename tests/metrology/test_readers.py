@@ -60,6 +60,15 @@ def test_a_machines_file_without_its_package_says_what_to_install(tmp_path, monk
         om.read_points(tmp_path / "a.dat")
 
 
+def test_a_packed_file_with_too_much_content_is_rejected_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr(readers, "LARGEST_MACHINE_FILE", 1 << 20)
+    with zipfile.ZipFile(tmp_path / "a.x3p", "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("bindata/data.bin", bytes(3 << 20))
+    assert (tmp_path / "a.x3p").stat().st_size < 1 << 14
+    with pytest.raises(OmnimirrorError, match=r"a\.x3p: its content must not be larger than 1 MB; got 3 MB"):
+        om.read_points(tmp_path / "a.x3p")
+
+
 X3P = """<?xml version="1.0" encoding="UTF-8"?>
 <p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
 <Record1><Revision>ISO5436 - 2000</Revision><FeatureType>SUR</FeatureType><Axes>
@@ -75,7 +84,7 @@ X3P = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 @pytest.mark.full
-def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path):
+def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path, monkeypatch):
     pytest.importorskip("SurfaceTopography", reason="pip install 'omnimirror[metrology]'")
     heights = np.arange(12.0).reshape(4, 3) * 1e-6  # m
     heights[0, 0] = np.nan
@@ -88,6 +97,9 @@ def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path
     at = {(round(x), round(y)): z for x, y, z in points}
     assert at[1, 0] == pytest.approx(1e-3)
     assert at[2, 6] == pytest.approx(11e-3)
+    monkeypatch.setattr(readers, "MOST_GRID_POINTS", 11)
+    with pytest.raises(OmnimirrorError, match="must not have more than 11 points; got 12; reduce its resolution"):
+        om.read_points(tmp_path / "a.x3p")
     (tmp_path / "b.x3p").write_bytes(b"PK nothing")
     with pytest.raises(OmnimirrorError, match=r"b\.x3p cannot be read: "):
         om.read_points(tmp_path / "b.x3p")

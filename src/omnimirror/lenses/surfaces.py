@@ -123,11 +123,12 @@ class SurfaceLens(FieldLens):
             raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
         if self.index[-1] != 1.0:
             raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
-        focal = self._paraxial.focal_length
-        if not (np.isfinite(focal) and focal > 0):
-            raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
-        self._check_focus()
-        _ = self.field
+        with np.errstate(all="ignore"):  # what overflows is rejected
+            focal = self._paraxial.focal_length
+            if not (np.isfinite(focal) and focal > 0):
+                raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
+            self._check_focus()
+            _ = self.field
 
     @classmethod
     def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:

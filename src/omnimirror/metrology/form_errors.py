@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import checked, row, vectors, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..mirrors import Mirror, SampledProfile
+from ..mirrors.measured.clouds import check_spread
 from ..mirrors.measured.smoothing import NORMAL
 from ..numerics.lazy import cached_property
 from ..numerics.zernike import noll, terms_of, zernike_values
@@ -245,10 +246,10 @@ def form_error(
     points = points[np.isfinite(points).all(axis=-1)]
     if order is not None:
         order = whole("order", order, 2, ORDERS[-1])
-    if len(points) < FEWEST:
-        raise OmnimirrorError(f"the cloud has {len(points)} points; at least {FEWEST} are valid")
+    check_spread(points, "the cloud")
     if are_departures:
         points = _risen(mirror, points)
+        check_spread(points, "the cloud within the rim")
     place = aligned(mirror, points)
     everything = _Heights.of(mirror, place)
     part = everything.those(np.isfinite(place.distance_mm))

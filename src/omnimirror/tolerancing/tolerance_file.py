@@ -266,7 +266,9 @@ def _errors(
     for i, table in enumerate(tables):
         entry = validated(ErrorTable, f"error.{i}", table, where)
         where.wrap((f"error.{i}", "name"), partial(is_new, entry.name))
-        errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
+        errors[entry.name] = where.wrap(
+            (f"error.{i}", "tolerance"), partial(ErrorBound, entry.tolerance, entry.distribution)
+        )
         prices[entry.name] = entry.price
         if entry.widest is not None:
             if entry.widest < entry.tolerance:
@@ -290,7 +292,8 @@ def _add_figures(
             if name in errors:
                 raise where.error((f"figure.{i}",), f"{name} has a tolerance already; leave it out, or its order")
             where.wrap((f"figure.{i}",), partial(check_name, name, errors_of(sensor)))
-            errors[name], prices[name] = ErrorBound(bound, "normal"), price
+            errors[name] = where.wrap((f"figure.{i}",), partial(ErrorBound, bound, "normal"))
+            prices[name] = price
 
 
 def _add_measured(
@@ -316,7 +319,8 @@ def _add_measured(
         read = partial(measured_form, sensor.mirror, folder / entry.file, entry.unit)
         forms[entry.name] = where.wrap((f"measured.{i}", "file"), read)
         name = measured(entry.name)
-        errors[name], prices[name] = ErrorBound(entry.tolerance, entry.distribution), entry.price
+        bound = partial(ErrorBound, entry.tolerance, entry.distribution)
+        errors[name], prices[name] = where.wrap((f"measured.{i}", "tolerance"), bound), entry.price
     return forms
 
 

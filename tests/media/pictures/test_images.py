@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import MediaError
-from omnimirror.media.pictures import images
+from omnimirror.media.pictures import headers, images
 from omnimirror.media.pictures.images import FORMATS
 
 RNG = np.random.default_rng(3)
@@ -106,6 +106,57 @@ def test_a_png_whose_header_asks_for_more_than_it_can_hold_is_refused_before_it_
         path.write_bytes(damaged)
         with pytest.raises(MediaError, match="has a damaged header"):
             om.read_image(path)
+
+
+ENCODED = {
+    "grey.png": (picture("uint8", 1, (20, 30)), ".png", ()),
+    "deep.png": (picture("uint16", 4, (20, 30)), ".png", ()),
+    "grey.jpg": (picture("uint8", 1, (20, 30)), ".jpg", ()),
+    "colour.jpg": (picture("uint8", 3, (20, 30)), ".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)),
+    "grey.tif": (picture("uint8", 1, (20, 30)), ".tif", ()),
+    "deep.tif": (picture("uint16", 3, (20, 30)), ".tif", ()),
+    "float.tif": (picture("float32", 3, (20, 30)), ".tif", ()),
+    "colour.bmp": (picture("uint8", 3, (20, 30)), ".bmp", ()),
+    "colour.webp": (picture("uint8", 3, (20, 30)), ".webp", ()),
+    "deep.ppm": (picture("uint16", 3, (20, 30)), ".ppm", ()),
+    "colour.hdr": (picture("float32", 3, (20, 30)), ".hdr", ()),
+}
+
+
+@pytest.mark.parametrize("name", ENCODED)
+def test_the_size_in_memory_is_that_of_the_decoded_picture(name, tmp_path, monkeypatch):
+    image, suffix, parameters = ENCODED[name]
+    path = tmp_path / name
+    path.write_bytes(images.encoded(image, suffix, parameters))
+    decoded = om.read_image(path)
+    assert headers.decoded_bytes(path.read_bytes()) == decoded.nbytes
+    monkeypatch.setattr(headers, "LARGEST_DECODED", decoded.nbytes)
+    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes)
+    assert om.read_image(path).shape == decoded.shape
+    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes - 1)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(MediaError, match=rf"{name} must not take more than 0 MB once it is decoded; got 1 MB"):
+        om.read_image(path)
+
+
+def test_the_size_in_memory_of_an_exr_counts_every_channel(tmp_path):
+    pytest.importorskip("OpenEXR", reason="pip install 'omnimirror[exr]'")
+    om.write_image(tmp_path / "a.exr", picture("float32", 4, (20, 30)))
+    data = (tmp_path / "a.exr").read_bytes()
+    assert headers.decoded_bytes(data) == 4 * 4 * 20 * 30
+    wide = data.replace(struct.pack("<4i", 0, 0, 29, 19), struct.pack("<4i", 0, 0, 29_999, 29_999))
+    (tmp_path / "a.exr").write_bytes(wide)
+    with pytest.raises(MediaError, match="must not take more than 2048 MB once it is decoded; got 13733 MB"):
+        om.read_image(tmp_path / "a.exr")
+
+
+def test_a_jpeg_that_declares_gigabytes_is_rejected_before_it_is_decoded(tmp_path, monkeypatch):
+    data = images.encoded(picture(size=(16, 16)), ".jpg")
+    at = data.index(b"\xff\xc0") + 5
+    (tmp_path / "a.jpg").write_bytes(data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :])
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(MediaError, match=r"a\.jpg must not take more than 2048 MB once it is decoded; got 2575 MB"):
+        om.read_image(tmp_path / "a.jpg")
 
 
 def test_the_most_that_a_png_can_hold_is_read(tmp_path):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...arguments import float_of, shown
 from ...errors import SpecError
-from ...files import MOST_NESTED
+from ...files import TOO_DEEP, compose_yaml, parse_json
 from ...specs.tables import did_you_mean
 
 Array = NDArray[np.float64]
@@ -165,31 +165,14 @@ def read_yaml(text: str, source: str) -> Node:
     >>> read_yaml("cam0:\\n  resolution: [640, 480]\\n", "a.yaml")["cam0"]["resolution"].numbers(2)
     (640.0, 480.0)
     """
-    import yaml
-
     if text.startswith("%YAML:"):  # OpenCV's; the line is kept, for counting
         text = "#" + text
-    try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                line = event.start_mark.line + 1
-                raise SpecError(f"{source} line {line}: references (*{event.anchor}) are not read; write the value out")
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        return Node(None, source) if node is None else _entry(node, source, "")
-    except yaml.MarkedYAMLError as problem:
-        mark = problem.problem_mark or problem.context_mark
-        where = f" line {mark.line + 1}" if mark else ""
-        raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
-    except yaml.YAMLError as problem:
-        raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
-    except RecursionError:
-        raise _too_deep(source) from None
+    node = compose_yaml(text, source)
+    return Node(None, source) if node is None else _entry(node, source, "")
 
 
-def _entry(tree: Any, source: str, name: str, depth: int = 0) -> Node:
-    """The entry of a node of PyYAML's tree; words and numbers stay as they are written."""
-    if depth > MOST_NESTED:
-        raise _too_deep(source)
+def _entry(tree: Any, source: str, name: str) -> Node:
+    """Convert a node of PyYAML's tree; words and numbers stay as they are written."""
     line = tree.start_mark.line + 1
     if tree.id == "mapping":
         pairs = [(str(k.value) if k.id == "scalar" else "?", k, v) for k, v in tree.value]
@@ -197,10 +180,10 @@ def _entry(tree: Any, source: str, name: str, depth: int = 0) -> Node:
         for key, key_node, value in pairs:
             if key in table:
                 raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time")
-            table[key] = _entry(value, source, f"{name}.{key}" if name else key, depth + 1)
+            table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
     if tree.id == "sequence":
-        items = [_entry(v, source, f"{name}[{i}]", depth + 1) for i, v in enumerate(tree.value)]
+        items = [_entry(v, source, f"{name}[{i}]") for i, v in enumerate(tree.value)]
         return Node(items, source, name, line)
     is_empty = tree.style is None and tree.value in ("", "~", "null")
     return Node(None if is_empty else tree.value, source, name, line)
@@ -220,27 +203,18 @@ def read_json(text: str, source: str) -> Node:
     (319.5, 239.5)
     """
     try:
-        return _plain(json.loads(text), source, "")
+        return _plain(parse_json(text), source, "")
     except json.JSONDecodeError as problem:
         raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
-    except RecursionError:
-        raise _too_deep(source) from None
     except ValueError as problem:
-        if isinstance(problem, SpecError):
-            raise
-        raise SpecError(f"{source} holds a whole number of thousands of digits") from None
+        reason = f": {problem}" if str(problem) == TOO_DEEP else " holds a whole number of thousands of digits"
+        raise SpecError(f"{source}{reason}") from None
 
 
-def _plain(value: Any, source: str, name: str, depth: int = 0) -> Node:
-    if depth > MOST_NESTED:
-        raise _too_deep(source)
+def _plain(value: Any, source: str, name: str) -> Node:
     if isinstance(value, dict):
-        table = {k: _plain(v, source, f"{name}.{k}" if name else k, depth + 1) for k, v in value.items()}
+        table = {k: _plain(v, source, f"{name}.{k}" if name else k) for k, v in value.items()}
         return Node(table, source, name)
     if isinstance(value, list):
-        return Node([_plain(v, source, f"{name}[{i}]", depth + 1) for i, v in enumerate(value)], source, name)
+        return Node([_plain(v, source, f"{name}[{i}]") for i, v in enumerate(value)], source, name)
     return Node(value, source, name)
-
-
-def _too_deep(source: str) -> SpecError:
-    return SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid")

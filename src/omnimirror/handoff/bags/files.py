@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import MediaError, OmnimirrorError
-from ...files import MARK
+from ...files import MARK, check_file, compose_yaml, read_text
 
 STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
 """Of single files, by suffix."""
@@ -62,10 +62,24 @@ def reading(source: Path) -> Iterator[Any]:
         raise MediaError(f"there is no recording {source}")
     if not is_bag(source):
         raise MediaError(f"{source} is no recording; valid are {', '.join(READABLE)} and rosbag2's folders")
+    _check_files(source)
     stores = library.typesys
     known = stores.get_typestore(stores.Stores.ROS2_HUMBLE)  # bags of SQLite may hold no definitions
     with damage_told(source), library.highlevel.AnyReader([source], default_typestore=known) as reader:
         yield reader
+
+
+def _check_files(source: Path) -> None:
+    """Check that a bag consists of ordinary files, and the size and nesting of its ``metadata.yaml``."""
+    parts = list(source.iterdir()) if source.is_dir() else [source]
+    try:
+        for part in parts:
+            if part.suffix.lower() in READABLE:
+                check_file(part)
+    except OSError as e:
+        raise MediaError(f"cannot read {part}: {e.strerror or e}") from None
+    if source / METADATA in parts:
+        compose_yaml(read_text(source / METADATA, "metadata of the recording", MediaError), str(source / METADATA))
 
 
 @contextmanager

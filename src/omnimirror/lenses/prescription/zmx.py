@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arguments import shown
 from ...errors import OmnimirrorError, SpecError
+from ...files import LARGEST_TEXT, read_bytes
 from .files import followed
 from .glasses import Glass, GlassCatalogue, glass_named, model_glass, read_agf
 from .sequence import Sequence
@@ -151,11 +152,11 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
 
 
 def _text(path: Path) -> str:
-    """The text of a file in UTF-16 or UTF-8, or in an 8-bit code."""
+    """Read the text of a file in UTF-16 or UTF-8, or in an 8-bit code."""
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST_TEXT)
     except OSError as e:
-        raise SpecError(f"{path} cannot be read: {e.strerror}") from None
+        raise SpecError(f"{path} cannot be read: {e.strerror or e}") from None
     for code in ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "latin-1"):
         try:
             return data.decode(code)

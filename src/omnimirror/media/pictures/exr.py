@@ -116,6 +116,16 @@ def _is_cut_short(data: bytes) -> bool:
     return bool(min(offsets) == 0 or max(ends) > len(data))
 
 
+def decoded_bytes(data: bytes) -> int:
+    """Return the size in memory of the channels that the header declares, each of 32 bits."""
+    attributes, _ = _header(data)
+    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+    names, at, count = attributes[b"channels"], 0, 0
+    while names[at] != 0:  # a name, and 16 bytes of its type and sampling
+        at, count = names.index(b"\0", at) + 17, count + 1
+    return 4 * count * int(max(right - left + 1, 0) * max(bottom - top + 1, 0))
+
+
 def _header(data: bytes) -> tuple[dict[bytes, bytes], int]:
     """The attributes of the first part, and where the table of its chunks begins."""
     attributes, at = {}, 8

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 FEWEST = 200  # points
+FARTHEST_MM = 1e7  # of a coordinate: 10 km from the origin of a machine, a double resolves 2 nm
+NARROWEST_MM = 1e-3  # of a cloud, across its longest direction as it is seen along z
+NARROWEST = 1e-6  # of its length
 MOST_FOR_AXIS = 1500  # points by which the axis is found
 IN_A_RING = 8
 MOST_RINGS = 500
@@ -107,8 +110,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     >>> bool(np.abs(np.array(z) - np.square(r) / 100).max() < 1e-9)
     True
     """
-    if len(points) < FEWEST:
-        raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
+    check_spread(points, source)
     points = points - points.mean(axis=0)
     a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
     bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
@@ -131,6 +133,30 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
     x, heights = np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0]
     return tuple(map(float, x)), tuple(map(float, heights))
+
+
+def check_spread(points: Array, source: str) -> None:
+    """Check that points (n, 3) mm can determine a surface.
+
+    Raises
+    ------
+    OmnimirrorError
+        There are fewer than 200, one is farther than 10 km from the origin, or all lie on a line as seen along z.
+    """
+    if len(points) < FEWEST:
+        raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
+    farthest = float(np.abs(points).max())
+    if farthest > FARTHEST_MM:
+        raise OmnimirrorError(
+            f"{source} must lie within {FARTHEST_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
+            "unit and remove wrong points"
+        )
+    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    if width < max(NARROWEST_MM, NARROWEST * length):
+        raise OmnimirrorError(
+            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points "
+            "all over the mirror"
+        )
 
 
 def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:
