@@ -237,9 +237,15 @@ def parse_ocam(
     >>> parse_ocam(text).centre_px
     (319.5, 239.5)
     """
+    model, _ = parse_polynomials(text, source)
+    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
+
+
+def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
+    """Parse a ``calib_results.txt`` into a mirror camera with the direct polynomial, and the inverse polynomial."""
     lines = _Lines(text, source)
     direct = lines.polynomial("the direct polynomial")
-    lines.polynomial("the inverse polynomial")
+    inverse = lines.polynomial("the inverse polynomial")
     row, column = lines.numbers("the centre (row and column)", 2)
     c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
     height, width = lines.numbers("the image size (height and width)", 2)
@@ -247,10 +253,9 @@ def parse_ocam(
         raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
     size = (int(width), int(height))
     try:
-        model = OCam(direct, (column, row), size, (c, d, e))
+        return OCam(direct, (column, row), size, (c, d, e)), inverse
     except OmnimirrorError as problem:
         raise SpecError(f"{lines.source}: {problem}") from None
-    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
 
 
 class _Lines:
