@@ -520,7 +520,8 @@ def compose_yaml(text: str, source: str) -> Any:
         return yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark or problem.context_mark
-        where = f" line {mark.line + 1}" if mark else ""
+        last = text.rstrip("\n").count("\n") + 1
+        where = f" line {min(mark.line + 1, last)}" if mark else ""
         raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
     except yaml.YAMLError as problem:
         raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
@@ -556,7 +557,7 @@ def parse_xml(text: str, source: str) -> Any:
             if depth > MOST_NESTED:
                 raise SpecError(f"{source}: {TOO_DEEP}")
     except ElementTree.ParseError as problem:
-        line, _ = problem.position
+        line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # expat may count past the end
         raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None
     except ValueError as problem:  # a null character, a surrogate
         if isinstance(problem, SpecError):

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from .ocam import OCam
 from .radial import RadialModel
 
 Array = NDArray[np.float64]
@@ -21,6 +20,7 @@ MAX_STRETCH = 0.02
 """Largest plausible difference of the two scales of an image; pixels are square within 0.1 %."""
 MAX_DIFFERENCE_PX = 1.0
 """Largest plausible difference of a direct and an inverse polynomial; fitted inverses keep to some 0.1 px."""
+ROUNDING = 1e-9
 SAMPLES = 200
 
 
@@ -29,7 +29,8 @@ def doubts(camera: RadialModel) -> list[str]:
 
     Examples
     --------
-    >>> doubts(OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
+    >>> import omnimirror as om
+    >>> doubts(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
     'the centre (380, 510) lies 182 px from the middle of the image of 1024x768; with its coordinates, or width ...'
     """
     found = []
@@ -55,7 +56,7 @@ def doubts(camera: RadialModel) -> list[str]:
     return found
 
 
-def inverse_doubts(camera: OCam, inverse: Sequence[float] | Array, start: float = np.pi / 2) -> list[str]:
+def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2) -> list[str]:
     """Compare the inverse polynomial of a file with its direct one, as far as the nearest edge of the image.
 
     Parameters
@@ -76,7 +77,7 @@ def inverse_doubts(camera: OCam, inverse: Sequence[float] | Array, start: float 
     if not len(inverse):
         return []
     reach = min(camera.field_radius_px, min(camera.image_size) / 2)
-    omega = np.linspace(0.0, float(camera.omega_from_radius(np.array([reach]))[0]), SAMPLES)[:-1]
+    omega = np.linspace(0.0, float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING), SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
         difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
     worst = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
@@ -90,7 +91,7 @@ def inverse_doubts(camera: OCam, inverse: Sequence[float] | Array, start: float 
 
 def _affine(camera: RadialModel) -> str:
     """The numbers of the file that stretch the image."""
-    if isinstance(camera, OCam):
-        return "c = {:.4g}, d = {:.4g}, e = {:.4g}".format(*camera.affine)
+    if affine := getattr(camera, "affine", ()):
+        return "c = {:.4g}, d = {:.4g}, e = {:.4g}".format(*affine)
     (fx, skew), (_, fy) = camera.matrix
     return f"fx = {fx:.4g}, fy = {fy:.4g}, skew = {skew:.4g}"

@@ -6,12 +6,13 @@ frame whose third axis points from the scene to the camera. In our camera frame 
 ahead) the centre of a mirror's picture looks back past the lens and that of a fisheye ahead, so
 ``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not say which of the two it is.
 
-The file's inverse polynomial is a fit, good to some tenth of a pixel: it is checked for form and then
-left aside, and projection solves the direct polynomial itself.
+The file's inverse polynomial is a fit, good to some tenth of a pixel: it is compared with the direct polynomial and
+then ignored, and projection solves the direct polynomial itself.
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from ..parameters import Uncertainty
 from .base import Optics
+from .consistency import doubts, inverse_doubts
 from .distortion import SLOWEST
 from .radial import Law, Place, RadialModel
 
@@ -207,6 +209,11 @@ def load_ocam(
     InvalidParameter
         For an unknown ``optics`` or a rim that is no radius.
 
+    Warns
+    -----
+    UserWarning
+        The numbers of the file contradict each other; the message gives the magnitude.
+
     Examples
     --------
     >>> import tempfile, omnimirror as om
@@ -219,7 +226,11 @@ def load_ocam(
     """
     path = file_name("path", path)
     text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
-    return parse_ocam(text, str(path), optics, mount, rim_radius_px)
+    model, inverse = parse_polynomials(text, str(path))
+    camera = _placed(model, optics, mount, rim_radius_px)
+    for doubt in (*inverse_doubts(camera, inverse), *doubts(camera)):
+        warnings.warn(f"{path}: {doubt}", stacklevel=2)
+    return camera
 
 
 def parse_ocam(
@@ -238,6 +249,10 @@ def parse_ocam(
     (319.5, 239.5)
     """
     model, _ = parse_polynomials(text, source)
+    return _placed(model, optics, mount, rim_radius_px)
+
+
+def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None) -> OCam:
     return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
 
 

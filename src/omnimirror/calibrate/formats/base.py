@@ -26,6 +26,7 @@ from .entries import Node, read_json, read_xml, read_yaml
 
 Content = str | bytes
 GZIP = b"\x1f\x8b"
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 NOTHING = 1e-9  # of a parameter's typical change: the rounding of a fit
 ALIKE = {"c": 1.0}  # of what does nothing at another value than 0: OCamCalib's stretch
 
@@ -159,15 +160,28 @@ class CameraFile:
         """The entries of JSON, XML or YAML, whichever it is, or the reason why there are none."""
         if self.is_binary:
             return SpecError(f"cannot read {self.source}: it is not a text file")
-        try:
-            begin = self.text.lstrip()[:1]
-            if begin == "<":
-                return read_xml(self.text, self.source)
-            if begin != "{":
-                return read_yaml(self._documents[0], self.source)
-            return read_json(self.text, self.source)
-        except SpecError as problem:
-            return problem
+        problem: SpecError | None = None
+        for parse in self._parsers:
+            try:
+                return parse()
+            except SpecError as reason:
+                problem = problem or reason
+        assert problem is not None
+        return problem
+
+    @property
+    def _parsers(self) -> list[Callable[[], Node]]:
+        """Parsers by the first character, in this order; YAML's tables may begin as those of JSON do."""
+
+        def yaml() -> Node:
+            return read_yaml(self._documents[0], self.source)
+
+        match self.data.removeprefix(BYTE_ORDER_MARK).lstrip()[:1]:
+            case b"<":
+                return [lambda: read_xml(self.text, self.source)]
+            case b"{":
+                return [lambda: read_json(self.text, self.source), yaml]
+        return [yaml]
 
     @cached_property
     def _documents(self) -> list[str]:
