@@ -520,7 +520,7 @@ def compose_yaml(text: str, source: str) -> Any:
         return yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark or problem.context_mark
-        last = text.rstrip("\n").count("\n") + 1
+        last = text.count("\n") + 1
         where = f" line {min(mark.line + 1, last)}" if mark else ""
         raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
     except yaml.YAMLError as problem:
