@@ -55,6 +55,10 @@ class OmnimirrorError(ValueError):
         super().__init__(*(one_line(str(part)) for part in sentence))
 
 
+class OmnimirrorWarning(UserWarning):
+    """A file is read although its numbers contradict each other; the command line prints the message."""
+
+
 class InvalidParameter(OmnimirrorError):
     """A parameter is outside its range, or parameters do not fit each other."""
 

@@ -21,7 +21,7 @@ from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, po
 from numpy.typing import NDArray
 
 from ..arguments import file_name, finite, float_of, shown
-from ..errors import InvalidParameter, OmnimirrorError, SpecError, shortened
+from ..errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
 from ..files import read_text
 from ..frames import Mount
 from ..numerics.lazy import cached_property
@@ -211,15 +211,14 @@ def load_ocam(
 
     Warns
     -----
-    UserWarning
+    OmnimirrorWarning
         The numbers of the file contradict each other; the message gives the magnitude.
 
     Examples
     --------
     >>> import tempfile, omnimirror as om
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with open(f"{folder}/calib_results.txt", "w") as file:
-    ...         _ = file.write("3 -260.0 0.0 0.0011\\n2 100.0 50.0\\n299.2 402.7\\n1.0 0.0 0.0\\n600 800\\n")
+    ...     made = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), f"{folder}/calib_results.txt")
     ...     camera = om.load_ocam(f"{folder}/calib_results.txt")
     >>> camera.image_size
     (800, 600)
@@ -229,7 +228,7 @@ def load_ocam(
     model, inverse = parse_polynomials(text, str(path))
     camera = _placed(model, optics, mount, rim_radius_px)
     for doubt in (*inverse_doubts(camera, inverse), *doubts(camera)):
-        warnings.warn(f"{path}: {doubt}", stacklevel=2)
+        warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
     return camera
 
 

@@ -14,6 +14,8 @@ from typing import TextIO
 
 import click
 
+from ..errors import OmnimirrorWarning
+
 _QUIET = "omnimirror.quiet"
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
 """How a terminal that lacks a character shows it."""
@@ -34,8 +36,8 @@ def prepare(is_quiet: bool) -> None:
     Parameters
     ----------
     is_quiet
-        Keep warnings of Python, and what libraries in C say by themselves, off standard error: our own sentence
-        says what is wrong with a file.
+        Suppress warnings of Python except :class:`OmnimirrorWarning`, and messages of libraries in C, since the error
+        message of the command describes what is wrong with a file.
     """
     for number in range(3):  # or a file that is opened next would become standard output
         try:
@@ -53,7 +55,14 @@ def prepare(is_quiet: bool) -> None:
     if is_quiet:
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
+            warnings.simplefilter("always", OmnimirrorWarning)
+        warnings.showwarning = _show_warning
         sys.stderr = _ours_alone(sys.stderr)
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as one line on standard error."""
+    click.echo(f"Warning: {message}", err=True)
 
 
 def _ours_alone(stream: TextIO) -> TextIO:

@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.calibrate.formats import Reading, read_cameras
 from omnimirror.camera_models import OCam
 from omnimirror.camera_models.consistency import doubts, inverse_doubts
-from omnimirror.errors import SpecError
+from omnimirror.errors import OmnimirrorWarning, SpecError
 from tests.calibrate.formats.examples import seen
 
 SIZE = (1280, 960)
@@ -400,10 +400,12 @@ def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magni
     *_, notes = read(tmp_path / "a.txt", text, "mirror")
     (note,) = notes
     assert re.search(magnitude, note), note
-    with pytest.warns(UserWarning, match=magnitude):
+    with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_ocam(tmp_path / "a.txt")
     made = om.convert(tmp_path / "a.txt", tmp_path / "b.toml")
     assert note in made.notes
+    with pytest.warns(OmnimirrorWarning, match=magnitude):
+        om.load_camera(tmp_path / "a.txt")
 
 
 @pytest.mark.parametrize("to", ["py-ocamcalib", "py-omnicalib"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -12,7 +11,6 @@ import click
 from ...camera_models import MirrorBall, load_ocam
 from ...camera_models.base import Optics
 from ...frames import CameraLooks, Mount
-from ..outputs import remark
 from .common import NUMBER, SENSOR, angle, ball, lean
 from .declared import Options, flag, option, refuse_other
 
@@ -79,11 +77,7 @@ class CameraOptions(Options):
 
             camera = load_camera(self.sensor)
         elif self.ocam is not None:
-            with warnings.catch_warnings(record=True) as contradictions:
-                warnings.simplefilter("always")
-                camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)
-            for one in contradictions:
-                remark(f"Warning: {one.message}")
+            camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)
         elif self.ball is not None:
             u, v, radius, full_field = self.ball
             camera = MirrorBall((u, v), radius, full_field, picture_size)
