@@ -21,6 +21,8 @@ MAX_STRETCH = 0.02
 MAX_DIFFERENCE_PX = 1.0
 """Largest plausible difference of a direct and an inverse polynomial; fitted inverses keep to some 0.1 px."""
 ROUNDING = 1e-9
+BLIND = 1 / 3
+"""Part of the field around the axis that is not compared."""
 SAMPLES = 200
 
 
@@ -57,7 +59,7 @@ def doubts(camera: RadialModel) -> list[str]:
 
 
 def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2) -> list[str]:
-    """Compare the inverse polynomial of a file with its direct one, as far as the nearest edge of the image.
+    """Compare the inverse polynomial of a file with its direct one, from a third of the field to the nearest edge.
 
     Parameters
     ----------
@@ -77,7 +79,9 @@ def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start:
     if not len(inverse):
         return []
     reach = min(camera.field_radius_px, min(camera.image_size) / 2)
-    omega = np.linspace(0.0, float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING), SAMPLES)
+    end = float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING)
+    # An inverse of many terms departs where nothing was fitted: in the middle, where an annular camera sees nothing.
+    omega = np.linspace(BLIND * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
         difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
     worst = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0

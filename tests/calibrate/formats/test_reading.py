@@ -235,6 +235,23 @@ def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
     check(camera, lambda points: ocam_pixels(points, POLY, affine, centre))
 
 
+def test_the_middle_that_an_annular_camera_does_not_see_is_no_contradiction(tmp_path):
+    """Numbers of LF-VIO's camera, whose inverse polynomial was fitted from 40 to 120 deg and is 48 px off at 0."""
+    poly = (-244.5239, 0.0, 1.74861e-3, -1.75777e-6, 4.475965e-9)
+    inverse = (376.845565, 246.746504, 19.035187, 23.840497, 18.991943, 6.066253, 1.560387, 5.85428, 3.45832,
+               -1.995166, -1.509264, 1.089614, 1.340245, 0.255323)  # fmt: skip
+    table = {
+        "model_type": "scaramuzza", "image_width": 1280, "image_height": 960,
+        "poly_parameters": {f"p{i}": a for i, a in enumerate(poly)},
+        "inv_poly_parameters": {f"p{i}": a for i, a in enumerate(inverse)},
+        "affine_parameters": {"ac": 1.0, "ad": 0.0, "ae": 0.0, "cx": 645.107791, "cy": 486.025172},
+    }  # fmt: skip
+    assert read(tmp_path / "a.yaml", yaml.safe_dump(table))[2] == ()
+    table["inv_poly_parameters"]["p0"] += 3.0
+    (note,) = read(tmp_path / "b.yaml", yaml.safe_dump(table))[2]
+    assert "up to 3.08 px" in note  # 3 px, and what is left of the extrapolation at 37.6 deg
+
+
 def basalt(points, kind, p):
     """``project`` of basalt-headers: DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera, KannalaBrandtCamera4."""
     x, y, z = points.T
