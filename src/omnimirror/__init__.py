@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
+    from .errors import OmnimirrorError as OmnimirrorError
     from .handoff.bags.dewarping import DewarpedBag as DewarpedBag
     from .handoff.bags.dewarping import dewarp_bag as dewarp_bag
     from .handoff.colmap import ColmapProject as ColmapProject
@@ -231,6 +232,7 @@ _HOMES = {
     "sensors_from_rim": "calibrate.rim",
     "FoundRim": "calibrate.rim",
     "load_ocam": "camera_models",
+    "OmnimirrorError": "errors",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
     "RadialSpline": "camera_models",

@@ -410,7 +410,7 @@ def _larger(most: int, size: int | None = None) -> str:
 
 
 def decompressed(data: bytes, most: int) -> bytes:
-    """Decompress a zlib stream to at most ``most`` bytes.
+    """Decompress a zlib or gzip stream to at most ``most`` bytes.
 
     >>> decompressed(zlib.compress(bytes(5)), 5)
     b'\\x00\\x00\\x00\\x00\\x00'
@@ -420,7 +420,7 @@ def decompressed(data: bytes, most: int) -> bytes:
     ValueError
         The stream is damaged or cut short, or holds more.
     """
-    stream = zlib.decompressobj()
+    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: the header tells zlib from gzip
     try:
         content = stream.decompress(data, most + 1)
     except zlib.error as e:
@@ -521,10 +521,50 @@ def compose_yaml(text: str, source: str) -> Any:
         return yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark or problem.context_mark
-        where = f" line {mark.line + 1}" if mark else ""
+        last = text.count("\n") + 1
+        where = f" line {min(mark.line + 1, last)}" if mark else ""
         raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
     except yaml.YAMLError as problem:
         raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
+
+
+def parse_xml(text: str, source: str) -> Any:
+    """Parse an XML text into the root of an ``xml.etree`` tree.
+
+    Entities are rejected, since a few lines of them can stand for gigabytes.
+
+    Raises
+    ------
+    SpecError
+        It is not valid XML, declares a document type, or exceeds :data:`LARGEST_YAML` or :data:`MOST_NESTED`; the
+        message begins with the source.
+    """
+    from xml.etree import ElementTree
+
+    source = shortened(source)
+    if len(text) > LARGEST_YAML:
+        raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise SpecError(f"{source} must not declare a document type or entities; remove <!DOCTYPE ...>")
+    parser: Any = ElementTree.XMLPullParser(("start", "end"))
+    depth = 0
+    root = None
+    try:
+        parser.feed(text)
+        parser.close()
+        for event, element in parser.read_events():
+            root = element if root is None else root
+            depth += 1 if event == "start" else -1
+            if depth > MOST_NESTED:
+                raise SpecError(f"{source}: {TOO_DEEP}")
+    except ElementTree.ParseError as problem:
+        line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # expat may count past the end
+        raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None
+    except ValueError as problem:  # a null character, a surrogate
+        if isinstance(problem, SpecError):
+            raise
+        raise SpecError(f"{source} is not valid XML: {problem}") from None
+    return root
 
 
 def _levels(data: Any) -> Iterator[list[Any]]:

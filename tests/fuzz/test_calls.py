@@ -20,6 +20,7 @@ import omnimirror as om
 from omnimirror.arguments import WrongKind
 from omnimirror.batch.bases import family
 from omnimirror.batch.evaluate import Designs
+from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.camera_models import RadialModel, parse_ocam
 from omnimirror.components.apertures import best_apertures
 from omnimirror.design import parse_requirements
@@ -48,7 +49,7 @@ WANTED = om.Requirements(
     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
     lens=om.LensRequirements(theta_max_deg=12.0),
 )
-OCAM = "5 -240 0 1e-3 0 0\n\n5 1 2 3 4 5\n\n240 320\n1 0 0\n480 640\n"
+OCAM = ocamcalib.write(om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480)))
 
 FOCAL = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32), "skew_px": 0.1,
          "optics": "mirror", "rim_radius_px": None, "uncertainty": None, "mount": Mount()}  # fmt: skip

@@ -278,7 +278,7 @@ def _folder(tmp_path, monkeypatch):
     write_image("a.png", np.zeros((32, 32, 3), np.uint8))
     write_image("b.png", np.zeros((64, 64, 3), np.uint8))
     Path("loop").symlink_to("loop")
-    Path("calib_results.txt").write_text("3 -131.5 0.0 1.8e-3\n1 200.0\n380.3 515.3\n1.0 0.0 0.0\n768 1024\n")
+    om.convert(om.OCam((-131.5, 0.0, 1.8e-3), (515.3, 380.3), (1024, 768)), "calib_results.txt")
     for name, form in {"parts": PARTS, "small": SENSOR, "wanted": JUDGED, "errors": ERRORS}.items():
         Path(f"{name}.toml").write_text(form.format(**dict(zip("abcd", USUAL[form], strict=True)), e=""))
     Path("edges.csv").write_text("line,u_px,v_px\n" + "".join(f"1,{400 + 9 * i},{300 + i}\n" for i in range(9)))

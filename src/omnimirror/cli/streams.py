@@ -15,6 +15,8 @@ from typing import TextIO
 
 import click
 
+from ..errors import OmnimirrorWarning
+
 _QUIET = "omnimirror.quiet"
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
 """How a terminal that lacks a character shows it."""
@@ -36,8 +38,8 @@ def prepared(is_quiet: bool) -> Iterator[None]:
     Parameters
     ----------
     is_quiet
-        Keep warnings of Python, and what libraries in C say by themselves, off standard error: our own sentence
-        says what is wrong with a file.
+        Suppress warnings of Python except :class:`OmnimirrorWarning`, and messages of libraries in C, since the error
+        message of the command describes what is wrong with a file.
     """
     for number in range(3):  # or a file that is opened next would become standard output
         try:
@@ -52,6 +54,9 @@ def prepared(is_quiet: bool) -> Iterator[None]:
     codecs.register_error("omnimirror", _spelled)
     if is_quiet and not sys.warnoptions:
         warnings.simplefilter("ignore")
+        warnings.simplefilter("always", OmnimirrorWarning)
+    if is_quiet:
+        warnings.showwarning = _show_warning  # restored with the filters
     with ExitStack() as restored:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper) and stream.errors is not None:
@@ -63,6 +68,11 @@ def prepared(is_quiet: bool) -> Iterator[None]:
             yield
         finally:
             sys.stdout, sys.stderr = before
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as one line on standard error."""
+    click.echo(f"Warning: {message}", err=True)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import Field, create_model
 
 from ..arguments import checked, file_name, instance
-from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
+from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
 from ..errors import OmnimirrorError, SpecError
 from ..escaping import line_comment
 from ..files import parse_toml, read_text, write_text
@@ -69,7 +69,8 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     True
     """
     path, absent = find("sensor file, camera file", name_or_path)
-    return parse_camera(read_text(path, "camera file", SpecError, absent), str(path), path.parent)
+    text = read_text(path, "camera file", SpecError, absent)
+    return load_ocam(path) if is_ocam_text(text) else parse_camera(text, str(path), path.parent)
 
 
 @checked

@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.cli import main
 
 MIRRORBALL = Path(__file__).parents[4] / "shared/data/mirrorball"
-OCAM = """3 -100 0 2.5e-3
-2 100 50
-59.5 79.5
-1 0 0
-120 160
-"""
+OCAM = ocamcalib.write(om.OCam((-100.0, 0.0, 2.5e-3), (79.5, 59.5), (160, 120)))
 SPHERE = ["--sensor", "paper-spherical"]
 BALL = ["--ball", "99.5,99.5,90,260"]
 
@@ -244,7 +240,7 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         ("sphere.png --sensor paper-sperical", "did you mean paper-spherical?"),
         ("sphere.png --sensor note.txt", "note.txt is not valid TOML"),
         ("ocam.png --ocam none.txt", "there is no OCamCalib file none.txt"),
-        ("ocam.png --ocam broken.txt", "broken.txt line 5: expected the image size"),
+        ("ocam.png --ocam broken.txt", "broken.txt line 19: expected the image size"),
         ("ocam.png --ocam ocam.png", "it is not a text file"),
         ("ocam.png --ocam calib.txt --optics prism", "'prism'"),
         ("ocam.png --ocam calib.txt --rim-radius-px -3", "rim_radius_px = -3"),

@@ -1,4 +1,4 @@
-"""What stands in a YAML or JSON file, each value with its place, so that an error can name the line."""
+"""Values of a YAML, JSON or XML file, each with its place, so that an error can name the line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...arguments import float_of, shown
 from ...errors import SpecError
-from ...files import TOO_DEEP, compose_yaml, parse_json
+from ...files import TOO_DEEP, compose_yaml, parse_json, parse_xml
 from ...specs.tables import did_you_mean
 
 Array = NDArray[np.float64]
@@ -59,6 +59,13 @@ class Node:
             self.refuse(f"has no {name}, which is needed{did_you_mean(name, self.value)}")
         entry: Node = self.value[name]
         return entry
+
+    def polynomial(self, prefix: str) -> tuple[float, ...]:
+        """Return the coefficients that a mapping names by their powers: p0, p1, ..."""
+        numbers = [self[f"{prefix}0"].number()]
+        while f"{prefix}{len(numbers)}" in self:
+            numbers.append(self[f"{prefix}{len(numbers)}"].number())
+        return tuple(numbers)
 
     # -- values ------------------------------------------------------------------------------------
 
@@ -218,3 +225,48 @@ def _plain(value: Any, source: str, name: str) -> Node:
     if isinstance(value, list):
         return Node([_plain(v, source, f"{name}[{i}]") for i, v in enumerate(value)], source, name)
     return Node(value, source, name)
+
+
+def read_xml(text: str, source: str) -> Node:
+    """Read the entries of an XML text as OpenCV's ``FileStorage`` writes it.
+
+    An element with elements in it is a table, or a list where these are named ``_``; the content of ``data``, and
+    several numbers in a row, are lists; anything else is a word or number.
+
+    Raises
+    ------
+    SpecError
+        It is not valid XML, declares entities, or is nested too deeply.
+
+    Examples
+    --------
+    >>> read_xml("<opencv_storage><xi>1.3</xi><size>4 3</size></opencv_storage>", "a.xml")["size"].numbers(2)
+    (4.0, 3.0)
+    """
+    return _element(parse_xml(text, source), source, "")
+
+
+def _element(element: Any, source: str, name: str) -> Node:
+    """Convert an element of an XML tree."""
+    children = list(element)
+    if children and all(child.tag == "_" for child in children):
+        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
+    if children:
+        table: dict[str, Node] = {}
+        for child in children:
+            if child.tag in table:
+                raise SpecError(f"{source}: {child.tag} stands in {name or 'the file'} a second time")
+            table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
+        return Node(table, source, name)
+    words = (element.text or "").split()
+    if element.tag == "data" or (len(words) > 1 and all(map(_is_number, words))):
+        return Node([Node(w, source, f"{name}[{i}]") for i, w in enumerate(words)], source, name)
+    return Node(" ".join(words).strip('"') or None, source, name)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float_of(word)
+    except ValueError:
+        return False
+    return True
