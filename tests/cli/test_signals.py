@@ -83,6 +83,13 @@ def processes_of(mark: str) -> list[int]:
     return found
 
 
+def unignored() -> None:
+    """Give signals their default actions: background jobs and nohup ignore some of them, and children inherit that."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def wait_until(state: Callable[[], bool], run: subprocess.Popen) -> None:
     while not state():
         assert run.poll() is None, run.stderr.read()
@@ -123,7 +130,7 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place):
     with subprocess.Popen(
         [sys.executable, "-m", "omnimirror", *words], cwd=work, env=environment, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=unignored,
     ) as run:  # fmt: skip
         if file == "stdout":
             assert run.stdout.readline()

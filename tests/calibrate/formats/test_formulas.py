@@ -12,6 +12,7 @@ import yaml
 
 import omnimirror as om
 from omnimirror.calibrate.formats import Reading, colmap, read_cameras
+from omnimirror.calibrate.formats.base import CameraFile
 from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
 from omnimirror.errors import SpecError
 from omnimirror.frames import Mount
@@ -209,14 +210,18 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
     """Written down here as its documentation says: several cameras of several models."""
     first = struct.pack("<IiQQ4d", 7, 1, 640, 480, 500.0, 501.0, 320.5, 240.5)
     second = struct.pack("<IiQQ8d", 9, 5, 1024, 768, 300.0, 301.0, 512.5, 384.5, 0.1, 0.2, 0.3, 0.4)
-    found = colmap.read(struct.pack("<Q", 2) + first + second, Reading("cameras.bin"))
+
+    def read(name, data):
+        return colmap.read(CameraFile(name, data), Reading(name))
+
+    found = read("cameras.bin", struct.pack("<Q", 2) + first + second)
     assert [stored.name for stored in found] == ["7", "9"]
     assert [stored.camera.image_size for stored in found] == [(640, 480), (1024, 768)]
     assert found[1].camera.centre_px == (512.0, 384.0)
     with pytest.raises(SpecError, match=r"cameras\.bin camera 2: there is no model 99; valid are 0 to 17"):
-        colmap.read(struct.pack("<Q", 2) + first + struct.pack("<IiQQ", 1, 99, 4, 4), Reading("cameras.bin"))
+        read("cameras.bin", struct.pack("<Q", 2) + first + struct.pack("<IiQQ", 1, 99, 4, 4))
     with pytest.raises(SpecError, match=r"cameras\.bin ends in the middle of a camera"):
-        colmap.read(struct.pack("<Q", 2) + first + second[:-1], Reading("cameras.bin"))
+        read("cameras.bin", struct.pack("<Q", 2) + first + second[:-1])
     for line, said in (
         (f"{'x' * 50} PINHOLE 640", f"a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here '{'x' * 40}'"),
         ("1 PINHOLE 640 480", "PINHOLE has 0 parameters; it is valid with 4: fx fy cx cy"),
@@ -224,9 +229,9 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         ("one PINHOLE 640 480", "a camera's id and what follows its model are numbers"),
     ):
         with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
-            colmap.read(f"# a comment\n{line}\n".encode(), Reading("cameras.txt"))
+            read("cameras.txt", f"# a comment\n{line}\n".encode())
     with pytest.raises(SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"):
-        colmap.read(b"# a comment\n", Reading("cameras.txt"))
+        read("cameras.txt", b"# a comment\n")
 
 
 @pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])
