@@ -73,6 +73,9 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
     "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
+    "dewarp in a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "media.live.outputs:Preview.write",
+    ),
     "calibrate": (
         ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
     ),
@@ -81,67 +84,80 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
         ("simulate", "learning", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*",
     ),
 }  # fmt: skip
-"""Commands at work and what shows it: a file, a line of output, a number of processes, or a handler for signals."""
+"""Commands at work and what shows it: a file, a line of output, processes, a function called, or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
-    "sensors": (("sensors",), "evaluation.sensors:load_sensor"),
-    "init": (("init", "new.toml", "--force"), "design.init:write_text"),
-    "judge": (("judge", "lens.toml", "paper-spherical"), "design.judge:judge"),
+    "sensors": (("sensors",), "cli.commands.evaluation.sensors:load_sensor"),
+    "init": (("init", "new.toml", "--force"), "cli.commands.design.init:write_text"),
+    "judge": (("judge", "lens.toml", "paper-spherical"), "cli.commands.design.judge:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "out", "--step", "8"), "handoff.rays:write_rays"),
+    "rays": (("rays", "paper-spherical", "-o", "out", "--step", "8"), "cli.commands.handoff.rays:write_rays"),
     "maps": (
         ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
-        "handoff.maps:write_maps",
+        "cli.commands.handoff.maps:write_maps",
     ),
     "colmap": (
-        ("colmap", "paper-spherical", "view", "--size", "64", "-o", "out"), "handoff.colmap:write_colmap",
+        ("colmap", "paper-spherical", "view", "--size", "64", "-o", "out"), "cli.commands.handoff.colmap:write_colmap",
     ),
-    "spots": (("spots", "paper-spherical", "-o", "a.png"), "evaluation.spots:spots"),
-    "psf": (("psf", "paper-spherical"), "evaluation.psf:psf"),
-    "mtf": (("mtf", "paper-spherical"), "evaluation.mtf:mtf"),
-    "illumination": (("illumination", "paper-spherical"), "evaluation.illumination:illumination"),
-    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "evaluation.form:form_error"),
-    "compare": (("compare", "paper-spherical", "paper-cone", "-o", "a.html"), "evaluation.compare:compare"),
-    "roundtrip": (("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "pictures.simulate:load_sensor"),
+    "spots": (("spots", "paper-spherical", "-o", "a.png"), "cli.commands.evaluation.spots:spots"),
+    "psf": (("psf", "paper-spherical"), "cli.commands.evaluation.psf:psf"),
+    "mtf": (("mtf", "paper-spherical"), "cli.commands.evaluation.mtf:mtf"),
+    "illumination": (("illumination", "paper-spherical"), "cli.commands.evaluation.illumination:illumination"),
+    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "cli.commands.evaluation.form:form_error"),
+    "compare": (
+        ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
+        "cli.commands.evaluation.compare:compare",
+    ),
+    "roundtrip": (
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "cli.commands.pictures.simulate:load_sensor",
+    ),
     "bracket take": (
         ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
-        "pictures.bracket:expose",
+        "cli.commands.pictures.bracket:expose",
     ),
     "bracket merge": (
-        ("bracket", "merge", "paper-spherical", "view/0.png", "view/0.png", "--focus-mm", "212,228", "-o", "a.png"),
-        "pictures.bracket:merge_bracket",
+        ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
+        "cli.commands.pictures.bracket:merge_bracket",
     ),
-    "board": (("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "calibration.board:write_board"),
-    "rim": (("rim", "view/0.png", "--figure", "a.png"), "calibration.rim:find_rim"),
+    "board": (
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "cli.commands.calibration.board:write_board",
+    ),
+    "rim": (("rim", "view/0.png", "--figure", "a.png"), "cli.commands.calibration.rim:find_rim"),
     "lines": (
         ("lines", "view/0.png", "--camera", "paper-spherical", "--rim", "128", "128", "120"),
-        "calibration.lines:calibrate_lines",
+        "cli.commands.calibration.lines:calibrate_lines",
     ),
-    "uncertainty": (("uncertainty", "paper-spherical"), "calibration.uncertainty:uncertainty_map"),
-    "convert": (("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds"), "calibration.convert:convert"),
-    "apertures": (("apertures", "paper-spherical"), "design.apertures:best_apertures"),
+    "uncertainty": (("uncertainty", "paper-spherical"), "cli.commands.calibration.uncertainty:load_camera"),
+    "convert": (
+        ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds"), "cli.commands.calibration.convert:convert",
+    ),
+    "apertures": (("apertures", "paper-spherical"), "cli.commands.design.apertures:best_apertures"),
 }  # fmt: skip
 """Commands that end soon, and the function of their module that a test repeats until a signal comes."""
 REPEAT = """
 import functools, importlib, pathlib, sys
 from omnimirror.__main__ import run
+is_repeated = bool(sys.argv.pop(1))
 module, name = sys.argv.pop(1).split(":")
-module = importlib.import_module(module)
-function = getattr(module, name)
+*owners, name = name.split(".")
+owner = functools.reduce(getattr, owners, importlib.import_module(module))
+function = getattr(owner, name)
 @functools.wraps(function)
 def repeated(*args, **more):
     pathlib.Path("begun").touch()
-    while True:
+    while is_repeated:
         function(*args, **more)
-setattr(module, name, repeated)
+    return function(*args, **more)
+setattr(owner, name, repeated)
 run()
 """
-KEEP = ("dewarp a", "simulate", "dataset", "learning", "design")
+KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
 """Commands that first say what was done and kept."""
 EVERYDAY = [
     ("reproduce", signal.SIGTERM), ("tolerance", signal.SIGHUP), ("dewarp a video", signal.SIGHUP),
     ("simulate", signal.SIGTERM), ("studio", signal.SIGHUP), ("serve", signal.SIGTERM), ("evaluate", signal.SIGINT),
     ("calibrate", signal.SIGTERM), ("serve and publish", signal.SIGHUP), ("dewarp a bag", signal.SIGTERM),
-    ("dewarp with a preview", signal.SIGHUP), ("design with parts", signal.SIGINT), ("rim", signal.SIGHUP),
+    ("dewarp with a preview", signal.SIGTERM), ("dewarp in a preview", signal.SIGHUP),
+    ("design with parts", signal.SIGINT), ("rim", signal.SIGHUP),
     ("lines", signal.SIGTERM), ("form", signal.SIGTERM), ("colmap", signal.SIGINT), ("rays", signal.SIGHUP),
     ("maps", signal.SIGTERM), ("judge", signal.SIGHUP),
 ]  # fmt: skip
@@ -195,10 +211,10 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
     if "many" in words:
         for number in range(100):
             om.write_image(folder / "many" / f"{number}.png", picture)
-    for name, count in (("boards", 400), ("view", 1)):
+    for name, count, side in (("boards", 400, 320), ("view", 1, 256), ("large", 1, 1024)):
         if any(word.startswith(name) for word in words):
             for number in range(count):
-                om.write_image(folder / name / f"{number}.png", noise(320 if name == "boards" else 256))
+                om.write_image(folder / name / f"{number}.png", noise(side))
     if "ride" in words:
         ride(folder / "ride", picture)
     if "points.csv" in words:
@@ -235,12 +251,10 @@ def ride(folder: Path, picture: np.ndarray) -> None:
 )
 def test_a_signal_ends_a_command_without_leftovers(name, number, place, request):
     program = ["-m", "omnimirror"]
-    if name in REPEATED:
-        words, function = REPEATED[name]
-        rooms = "omnimirror." if function.startswith("figures") else "omnimirror.cli.commands."
-        program, file = ["-c", REPEAT, rooms + function], "begun"
-    else:
-        words, file = ENDLESS[name]
+    words, file = (ENDLESS | REPEATED)[name]
+    if ":" in file:
+        program = ["-c", REPEAT, "repeated" if name in REPEATED else "", f"omnimirror.{file}"]
+        file = "begun"
     if "--preview" in words:
         request.getfixturevalue("display")
     work, temporary = place / "work", place / "temporary"
@@ -283,6 +297,20 @@ def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tupl
     context = click.Context(command)
     for name in command.list_commands(context):
         yield from leaves(command.get_command(context, name), (*words, name))
+
+
+def test_a_signal_that_another_error_wraps_ends_a_command(monkeypatch, capsys):
+    """As the interpreter does around ``__set_name__`` while modules are imported."""
+
+    class Deaf:
+        def __set_name__(self, owner, name):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(sensors, "bundled_sensors", lambda: type("Owner", (), {"attribute": Deaf()}))
+    with pytest.raises(SystemExit) as ended:
+        main(["sensors"])
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert "omnimirror: stopped" in capsys.readouterr().err
 
 
 def test_signals_are_sent_to_every_command():
