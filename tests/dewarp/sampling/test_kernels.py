@@ -313,7 +313,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
         with pytest.raises(
-            (ValueError, TypeError), match=r"picture|coordinates|cell|weights|interpolation|pixels|radius|radii|src"
+            (ValueError, TypeError),
+            match=r"picture|coordinates|cell|weights|interpolation|pixels|radius|radii|src|must",
         ):
             call()
 
