@@ -5,8 +5,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
 PICTURE ?=
+ARGS ?=
 # The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
 RELEASE_PYTHONS ?= $(PYTHON)
+# The newest Blender on the index is built for one interpreter only: 3.13 for 5.1 to 5.3, 3.11 for 4.5 and 5.0.
+BLENDER_PYTHON ?= $(shell command -v python3.13 || echo $(PYTHON))
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 # Byte code is kept, whatever the shell says: without it each process compiles the package anew and rewrites the asserts of
@@ -14,7 +17,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo studio test test-full programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio test test-full mutation programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -33,6 +36,9 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and oth
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
+mutation: $(VENV)/.mutation  ## Mutation testing: share of random code changes that tests detect (ARGS=--help)
+	$(BIN)/python tests/mutation.py $(ARGS)
+
 programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the package, for tests of what is handed to them (2 GB)
 	@{ command -v gst-launch-1.0 && command -v cvlc && command -v qemu-system-arm; } >/dev/null || { \
 	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
@@ -43,14 +49,16 @@ programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the packag
 	@if command -v npm >/dev/null; then \
 	  npm install --silent --no-audit --no-fund --prefix $(VENV)/node @micropython/micropython-webassembly-pyscript; fi
 	$(PIP) ziglang
-	for name in blender:bpy newton:newton; do \
-	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install $${name##*:} || exit 1; \
+	for name in blender-oldest:'bpy==4.5.*' newton:newton; do \
+	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install "$${name##*:}" || exit 1; \
 	done
+	$(BLENDER_PYTHON) -m venv $(VENV)/blender && $(VENV)/blender/bin/python -m pip --quiet install bpy
 
-lint: $(VENV)/.test
+lint: $(VENV)/.test node
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	@! command -v npm >/dev/null || { cd web && npm run --silent lint; }
 
 # The browser in which the studio's page is tested. The shell without windows takes half of the processor time of the
 # whole: it draws pages alone, no frame around them.
@@ -66,10 +74,10 @@ firefox:
 	  command -v apt-get >/dev/null && apt-get -qq update && apt-get -qq install -y firefox-esr >/dev/null; } || \
 	  echo "there is no firefox here: the tests of the studio's page in it are skipped"
 
-# What builds the studio's page, and examines it: for the tests of its sources, and its own unit tests.
+# Tools that build, lint and test the studio's page.
 node:
 	@if command -v npm >/dev/null; then $(MAKE) -s web/node_modules/.made; else \
-	  echo "there is no npm here: the page's unit tests, that it is built from its sources, and axe are skipped"; fi
+	  echo "npm is not installed: the page's linter, formatter, unit tests, build comparison and axe tests are skipped"; fi
 
 web/node_modules/.made: web/package-lock.json
 	cd web && npm ci --no-audit --no-fund --loglevel=error
@@ -79,9 +87,10 @@ page: $(VENV)/.test  ## Build the studio's page from web/ (needs Node 20)
 	$(BIN)/python web/message_types.py
 	cd web && npm ci --no-audit --no-fund && npm run build
 
-format: $(VENV)/.test  ## Format the code
+format: $(VENV)/.test node  ## Format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	@! command -v npm >/dev/null || { cd web && npm run --silent format; }
 
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
 	$(BIN)/python benchmarks/evaluation_time.py --out out/benchmarks
@@ -142,6 +151,10 @@ $(VENV)/.studio: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 $(VENV)/.test: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test]'
 	@touch $@ $(VENV)/.core
+
+$(VENV)/.mutation: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
+	$(PIP) -e '.[mutation]'
+	@touch $@ $(VENV)/.test $(VENV)/.core
 
 $(VENV)/.full: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test,full]'

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
+import re
 import runpy
 import subprocess
 import sys
@@ -44,6 +46,88 @@ def test_nothing_runs_in_circles():
             TopologicalSorter({child: to - {child} for child, to in reached.items()}).prepare()
         except CycleError as e:
             pytest.fail(f"in {room}: {' <- '.join(e.args[1])}")
+
+
+READERS = {
+    "open", "read_text", "read_bytes", "loads", "loadtxt", "genfromtxt", "fromfile", "memmap", "ZipFile", "TarFile",
+    "GzipFile", "decompress", "decompressobj", "imread", "imdecode", "VideoCapture", "FileStorage", "read_topography",
+    "open_topography", "load_scene", "load_mesh", "AnyReader", "ParquetFile", "read_table", "read_metadata",
+    "safe_load", "compose", "readfile", "loadmat", "np.load", "numpy.load", "json.load", "yaml.load", "tomllib.load",
+    "pickle.load", "trimesh.load", "yaml.parse", "ElementTree.parse", "ET.parse",
+    "ElementTree.fromstring", "library.File",
+}  # fmt: skip
+"""Calls that read or parse files, by their last name or, where that is a common word, with what stands before it."""
+PARSED_OWN = "data of its own process"
+READS = {
+    "files": "the bounded reader itself",
+    "native": "a file of the kernel",
+    "lenses.prescription.glasses": "a file of the package",
+    "report.pages": "a file of the package",
+    "calibrate.rim.choice": "a file of the package",
+    "handoff.formats": "a file of the package",
+    "studio.pages": "a file of the package",
+    "studio.bench.alone": "a file of the package",
+    "report": "a file that it wrote",
+    "studio.bench.files": "a file that it wrote",
+    "cli.streams": "standard streams and the null device",
+    "media.video.sequences": "standard input, to a file",
+    "media.video.mp4.index": "a file that it wrote",
+    "media.video.encoder": "writes, and opens codecs",
+    "media.video.reader": "check_file, then FFmpeg, frame by frame",
+    "media.live.sources": "streams, with timeouts",
+    "handoff.gateway.pushing": "streams",
+    "simulate.datasets.learning_set": "writes",
+    "handoff.maps.opencv": "writes",
+    "media.pictures.headers": "the header of bytes that were read",
+    "media.pictures.exr": "bytes that were read and checked",
+    "media.pictures.images": "bytes that were read and checked",
+    "studio.uploads": "bytes of a request, limited",
+    "serving.bodies": "bytes of a request, limited",
+    "metrology.readers": "check_file, then the number of points before the heights",
+    "simulate.scenes.mesh": "check_mesh_file, then trimesh",
+    "handoff.bags.files": "checked, then message by message",
+    "design.solve.front": "check_file and the number of values, then pyarrow",
+    "tolerancing.sweeps.shards": "check_file, then block by block",
+    "report.comparison": "a picture that it drew",
+    "simulate.datasets.recipe": PARSED_OWN,
+    "design.optimise.optimiser": PARSED_OWN,
+    "tolerancing.sweeps.plans": PARSED_OWN,
+    "calibrate.helpers": PARSED_OWN,
+    "testing.mirrors": PARSED_OWN,
+    "studio.bench.tolerances": PARSED_OWN,
+}
+"""Modules with such calls, and what bounds them."""
+
+
+def test_tests_patch_objects_and_no_dotted_names():
+    """Modules that pytest imports by path may be no attributes of their packages, where dotted names look for them."""
+    dotted = re.compile(r"monkeypatch\.setattr\(\s*[rf]*[\"']")
+    assert [str(file) for file in (ROOT / "tests").rglob("*.py") if dotted.search(file.read_text())] == []
+
+
+def test_files_are_read_by_the_bounded_reader():
+    """All other modules call :mod:`omnimirror.files` and :mod:`omnimirror.media.pictures.images`."""
+    found = {
+        ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): _reading_calls(path)
+        for path in SOURCE.rglob("*.py")
+    }
+    calls = {module: names for module, names in found.items() if names}
+    assert {module: names for module, names in calls.items() if module not in READS} == {}
+    assert set(READS) <= set(calls), "an exception that is not needed any more"
+
+
+def _reading_calls(path: Path) -> list[str]:
+    """List the calls of readers in a module, with their lines."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call):
+            continue
+        called = ast.unparse(node.func)
+        if called in ("read_bytes", "read_text", "load_mesh") or called.startswith("files."):
+            continue  # those of the package, which are bounded
+        if called in READERS or called.rpartition(".")[2] in READERS:
+            names.append(f"{called}, line {node.lineno}")
+    return names
 
 
 @pytest.mark.parametrize("name", ["constraints.txt", "web/package-lock.json"])

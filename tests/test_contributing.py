@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -52,6 +53,15 @@ def test_programs_that_are_named_are_there(page):
     there = {name: CHECKOUT / under / name for name in named for under in UNDER if (CHECKOUT / under / name).is_file()}
     assert named - set(there) == set()
     assert ignored(list(there.values())) == set()
+
+
+def test_the_table_of_mutation_testing_names_modules_and_tests_that_exist():
+    table = tomllib.loads((CHECKOUT / "tests" / "mutation.toml").read_text())
+    assert len(table["tests"]) >= 30
+    paths = {part.split("::")[0] for row in table["tests"].items() for part in " ".join(row).split(" -k")[0].split()}
+    assert {path for path in paths if not (CHECKOUT / path).exists()} == set()
+    assert {entry["module"] for entry in table["equivalent"]} <= set(table["tests"])
+    assert all(entry["reason"] and entry["before"] != entry["after"] for entry in table["equivalent"])
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:

@@ -68,15 +68,15 @@ def write(plan, part, path):
 
 dots = Format(write, (".dots",))
 
-def centre_of(data, reading):
-    u, v, width, height = map(float, data.split())
+def centre_of(file, reading):
+    u, v, width, height = map(float, file.text.split())
     return [Stored("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
 
 centre = CameraFormat(
-    "the centre", lambda name, data: False, centre_of, {"centre": Layout(om.OCam, centre_to, "centre")}, ("*.centre",)
+    "the centre", lambda file: False, centre_of, {"centre": Layout(om.OCam, centre_to, "centre")}, ("*.centre",)
 )
 
 pixels = Quantity("density_px2", "n", "px²", "Density", "pixels on a square degree")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.design.criteria.field_angles import counted_field
-from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
+from omnimirror.housing.base import Envelope
 from omnimirror.imagers import Imager
 from omnimirror.manufacture.parts import housed, parts_of
 from omnimirror.mirrors.pose import MirrorPose
@@ -31,6 +34,45 @@ CASES = {
 }
 EDGE_DEG = 0.01
 WIDTH = 61
+
+
+WALLS = {
+    "diameter_mm": (1e-3, 1e5), "wall_mm": (1e-3, 1e3), "refractive_index": (1.0, 4.0), "medium_index": (1.0, 4.0),
+    "decentre_x_mm": (-1e4, 1e4), "decentre_y_mm": (-1e4, 1e4), "tilt_x_deg": (-45.0, 45.0),
+    "tilt_y_deg": (-45.0, 45.0), "centre_mm": (-1e5, 1e5), "inner_shift_mm": (-1e3, 1e3), "height_mm": (-1e5, 1e5),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_sizes_of_covers_are_refused_outside_their_bounds(name):
+    kind = {"centre_mm": Dome, "inner_shift_mm": Dome, "height_mm": FlatWindow}.get(name, Tube)
+    low, high = WALLS[name]
+    for value in (low - 1e-4, high + 0.1):
+        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+            kind(**{name: value})
+
+
+def test_covers_are_as_wide_as_the_mirror_needs():
+    """The least diameters by Pythagoras, from the mirror's back; the usual ones leave 3 mm to the next millimetre."""
+    envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
+    tube, dome = Tube(wall_mm=4.0), Dome(wall_mm=4.0, centre_mm=-50.0)
+    assert tube.diameters(45.0) == (98.0, 104.0)
+    assert dome.diameters(-180.0, 20.0, 45.0)[0] == pytest.approx(2 * (np.hypot(45.0, 70.0) + 4.0), rel=1e-12)
+    assert dome.diameters(-180.0, 20.0, 45.0)[1] == np.ceil(2 * (np.hypot(48.0, 130.0) + 4.0))
+    for shell, least in ((tube, 98.0), (dome, 2 * (np.hypot(45.0, 70.0) + 4.0))):
+        with pytest.raises(InvalidParameter, match=f"take in the mirror; its diameter is valid from {least:.4g}"):
+            replace(shell, diameter_mm=least - 0.01).fitted(envelope)
+    assert replace(tube, diameter_mm=98.0).fitted(envelope).diameter_mm == 98.0
+    with pytest.raises(InvalidParameter, match=r"does not reach the plane of the lens, at -180 mm; .* above 268 mm"):
+        replace(dome, diameter_mm=268.0).fitted(envelope)
+
+
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+def test_a_dome_is_as_wide_inside_as_its_inner_sphere(shift):
+    dome = Dome(200.0, 5.0, centre_mm=-40.0, inner_shift_mm=shift)
+    for height in (-100.0, -40.0, 0.0, 30.0):
+        assert dome.inner_radius_mm(height) == pytest.approx(np.sqrt(95.0**2 - (height + 40.0 - shift) ** 2), rel=1e-12)
+    assert dome.inner_radius_mm(80.0) == 0.0
 
 
 @pytest.fixture(params=CASES)

@@ -19,7 +19,8 @@ from tests.conftest import sensor_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 UNITS = {
-    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "deg2": "deg²", "px2": "px²",
+    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "mm_per_px": "mm/px",
+    "deg2": "deg²", "px2": "px²",
     "deg": "deg", "px": "px", "mm": "mm", "percent": "%", "sr": "sr", "g": "g",
 }  # fmt: skip
 
@@ -49,6 +50,13 @@ def test_the_columns_are_those_of_an_evaluation():
     arrays = [name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)]
     assert arrays == [q.name for q in quantities.PER_ANGLE]
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
+
+
+def test_a_head_is_the_short_one_where_there_is_one():
+    assert all(
+        quantity.heading == (quantity.head if quantity.head else quantity.symbol) for quantity in QUANTITIES.values()
+    )
+    assert {bool(quantity.head) for quantity in QUANTITIES.values()} == {True, False}
 
 
 def test_every_table_takes_its_words_from_here():

@@ -14,6 +14,7 @@ from omnimirror.cameras import Camera
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount, pan_tilt_direction, view_axes
 from omnimirror.imagers import Imager
+from omnimirror.mirrors.pose import MirrorPose
 
 SPH = om.load_sensor("paper-spherical")
 
@@ -104,6 +105,21 @@ def test_text_runs_backwards_in_the_raw_picture_unless_it_was_flipped():
         assert turn(sensor) == 1
         assert not flipped.is_picture_reversed
         assert turn(flipped) == -1
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 0.3])
+def test_an_off_centre_axis_refers_to_the_image_before_the_flip(tilt_deg):
+    """The delivered image is the reversed array, column by column, wherever the optical axis meets it."""
+    sensor = om.load_sensor("paper-spherical")
+    imager = replace(sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0))
+    straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))
+    flipped = replace(straight, mount=replace(sensor.mount, image_flipped=True))
+    towards = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
+    np.testing.assert_allclose(straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9)
+    np.testing.assert_allclose(flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9)
+    room = om.Room(texel_mm=40.0)
+    one, other = (om.expose(s, room, samples=1) for s in (straight, flipped))
+    np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
 
 
 def test_sees_nothing_outside_rim_and_picture():

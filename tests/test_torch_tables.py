@@ -12,7 +12,7 @@ from omnimirror.calibrate.physical.names import place_of, shape_names
 from omnimirror.calibrate.physical.shape_rates import profile_rates
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.native import backend
-from omnimirror.torch import differentiable
+from omnimirror.torch import differentiable, differentiable_camera
 from omnimirror.torch.pieces import rate_table
 from omnimirror.torch.reflection import CLOSE
 from omnimirror.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
@@ -122,13 +122,13 @@ def test_kernels_meet_the_mirror_where_its_formula_says(kind, kernels):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"targets": np.zeros((2, 9))}, "targets and ways are"),
-        ({"rows": np.zeros((8, 8))}, "rows are as long as what is asked"),
-        ({"rows": np.zeros((7, 9))}, "rows are as long as what is asked"),
-        ({"states": np.zeros(8, np.uint8)}, "states are as many as what is asked"),
-        ({"by_omega": np.zeros((0, 4))}, r"tables are \(pieces, 4\)"),
-        ({"by_omega": np.zeros((9, 3))}, r"tables are \(pieces, 4\)"),
-        ({"omegas": (1.0, 0.9)}, "field angles do not fall"),
+        ({"targets": np.zeros((2, 9))}, r"targets must have shape \(3, any\); got \(2, 9\)"),
+        ({"rows": np.zeros((8, 8))}, r"rows must have shape \(8, 9\); got \(8, 8\)"),
+        ({"rows": np.zeros((7, 9))}, r"rows must have shape \(8, 9\)"),
+        ({"states": np.zeros(8, np.uint8)}, r"states must have shape \(9,\); got \(8,\)"),
+        ({"by_omega": np.zeros((0, 4))}, "by_omega must not be empty"),
+        ({"by_omega": np.zeros((9, 3))}, r"by_omega must have shape \(any, 4\)"),
+        ({"omegas": (1.0, 0.9)}, "omegas must not decrease"),
     ],
 )
 def test_kernels_refuse_what_would_leave_memory(change, says, kernels):
@@ -153,7 +153,7 @@ def test_what_is_no_number_is_not_settled(kernels):
 
 def test_without_pytorch_one_is_told_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.setattr("omnimirror.torch.differentiable_camera.torch", type(_library())())
+    monkeypatch.setattr(differentiable_camera, "torch", type(_library())())
     with pytest.raises(OmnimirrorError, match=r"need PyTorch.*pip install 'omnimirror\[torch\]'"):
         differentiable(om.load_sensor("paper-spherical"))
 

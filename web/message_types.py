@@ -29,7 +29,7 @@ def typescript() -> str:
 
 def _messages_of(module: ModuleType) -> list[type[messages.Message]]:
     models = [m for m in vars(module).values() if isinstance(m, type) and issubclass(m, messages.Message)]
-    return [m for m in models if m is not messages.Message]
+    return [m for m in models if m not in (messages.Message, messages.ClientMessage)]
 
 
 def _interface(name: str, model: dict[str, Any]) -> str:

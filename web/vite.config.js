@@ -10,17 +10,33 @@ const inline = {
       if (name.endsWith(".js")) {
         const code = part.code.trim().replaceAll("</script", "<\\/script");
         page.source = page.source.replace(/<script type="module"[^>]*><\/script>\s*/, "");
-        page.source = page.source.replace("</body>", () => `<script type="module">${code}</script>\n</body>`);
+        page.source = page.source.replace(
+          "</body>",
+          () => `<script type="module">${code}</script>\n</body>`,
+        );
       } else if (name.endsWith(".css")) {
-        page.source = page.source.replace(/<link rel="stylesheet"[^>]*>/, () => `<style>${String(part.source).trim()}</style>`);
+        page.source = page.source.replace(
+          /<link rel="stylesheet"[^>]*>/,
+          () => `<style>${String(part.source).trim()}</style>`,
+        );
       } else continue;
       delete bundle[name];
     }
   },
 };
 
-const server = { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true }, "/health": "http://127.0.0.1:8765" } };
-const build = { outDir: "../src/omnimirror/studio/page", modulePreload: false, cssCodeSplit: false, target: "es2022" };
+const server = {
+  proxy: {
+    "/api": { target: "http://127.0.0.1:8765", ws: true },
+    "/health": "http://127.0.0.1:8765",
+  },
+};
+const build = {
+  outDir: "../src/omnimirror/studio/page",
+  modulePreload: false,
+  cssCodeSplit: false,
+  target: "es2022",
+};
 
 /** Scripts of their own, which the page fetches when they are wanted. */
 const SCRIPTS = ["bench", "space", "calibrate"];
@@ -39,8 +55,15 @@ const script = (name) => ({
 });
 
 /** All in one thread, as none leaves anything behind; ms: of a test that hangs, on the busiest machine. */
-const test = { include: ["tests/**/*.test.ts"], pool: "threads", isolate: false, testTimeout: 300_000 };
+const test = {
+  include: ["tests/**/*.test.ts"],
+  pool: "threads",
+  isolate: false,
+  testTimeout: 300_000,
+};
 
 export default defineConfig(({ mode }) =>
-  SCRIPTS.includes(mode) ? script(mode) : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
+  SCRIPTS.includes(mode)
+    ? script(mode)
+    : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
 );

@@ -1,20 +1,24 @@
-// What all rooms need to be called from Python: types of arrays, checks, and where each room hangs its names.
+// Shared by all bindings: array types, argument checks, and the functions that register the kernels of each folder.
 //
-// Arrays are checked here once more, whatever the Python side has checked: no argument may make a kernel read
-// or write outside a buffer.
+// Every array passes through `checked` before its memory is used, whatever Python has checked before: no argument may
+// make a kernel read or write outside a buffer.
 #pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <cmath>
 #include <cstdint>
+#include <initializer_list>
+#include <type_traits>
+#include <vector>
 
 namespace omnimirror {
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
-// Arrays without gaps, of exactly this type: nothing is converted.
+// Contiguous arrays of exactly this type: nothing is converted.
 template <class T, class... More>
 using Array = nb::ndarray<T, More..., nb::c_contig, nb::device::cpu>;
 
@@ -30,22 +34,69 @@ inline void require(bool condition, const char* message) {
     if (!condition) throw nb::value_error(message);
 }
 
-inline bool is_aligned(const void* data, int bytes) {
-    return reinterpret_cast<uintptr_t>(data) % static_cast<uintptr_t>(bytes) == 0;
+constexpr int64_t ANY = -1;                        // stands for any length in an expected shape
+constexpr int64_t MAX_LENGTH = int64_t{1} << 40;   // of one dimension: products of three lengths of arrays fit 64 bits
+constexpr int64_t MAX_COUNT = (int64_t{1} << 30) - 1;  // of what kernels count with int
+
+enum class Values { any, finite };
+
+// Raise ValueError; in bindings.cpp, so that the text is formatted in one place.
+[[noreturn]] void refuse_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim,
+                               const int64_t* shape);
+[[noreturn]] void refuse(const char* name, const char* condition);
+[[noreturn]] void refuse_value(const char* name, double low, double high, double value);
+
+// Check dimensions, lengths, alignment and, where asked for, that all values are finite; return the first value.
+// Contiguity and type are checked by the types above; pictures and coordinates, whose rows may lie apart, check their
+// strides themselves.
+template <class A>
+auto checked(const A& array, const char* name, std::initializer_list<int64_t> shape, Values values = Values::any)
+    -> decltype(array.data()) {
+    bool fits = array.ndim() == shape.size();
+    for (size_t i = 0; fits && i < shape.size(); ++i) {
+        const int64_t length = static_cast<int64_t>(array.shape(i)), expected = shape.begin()[i];
+        fits = length >= 0 && length < MAX_LENGTH && (expected == ANY || length == expected);
+    }
+    if (!fits) refuse_shape(name, shape, array.ndim(), array.shape_ptr());
+    const uintptr_t bytes = array.dtype().bits / 8;
+    if (array.size() && bytes && reinterpret_cast<uintptr_t>(array.data()) % bytes) refuse(name, "must be aligned");
+    if constexpr (std::is_floating_point_v<typename A::Scalar>) {
+        if (values == Values::finite)
+            for (size_t i = 0; i < array.size(); ++i)
+                if (!std::isfinite(array.data()[i])) refuse(name, "must be finite");
+    }
+    return array.data();
+}
+
+// Check a number; NaN is within no limits.
+template <class T>
+T checked(T value, const char* name, T low, T high) {
+    if (!(value >= low && value <= high))
+        refuse_value(name, static_cast<double>(low), static_cast<double>(high), static_cast<double>(value));
+    return value;
 }
 
 // A length as kernels count it.
-inline int count_of(size_t length) {
-    require(length < (size_t{1} << 30), "an array is too long");
+inline int count_of(size_t length, const char* name, int64_t limit = MAX_COUNT) {
+    if (length > static_cast<size_t>(limit)) refuse_value(name, 0, static_cast<double>(limit), static_cast<double>(length));
     return static_cast<int>(length);
 }
 
-void add_sampling(nb::module_& m);    // sampling/module.cpp: omnimirror.dewarp
-void add_designs(nb::module_& m);     // designs/module.cpp: omnimirror.batch
-void add_exposure(nb::module_& m);    // exposure/module.cpp: omnimirror.simulate.rendering
-void add_surfaces(nb::module_& m);    // exposure/surfaces_module.cpp: omnimirror.simulate.scenes
-void add_deblurring(nb::module_& m);  // deblur/module.cpp: omnimirror.simulate.restoration
-void add_tolerancing(nb::module_& m);   // tolerancing/module.cpp: omnimirror.tolerancing
-void add_reflection(nb::module_& m);    // reflection/module.cpp: omnimirror.tracing, omnimirror.torch
+// Iterations of a search: enough for all that converge, and an end to those that do not.
+inline int iterations_of(int count, const char* name, int low = 0) { return checked(count, name, low, 1 << 14); }
+
+// A length along one dimension, or 0 where there is no such dimension: `checked` refuses the array afterwards.
+template <class A>
+int64_t length_of(const A& array, size_t axis) {
+    return axis < array.ndim() ? static_cast<int64_t>(array.shape(axis)) : 0;
+}
+
+void add_sampling(nb::module_& m);     // sampling/module.cpp: omnimirror.dewarp
+void add_designs(nb::module_& m);      // designs/module.cpp: omnimirror.batch
+void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simulate.rendering
+void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulate.scenes
+void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.simulate.restoration
+void add_tolerancing(nb::module_& m);  // tolerancing/module.cpp: omnimirror.tolerancing
+void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.tracing, omnimirror.torch
 
 }  // namespace omnimirror

@@ -9,7 +9,7 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 14;  // one more when a name or an argument changes; omnimirror.native asks for the same
+    m.attr("INTERFACE") = 15;  // one more when a name or an argument changes; omnimirror.native asks for the same
     add_sampling(m);
     add_designs(m);
     add_exposure(m);
@@ -20,8 +20,7 @@ NB_MODULE(_native, m) {
     m.def(
         "set_threads",
         [](int count) {
-            require(count >= 1 && count <= 1024, "threads are valid from 1 to 1024");
-            set_threads(count);
+            set_threads(checked(count, "threads", 1, 1024));
         },
         "count"_a);
     m.def("get_threads", &get_threads);

@@ -2,9 +2,10 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
-#include <system_error>
 #include <thread>
+#include <utility>
 
 #ifndef _WIN32
 #include <pthread.h>
@@ -16,8 +17,9 @@ namespace {
 class Pool {
   public:
     void run(int count, int helpers, Task task, void* context) {
-        std::unique_lock busy(busy_, std::try_to_lock);
-        if (!busy) return run_alone(count, task, context);
+        // No mutex: a task that calls this again does so on a thread that may be the owner already.
+        if (busy_.exchange(true, std::memory_order_acquire)) return run_alone(count, task, context);
+        const Release release{busy_};
         helpers = start(helpers);
         {
             std::lock_guard lock(mutex_);
@@ -32,6 +34,7 @@ class Pool {
             wanted_ = 0;
         }
         wait_for_helpers();
+        if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
     }
 
     static void run_alone(int count, Task task, void* context) {
@@ -39,12 +42,18 @@ class Pool {
     }
 
   private:
-    // Threads are started when they are first needed. A machine that gives no more is no error.
+    struct Release {
+        std::atomic<bool>& busy;
+        ~Release() { busy.store(false, std::memory_order_release); }
+    };
+
+    // Threads are started when they are first needed. Where the system gives no more, by its limit of threads or of
+    // memory, fewer do the work.
     int start(int helpers) {
         while (started_ < helpers) {
             try {
                 std::thread(&Pool::serve, this).detach();
-            } catch (const std::system_error&) {
+            } catch (const std::exception&) {  // system_error or bad_alloc
                 return started_;
             }
             ++started_;
@@ -53,6 +62,9 @@ class Pool {
     }
 
     void serve() {
+        // The library allocates the state of a thread's exceptions at first use, and ends the process where it cannot:
+        // now rather than when memory has run out.
+        (void)std::uncaught_exceptions();
         std::unique_lock lock(mutex_);
         for (;;) {
             wake_.wait(lock, [this] { return wanted_ > 0; });
@@ -83,12 +95,20 @@ class Pool {
 
     static constexpr int SPINS = 2000;  // some 30 us
 
-    void work() {
-        for (int i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(context_, i);
+    // Take tasks until there are none, or one has failed. Nothing may leave a thread of the pool, nor the calling one
+    // before the helpers have finished: they use its stack.
+    void work() noexcept {
+        try {
+            for (int i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(context_, i);
+        } catch (...) {
+            next_.store(count_, std::memory_order_relaxed);  // what has not begun is left out
+            std::lock_guard lock(mutex_);
+            if (!error_) error_ = std::current_exception();
+        }
     }
 
-    std::mutex busy_;   // held by the caller whose work is done
-    std::mutex mutex_;  // guards all below; the atomic ones are read without it
+    std::atomic<bool> busy_{false};  // set by the caller whose work is done
+    std::mutex mutex_;               // guards all below; the atomic ones are read without it
     std::condition_variable wake_, done_;
     int started_ = 0, wanted_ = 0;
     std::atomic<int> inside_{0};
@@ -96,6 +116,7 @@ class Pool {
     void* context_ = nullptr;
     int count_ = 0;
     std::atomic<int> next_{0};
+    std::exception_ptr error_;  // the first that a task has thrown
 };
 
 int cores() {

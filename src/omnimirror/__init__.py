@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
+    from .errors import OmnimirrorError as OmnimirrorError
     from .handoff.bags.dewarping import DewarpedBag as DewarpedBag
     from .handoff.bags.dewarping import dewarp_bag as dewarp_bag
     from .handoff.colmap import ColmapProject as ColmapProject
@@ -163,6 +164,7 @@ if TYPE_CHECKING:
     from .thermal import Thermal as Thermal
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
+    from .tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
     from .tolerancing.errors import perturbed as perturbed
     from .tolerancing.forms.effects import as_made as as_made
     from .tolerancing.forms.effects import form_effect as form_effect
@@ -230,6 +232,7 @@ _HOMES = {
     "sensors_from_rim": "calibrate.rim",
     "FoundRim": "calibrate.rim",
     "load_ocam": "camera_models",
+    "OmnimirrorError": "errors",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
     "RadialSpline": "camera_models",
@@ -338,6 +341,7 @@ _HOMES = {
     "load_tolerances": "tolerancing.tolerance_file",
     "perturbed": "tolerancing.errors",
     "tolerance": "tolerancing.analysis",
+    "tolerance_conflicts": "tolerancing.drawing_conflicts",
     "tolerance_template": "tolerancing.tolerance_file",
     "TolerancePlan": "tolerancing.tolerance_file",
     "Sweep": "tolerancing.sweeps",

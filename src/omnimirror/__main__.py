@@ -1,6 +1,24 @@
-"""``python -m omnimirror``."""
+"""The program ``omnimirror``, also as ``python -m omnimirror``."""
 
-from .cli import main
+import os
+import sys
+
+
+def run() -> None:
+    """Run the command line as a program of its own.
+
+    Unlike :func:`omnimirror.cli.main`, which restores the process for its caller, it may configure the process.
+    """
+    # Before NumPy reads it; see omnimirror.frames.turned. Commands have threads of their own.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        from .cli import main
+
+        main()
+    except KeyboardInterrupt:  # while modules are imported, or at the very end
+        sys.stderr.write("omnimirror: stopped\n")
+        sys.exit(130)
+
 
 if __name__ == "__main__":
-    main()
+    run()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import OmnimirrorError
+from .escaping import html_text
 from .lenses import GaussianLens, Lens
 
 if TYPE_CHECKING:
@@ -89,14 +89,15 @@ def card(title: str, kind: str, drawing: str, rows: Rows, note: str) -> str:
     True
     """
     cells = "".join(
-        f'<tr style="background:none"><th scope="row" style="{BLANK};font-weight:400;opacity:.75">{escape(name)}</th>'
-        f'<td style="{BLANK};max-width:32em">{escape(value)}</td></tr>'
+        f'<tr style="background:none"><th scope="row" style="{BLANK};font-weight:400;opacity:.75">'
+        f'{html_text(name)}</th><td style="{BLANK};max-width:32em">{html_text(value)}</td></tr>'
         for name, value in rows.items()
     )
-    below = f'<div style="max-width:44em;opacity:.75">{escape(note)}</div>' if note else ""
+    below = f'<div style="max-width:44em;opacity:.75">{html_text(note)}</div>' if note else ""
     return (
         '<div style="display:flex;flex-wrap:wrap;gap:.6em 1.6em;align-items:center;font:13px/1.5 system-ui,sans-serif">'
-        f'{drawing}<div><b style="font-size:15px">{escape(title)}</b> <span style="opacity:.75">{escape(kind)}</span>'
+        f'{drawing}<div><b style="font-size:15px">{html_text(title)}</b> '
+        f'<span style="opacity:.75">{html_text(kind)}</span>'
         f'<table style="border-collapse:collapse;margin:.3em 0;font-size:13px">{cells}</table>{below}</div></div>'
     )
 
@@ -114,7 +115,7 @@ def drawn(lines: Sequence[Line], label: str) -> str:
     width, height = (scale * s + 2 * MARGIN for s in size)
     paths = "".join(_path(line, low, scale) for line in lines)
     return (
-        f'<svg role="img" aria-label="{escape(label)}" width="{width:.0f}" height="{height:.0f}" '
+        f'<svg role="img" aria-label="{html_text(label)}" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.1f} {height:.1f}" fill="none" stroke="currentColor">{paths}</svg>'
     )
 

@@ -34,10 +34,29 @@ def one_line(text: str) -> str:
 
 
 class OmnimirrorError(ValueError):
-    """Base of every error the package raises on purpose: one sentence, which the command line prints."""
+    """Base class of all errors that the package raises on purpose; the command line prints their message.
+
+    Parameters
+    ----------
+    *sentence
+        The message, which becomes one line of bounded length.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> try:
+    ...     om.load_sensor("no-such-sensor.toml")
+    ... except om.OmnimirrorError as problem:
+    ...     print(type(problem).__name__)
+    SpecError
+    """
 
     def __init__(self, *sentence: object) -> None:
         super().__init__(*(one_line(str(part)) for part in sentence))
+
+
+class OmnimirrorWarning(UserWarning):
+    """A file is read although its numbers contradict each other; the command line prints the message."""
 
 
 class InvalidParameter(OmnimirrorError):

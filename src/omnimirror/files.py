@@ -1,4 +1,4 @@
-"""Files: written whole or not touched; read whole, never more than was allowed."""
+"""Files: complete or untouched outputs, and readers with limits of size, nesting and time for all inputs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ import stat
 import sys
 import tempfile
 import tomllib
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import OmnimirrorError, SpecError, shortened
+from .escaping import json_text
 
 if sys.platform != "win32":  # there, what killed runs leave behind stays
     import fcntl
@@ -25,8 +28,20 @@ if sys.platform != "win32":  # there, what killed runs leave behind stays
 LARGEST_TEXT = 64 << 20
 """Bytes of a table, a sensor file or the like; a million points of a measured profile are half of it."""
 SMALLEST_BUFFER = 1 << 20
+LARGEST_TOML = 4 << 20
+"""Characters of a TOML file, which are parsed in seconds; 200,000 numbers have room."""
+LARGEST_YAML = 4 << 20
+MOST_YAML_NODES = 100_000
+"""Values and containers of a YAML file; PyYAML builds some 100,000 a second."""
 MOST_NESTED = 32
-"""Tables and lists within each other, in a TOML file."""
+"""Levels of tables and lists in a TOML, JSON or YAML file."""
+TOO_DEEP = f"it must not be nested more than {MOST_NESTED} levels deep"
+DEEP_KEY = re.compile(
+    r"""(?:^[ \t]*\[{0,2}|[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*)"""
+    rf"{{{MOST_NESTED}}}", re.M
+)  # fmt: skip
+"""A dotted key of a TOML file that makes too many tables."""
+NONBLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 MARK = ".omnimirror-"
 """In the name of every temporary file beside an output, so that the next run knows it for one of ours."""
 
@@ -87,7 +102,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 def write_json(path: str | Path, data: Any) -> None:
     """Write data as JSON, made fit for it by :func:`json_plain`, at once or not at all."""
-    write_text(path, json.dumps(json_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(json_plain(data), indent=1, allow_nan=False) + "\n")
 
 
 def json_plain(value: Any) -> Any:
@@ -267,52 +282,99 @@ def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> No
 # -- reading -----------------------------------------------------------------------------------------
 
 
-def read_bytes(path: str | Path, most: int) -> bytes:
-    """The bytes of an ordinary file of at most so many.
+def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
+    """Open an ordinary file for reading in binary mode.
 
-    A pipe would keep its reader waiting and a device may never end, so both are refused unread.
+    A FIFO would block the reader and a device may never end: both are rejected, before and after the file is opened.
+
+    Parameters
+    ----------
+    path
+    most
+        Maximum size in bytes; None for files that are read piece by piece.
 
     Raises
     ------
     OSError
-        There is no such file, it is no ordinary one, or larger; ``strerror`` says which.
+        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the reason.
     """
     try:
-        found = os.stat(path)
+        _check_ordinary(os.stat(path), most)
     except ValueError:  # a null character in the name
         raise OSError(errno.EINVAL, "no file can have that name") from None
-    if stat.S_ISDIR(found.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder")
-    if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, "it is a pipe or a device, and a file is needed")
-    # files made as they are read, as in /proc, say that they are empty
-    room = min(most, max(found.st_size, SMALLEST_BUFFER))
-    with open(path, "rb") as file:
+    file = open(os.open(path, os.O_RDONLY | NONBLOCKING), "rb")  # noqa: SIM115
+    try:
+        _check_ordinary(os.fstat(file.fileno()), most)  # the name may lead to another file by now
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def check_file(path: str | Path, most: int | None = None, most_unpacked: int | None = None) -> None:
+    """Check a file that a library opens by its name: its kind, its size, and the declared size of a ZIP archive.
+
+    Parameters
+    ----------
+    path
+    most
+        Maximum size in bytes.
+    most_unpacked
+        Maximum size in bytes of all members of an archive together; ``zipfile`` reads no more than is declared.
+
+    Raises
+    ------
+    OSError
+        As :func:`open_file`, or the members are too large; ``strerror`` gives the reason.
+    """
+    with open_file(path, most) as file:
+        if most_unpacked is None or not zipfile.is_zipfile(file):
+            return
+        try:
+            with zipfile.ZipFile(file) as archive:
+                unpacked = sum(member.file_size for member in archive.infolist())
+        except (zipfile.BadZipFile, NotImplementedError, ValueError) as e:
+            raise OSError(errno.EINVAL, f"it is a damaged archive ({e})") from None
+        if unpacked > most_unpacked:
+            raise OSError(errno.EFBIG, f"its content must not be {_larger(most_unpacked, unpacked)}")
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """Read an ordinary file of at most ``most`` bytes.
+
+    Raises
+    ------
+    OSError
+        As :func:`open_file`; ``strerror`` gives the reason.
+    """
+    with open_file(path, most) as file:
+        # files generated while they are read, as in /proc, have a nominal size of 0
+        room = min(most, max(os.fstat(file.fileno()).st_size, SMALLEST_BUFFER))
         data = file.read(room + 1)
-    if found.st_size > most or len(data) > room:
-        raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MB, which is the most that is read")
+    if len(data) > room:
+        raise OSError(errno.EFBIG, f"it must not be {_larger(room)}")
     return data
 
 
 def read_text(
     path: str | Path, noun: str, error: type[OmnimirrorError] = OmnimirrorError, absent: str | None = None
 ) -> str:
-    """The text of an ordinary file in UTF-8, with or without a byte order mark.
+    """Read the text of an ordinary file in UTF-8, with or without a byte order mark.
 
     Parameters
     ----------
     path
     noun
-        What the file is, for messages: "sensor file".
+        Kind of file, for messages: "sensor file".
     error
-        Raised where it cannot be read.
+        Class of the exception raised if the file cannot be read.
     absent
-        The sentence where there is no such file, in place of the operating system's.
+        Message if the file does not exist, in place of that of the operating system.
 
     Raises
     ------
     OmnimirrorError
-        There is no such file, it is a folder, a pipe or a device, larger than :data:`LARGEST_TEXT`, or no text.
+        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is not text.
     """
     try:
         return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -324,12 +386,58 @@ def read_text(
         raise error(f"cannot read the {noun} {path}: it is not a text file") from None
 
 
+def _check_ordinary(found: os.stat_result, most: int | None) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device, and a file is needed")
+    if most is not None and found.st_size > most:
+        raise OSError(errno.EFBIG, f"it must not be {_larger(most, found.st_size)}")
+
+
+def _larger(most: int, size: int | None = None) -> str:
+    """Limit, actual size and remedy, for messages.
+
+    >>> _larger(64 << 20, 100 << 20), _larger(1000)
+    ('larger than 64 MB; got 100 MB; reduce or split it', 'larger than 1000 bytes; reduce or split it')
+    """
+    unit, name = (1 << 20, "MB") if most >= 1 << 20 else (1, "bytes")
+    got = "" if size is None else f"; got {-(-size // unit)} {name}"
+    return f"larger than {most // unit} {name}{got}; reduce or split it"
+
+
+# -- parsing -----------------------------------------------------------------------------------------
+
+
+def decompressed(data: bytes, most: int) -> bytes:
+    """Decompress a zlib or gzip stream to at most ``most`` bytes.
+
+    >>> decompressed(zlib.compress(bytes(5)), 5)
+    b'\\x00\\x00\\x00\\x00\\x00'
+
+    Raises
+    ------
+    ValueError
+        The stream is damaged or cut short, or holds more.
+    """
+    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: the header tells zlib from gzip
+    try:
+        content = stream.decompress(data, most + 1)
+    except zlib.error as e:
+        raise ValueError(f"it is damaged: {e}") from None
+    if len(content) > most:
+        raise ValueError(f"its content must not be {_larger(most)}")
+    if not stream.eof:
+        raise ValueError("it is cut short")
+    return content
+
+
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text holds.
+    """Parse a JSON text.
 
     >>> parse_json("[" * 100_000)
     Traceback (most recent call last):
-    ValueError: it is nested too deeply
+    ValueError: it must not be nested more than 32 levels deep
 
     Raises
     ------
@@ -337,38 +445,144 @@ def parse_json(text: str | bytes) -> Any:
         It is not valid JSON, or is nested too deeply.
     """
     try:
-        return json.loads(text)
+        data = json.loads(text)
     except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+        raise ValueError(TOO_DEEP) from None
+    for _ in _levels(data):
+        pass
+    return data
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text.
+    """Parse a TOML text.
 
     Raises
     ------
     SpecError
-        It is not valid TOML, is nested too deeply, or holds a whole number beyond 64 bits; the message begins with
-        the source.
+        It is not valid TOML, is larger than :data:`LARGEST_TOML`, is nested too deeply, or holds an integer beyond
+        64 bits; the message begins with the source.
     """
     source = shortened(source)
+    if len(text) > LARGEST_TOML:
+        raise SpecError(f"{source} must not be {_larger(LARGEST_TOML, len(text))}; tables of numbers belong into CSV")
+    if DEEP_KEY.search(text):  # which tomllib reads in a time that grows with the square of the depth
+        raise SpecError(f"{source}: {TOO_DEEP}")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     except RecursionError:
-        raise SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid") from None
-    except ValueError:  # whole numbers of thousands of digits
+        raise SpecError(f"{source}: {TOO_DEEP}") from None
+    except ValueError:  # an integer of thousands of digits
         raise SpecError(f"{source} holds a whole number of more than 64 bits") from None
-    level: list[Any] = [data]
-    for _ in range(MOST_NESTED):
-        level = [v for value in level for v in (value.values() if isinstance(value, dict) else value)]
-        if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in level):
-            raise SpecError(f"{source} holds a whole number of more than 64 bits")
-        level = [value for value in level if isinstance(value, dict | list)]
-    if level:
-        raise SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid")
+    try:
+        for values in _levels(data):
+            if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in values):
+                raise SpecError(f"{source} holds a whole number of more than 64 bits")
+    except SpecError:
+        raise
+    except ValueError as e:
+        raise SpecError(f"{source}: {e}") from None
     return data
+
+
+def compose_yaml(text: str, source: str) -> Any:
+    """Compose the tree of PyYAML's nodes of a YAML text; None for an empty document.
+
+    The events are checked before the tree is built: an alias repeats what it refers to, so that a few lines can stand
+    for gigabytes, and the depth of the tree is the depth of a recursion.
+
+    Raises
+    ------
+    SpecError
+        It is not valid YAML, uses aliases, or exceeds :data:`LARGEST_YAML`, :data:`MOST_YAML_NODES` or
+        :data:`MOST_NESTED`; the message begins with the source.
+    """
+    import yaml
+
+    source = shortened(source)
+    if len(text) > LARGEST_YAML:
+        raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    depth = nodes = 0
+    try:
+        for event in yaml.parse(text, Loader=loader):
+            line = event.start_mark.line + 1
+            if isinstance(event, yaml.AliasEvent):
+                raise SpecError(f"{source} line {line}: references (*{event.anchor}) are not read; write the value out")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            nodes += isinstance(event, yaml.NodeEvent)
+            if depth > MOST_NESTED:
+                raise SpecError(f"{source} line {line}: {TOO_DEEP}")
+            if nodes > MOST_YAML_NODES:
+                raise SpecError(
+                    f"{source} must not hold more than {MOST_YAML_NODES} values; got more up to line {line}"
+                )
+        return yaml.compose(text, Loader=loader)
+    except yaml.MarkedYAMLError as problem:
+        mark = problem.problem_mark or problem.context_mark
+        last = text.count("\n") + 1
+        where = f" line {min(mark.line + 1, last)}" if mark else ""
+        raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
+    except yaml.YAMLError as problem:
+        raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
+
+
+def parse_xml(text: str, source: str) -> Any:
+    """Parse an XML text into the root of an ``xml.etree`` tree.
+
+    Entities are rejected, since a few lines of them can stand for gigabytes.
+
+    Raises
+    ------
+    SpecError
+        It is not valid XML, declares a document type, or exceeds :data:`LARGEST_YAML` or :data:`MOST_NESTED`; the
+        message begins with the source.
+    """
+    from xml.etree import ElementTree
+
+    source = shortened(source)
+    if len(text) > LARGEST_YAML:
+        raise SpecError(f"{source} must not be {_larger(LARGEST_YAML, len(text))}")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise SpecError(f"{source} must not declare a document type or entities; remove <!DOCTYPE ...>")
+    parser: Any = ElementTree.XMLPullParser(("start", "end"))
+    depth = 0
+    root = None
+    try:
+        parser.feed(text)
+        parser.close()
+        for event, element in parser.read_events():
+            root = element if root is None else root
+            depth += 1 if event == "start" else -1
+            if depth > MOST_NESTED:
+                raise SpecError(f"{source}: {TOO_DEEP}")
+    except ElementTree.ParseError as problem:
+        line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # expat may count past the end
+        raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None
+    except ValueError as problem:  # a null character, a surrogate
+        if isinstance(problem, SpecError):
+            raise
+        raise SpecError(f"{source} is not valid XML: {problem}") from None
+    return root
+
+
+def _levels(data: Any) -> Iterator[list[Any]]:
+    """Yield the values of nested tables and lists level by level.
+
+    Raises
+    ------
+    ValueError
+        More than :data:`MOST_NESTED` tables and lists contain each other.
+    """
+    level = [data]
+    for _ in range(MOST_NESTED + 1):
+        yield level
+        containers = [value for value in level if isinstance(value, dict | list)]
+        level = [v for value in containers for v in (value.values() if isinstance(value, dict) else value)]
+        if not containers:
+            return
+    raise ValueError(TOO_DEEP)
 
 
 def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str, dict[str, Any]]:

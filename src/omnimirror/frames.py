@@ -38,7 +38,8 @@ class Mount:
         Image direction, from image right towards image bottom, that is forward in the world
         (for ``"forward"``: that is up). The default -90 is the top of the image.
     image_flipped
-        True when the driver delivers the picture reversed left to right.
+        True if the delivered image is reversed left to right. The ``centre_px`` of a sensor's imager refers to the
+        image before this flip; the centre of a calibrated camera model refers to the delivered image.
     pitch_deg, roll_deg : deg
         How far the sensor leans from plumb, about the mirror vertex: its forward direction points so far above
         the horizon, -90 to 90, and it is turned clockwise about that, seen from behind, -180 to 180.

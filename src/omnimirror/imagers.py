@@ -24,7 +24,8 @@ class Imager:
     width_px, height_px
     pixel_pitch_um : micrometres
     centre_px : (u, v), optional
-        Where the optical axis meets the array; integers are pixel centres. The middle by default.
+        Point at which the optical axis meets the array; integers are pixel centres. The middle by default. It refers
+        to the image before a flip: with ``image_flipped`` the axis lies at ``width_px - 1 - u`` in the delivered image.
 
     Raises
     ------
@@ -46,7 +47,9 @@ class Imager:
         "width_px": Parameter("px", 1, 100_000, "number of columns"),
         "height_px": Parameter("px", 1, 100_000, "number of rows"),
         "pixel_pitch_um": Parameter("um", 0.01, 1e4, "distance of neighbouring pixels"),
-        "centre_px": Parameter("px", -1e6, 1e6, "where the optical axis meets the array, (u, v)"),
+        "centre_px": Parameter(
+            "px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"
+        ),
     }
 
     def __post_init__(self) -> None:

@@ -15,14 +15,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 14  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 15  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -42,6 +43,18 @@ def usable_cores() -> int:
         return max(1, min(count, math.ceil(int(quota) / int(period))))
     except (OSError, ValueError, ZeroDivisionError):  # there is no such file, or its first word is "max"
         return count
+
+
+def kernel_array(values: Any, dtype: DTypeLike | None = None) -> Array:
+    """Return an array as kernels accept it: contiguous, aligned, of a type; the array itself if it is all that.
+
+    Examples
+    --------
+    >>> memory = bytearray(8 * 3 + 1)
+    >>> kernel_array(np.ndarray(3, float, memory, offset=1)).flags.aligned
+    True
+    """
+    return np.require(values, dtype, ("C_CONTIGUOUS", "ALIGNED"))
 
 
 class Backend:
@@ -142,8 +155,9 @@ class Kernels(Protocol):
     """The functions and classes of ``omnimirror._native``.
 
     Arrays must be contiguous unless said otherwise, and of exactly the type that is meant: nothing is converted.
-    They are checked there once more, whatever has been checked before, so that no argument makes a kernel read or
-    write outside a buffer. Names ending in ``_out``, ``dst``, ``pixels`` and the like are filled.
+    They must be aligned too: :func:`kernel_array`. They are checked there once more, whatever has been checked before,
+    so that no argument makes a kernel read or write outside a buffer. Names ending in ``_out``, ``dst``, ``pixels`` and
+    the like are filled.
     """
 
     # -- the samplers: dewarp ------------------------------------------------------------------------

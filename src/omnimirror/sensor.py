@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arguments import finite, instance, numbers, places, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
-from .errors import InvalidParameter
+from .errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from .frames import Mount, turned
 from .housing import Housing
 from .imagers import ImagePlane, Imager, ImagerPose
@@ -437,9 +437,10 @@ class Sensor:
         return sum(ring.picture_percent for ring in self.obscured)
 
     def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
-        """For each part of the housing, which pixels (n, 2) it hides: their chief rays, traced in space, end at it.
+        """Return which pixels (n, 2) each part of the sensor hides: their chief rays, traced in space, end at it.
 
-        What no part hides, and pixels that look past the mirror, are False everywhere.
+        Parts are those of the housing and, of two mirrors, the secondary, the bore and the camera. Pixels that look
+        past the mirror are False everywhere.
 
         Parameters
         ----------
@@ -454,7 +455,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            For a sensor of two mirrors, whose :attr:`obscurations` are known.
+            Pixels of another shape, or two mirrors in a tube, whose :attr:`obscurations` are known.
 
         Examples
         --------
@@ -464,12 +465,11 @@ class Sensor:
         >>> sensor.hidden_by([[511.5, 511.5], [900.0, 511.5]])
         {'camera': array([ True, False])}
         """
-        self.check("what hides a pixel", "one mirror")
         pixels = vectors("pixels", pixels, 2)
         start, towards = self.lens_rays(pixels.reshape(-1, 2), np.zeros(2))
-        found = self.optical_train.posed_mirror.trace(start, towards)
-        hidden = self.obstructions.met_by(found.points, found.directions, -towards, self.mirror_pose)
-        return {part: (mask & found.valid).reshape(pixels.shape[:-1]) for part, mask in hidden.items()}
+        found, edges = self.optical_train.obstructed(start, towards)
+        shape = pixels.shape[:-1]
+        return {part: (found.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()}
 
     def _in_the_way(self, merged: bool) -> tuple[HiddenPart, ...]:
         return hidden_parts(self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged)
@@ -550,9 +550,12 @@ class Sensor:
         ------
         InvalidParameter
             Pixels of another shape.
+        NotOneToOne
+            A mapping that has no inverse, whether or not the sensor is aligned.
         """
         pixels = vectors("pixels", pixels, 2)
         if not self.is_axial:
+            self._check_one_to_one()
             return self.aperture_rays(pixels, np.zeros(2))
         image, _ = self.image_plane.flat_mm(pixels)
         radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
@@ -645,12 +648,16 @@ class Sensor:
         InvalidParameter
             For two mirrors in a tube.
         """
-        cover = None
         if self.housing.shell is not None:
             self.check("tracing in space through a tube or a dome", "one mirror")
-            cover = self.obstructions
         return OpticalTrain(
-            self.mirror, self.lens, self.mirror_distance_mm, self.mirror_pose, self.mirror_form, self.secondary, cover
+            self.mirror,
+            self.lens,
+            self.mirror_distance_mm,
+            self.mirror_pose,
+            self.mirror_form,
+            self.secondary,
+            None if self.housing.is_empty else self.obstructions,
         )
 
     @property
@@ -737,18 +744,38 @@ class Sensor:
         pupil = np.broadcast_to(pupil, pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
-        found = self.optical_train.seen_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
+        start, towards = self.lens_rays(flat[valid], pupil[valid])
+        found = self.optical_train.seen_mirror.trace(start, towards)
+        passes = found.valid & (self.optical_train.passes_lens(start, towards) if pupil.any() else True)
         rotation = self._axes.T
         origins[valid] = turned(found.points, rotation)
         directions[valid] = turned(found.directions, rotation)
-        valid[valid] = found.valid
+        valid[valid] = passes
         shape = pixels.shape[:-1]
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
-        """Pixels of points or directions (n, 3) of the camera frame."""
+        """Return the pixels of points or directions (n, 3) of the camera frame."""
+        self._check_one_to_one()
         image = self.optical_train.image_of(Ends.of(targets.reshape(-1, 3), distant))
         return self._in_picture(image.reshape(*targets.shape[:-1], 2))
+
+    def _check_one_to_one(self) -> None:
+        """Raise NotOneToOne for a misaligned sensor whose mapping is not one-to-one when it is aligned.
+
+        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt, however small, does
+        not make it a camera.
+        """
+        _ = self._is_one_to_one
+
+    @cached_property
+    def _is_one_to_one(self) -> bool:
+        try:
+            return self.aligned().meridian.omega_max > 0
+        except NotOneToOne:
+            raise
+        except OmnimirrorError:  # aligned, it would not be a sensor for another reason, which does not concern this one
+            return True
 
     def _in_picture(self, image_mm: Array) -> Projection:
         """Pixels of places (n, 2) mm on a square imager; NaN, or outside, is not valid."""

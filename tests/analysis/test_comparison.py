@@ -11,6 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.housing import Dome, Housing, Tube
 from omnimirror.imagers import ImagerPose
 from omnimirror.mirrors.form import MirrorForm
 from omnimirror.mirrors.pose import MirrorPose
@@ -179,6 +180,16 @@ def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_th
     leaning = replace(drawn, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
     table = om.compare([leaning, drawn])
     assert table.notes == ("leaning: its imager leans or is turned; it is compared as if it were in place.",)
+    assert all(row.texts[0] == row.texts[1] for row in table.rows)
+
+
+@pytest.mark.parametrize("shell", [Dome(), Tube(130.0)])
+def test_one_behind_a_cover_is_compared_as_it_was_drawn(shell):
+    drawn = replace(SENSORS[0], housing=Housing(shell=shell))
+    table = om.compare([replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn])
+    assert table.notes == (
+        "askew: its mirror is decentred by 0 mm and tilted by 0.5 deg; it is compared as if it were in place.",
+    )
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 

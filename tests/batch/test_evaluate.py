@@ -187,10 +187,10 @@ def test_designs_that_cannot_be_used_are_marked():
     designs = Designs(shape, c, 3.9 * M, M, 11.6, 4.0, 5.2)
     for native in {False, backend.is_compiled}:
         assert evaluate_designs(designs, native=native).valid.tolist() == [True, False, False, False]
-    with pytest.raises(NotOneToOne):
+    with pytest.raises(NotOneToOne, match=r"stops growing at x = 35.58"):
         om.evaluate(designs.sensor(1, IMAGER, 200.0))
-    for i in (2, 3):
-        with pytest.raises(OmnimirrorError):
+    for i, sentence in ((2, "does not grow away from the axis"), (3, "hides itself from the lens beyond x = 31.29")):
+        with pytest.raises(OmnimirrorError, match=sentence):
             om.evaluate(designs.sensor(i, IMAGER, 200.0))
 
 

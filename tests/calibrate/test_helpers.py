@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibrate import helpers
 from omnimirror.calibrate.helpers import Helpers
+from omnimirror.calibrate.targets import finding
 from omnimirror.errors import InvalidParameter
 
 
 @pytest.fixture(autouse=True)
 def _three_cores(monkeypatch):
-    monkeypatch.setattr("omnimirror.calibrate.helpers.usable_cores", lambda: 3)
+    monkeypatch.setattr(helpers, "usable_cores", lambda: 3)
 
 
 def where(number: int, seconds: float) -> tuple[int, int]:
@@ -54,7 +56,7 @@ def test_jobs_come_back_in_their_order_from_several_processes():
         again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same are asked again
         assert {process for _, process in again} <= processes
     for process in processes - {os.getpid()}:
-        with pytest.raises(ProcessLookupError):
+        with pytest.raises(ProcessLookupError, match="No such process"):
             os.kill(process, 0)
 
 
@@ -112,7 +114,7 @@ def chessboards(count: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
 def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_path):
-    monkeypatch.setattr("omnimirror.calibrate.targets.finding.LONG_S", long_s)
+    monkeypatch.setattr(finding, "LONG_S", long_s)
     board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
     om.write_image(tmp_path / "a.png", pictures[0])
     told = []
@@ -132,7 +134,7 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
 
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
 def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
-    monkeypatch.setattr("omnimirror.calibrate.targets.finding.LONG_S", long_s)
+    monkeypatch.setattr(finding, "LONG_S", long_s)
 
     def stop(done: int, _: int) -> None:
         if done == 2:

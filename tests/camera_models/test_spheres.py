@@ -115,10 +115,39 @@ def test_the_sphere_of_the_sensor_that_is_one():
         (DoubleSphere(0.0, 0.0, FOCAL, CENTRE, SIZE), 90.0),
         (DoubleSphere(0.0, 2 / 3, FOCAL, CENTRE, SIZE), 120.0),
         (DoubleSphere(0.5, 0.0, FOCAL, CENTRE, SIZE), 120.0),  # the unified sphere
+        (DoubleSphere(0.5, 0.5, FOCAL, CENTRE, SIZE), 180.0),
     ],
 )
 def test_the_field_ends_where_it_should(model, end_deg):
     assert np.degrees(model.model_end) == pytest.approx(end_deg, abs=1e-6)
+    assert model.model_end < np.radians(end_deg)  # where r still grows
+
+
+OMEGA = np.linspace(0.0, np.pi, 200_001)[1:-1]
+SECTION = np.stack([np.sin(OMEGA), 0 * OMEGA, np.cos(OMEGA)], axis=-1)
+
+
+@pytest.mark.parametrize("alpha", [0.2, 0.5, 0.6, 0.9])
+@pytest.mark.parametrize(("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)])
+def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha):
+    """Along a fine section: growth ends, or the depth changes its sign and so the radius."""
+    shape = (other, alpha) if kind is DoubleSphere else (alpha, other)
+    radius = (of_kind(kind, *shape)[1](SECTION)[:, 0] - CENTRE[0]) / FOCAL[0]
+    grows = (np.diff(radius) > 0) & (radius[1:] > 0)
+    end = OMEGA[-1] if grows.all() else OMEGA[np.argmin(grows)]
+    assert kind(*shape, FOCAL, CENTRE, SIZE).model_end == pytest.approx(end, abs=2 * OMEGA[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "paper"),
+    [(Unified, (0.9,), (0.9, 0, 0, 0, 0, 0)), (EnhancedUnified, (0.57, 1.2), None), (DoubleSphere, (-0.3, 0.6), None)],
+)
+def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back(kind, shape, paper):
+    points = directions_within(1.8)
+    expected = of_kind(kind, *(paper or shape))[1](points)
+    expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
+    found = kind(*shape, FOCAL, CENTRE, SIZE).image(points * [1, 1, -1])
+    np.testing.assert_allclose(found.pixels, expected, rtol=1e-11, atol=1e-9)
 
 
 @given(st.floats(0, 3), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1))

@@ -16,11 +16,13 @@ from omnimirror.camera_models import (
 )
 from omnimirror.cameras import Camera
 from omnimirror.dewarp.maps import radial_table as radial
-from omnimirror.errors import InvalidParameter
+from omnimirror.errors import InvalidParameter, NotOneToOne
 from omnimirror.frames import Mount
+from omnimirror.lenses import Orthographic, Perspective, TabulatedLens
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.specs import bundled_sensors
+from tests.conftest import MIRRORS
 
 CATADIOPTRIC = (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10)
 FISHEYE = (-551.7655, 0.0, 8.372454e-04, -6.474789e-07, 1.235631e-09)
@@ -281,6 +283,46 @@ def test_the_radial_table_is_the_projection_of_near_points(camera, table_of):
     np.testing.assert_array_equal(np.isnan(pixels), np.isnan(exact))
     assert not (excess[np.isnan(exact[:, 0])] <= 0).any()
     assert np.nanmax(np.abs(pixels - exact)) < 5e-5
+
+
+LENSES = {
+    "perspective": Perspective(11.6, 4.0, 210.0),
+    "orthographic": Orthographic(0.0592, 4.0, 22.0),
+    "table": TabulatedLens(
+        11.6, 4.0, 212.0, (0.0, 5.0, 10.0, 15.0, 20.0),
+        tuple(12.2 * np.tan(np.radians([0.0, 5.0, 10.0, 15.0, 20.0]))), (3.0, 3.0, 3.1, 3.2, 3.3),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+@pytest.mark.parametrize("lens", LENSES)
+def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens):
+    """A ray that a pixel is said to look along leads back to this pixel, whatever the tilt; so no tilt, however small,
+    makes a camera of a sensor that is none when it is aligned.
+    """
+    mirror, m = MIRRORS[kind]
+    aligned = om.Sensor(mirror, LENSES[lens], om.load_sensor("paper-spherical").imager, mirror_distance_mm=m)
+    rng = np.random.default_rng(3)
+    pixels = np.concatenate([rng.uniform(0, 1023, (150, 2)), 511.5 + rng.normal(0.0, 3.0, (20, 2))])
+    try:
+        aligned.backproject(pixels)
+        is_camera = True
+    except NotOneToOne:
+        is_camera = False
+    assert is_camera == ((kind, lens) != ("cone", "orthographic"))
+    for tilt in (0.0, 1e-9, 1e-6, 1e-3, 0.3):
+        sensor = replace(aligned, mirror_pose=MirrorPose(tilt_x_deg=tilt, tilt_y_deg=-tilt / 3))
+        if not is_camera:
+            for question in (sensor.backproject, sensor.project, sensor.project_directions):
+                with pytest.raises(NotOneToOne):
+                    question(np.ones((1, 2 if question == sensor.backproject else 3)))
+            continue
+        rays = sensor.backproject(pixels)
+        assert rays.valid.sum() > 100
+        found = sensor.project_directions(rays.directions[rays.valid])
+        assert found.valid.all()
+        np.testing.assert_allclose(found.pixels, pixels[rays.valid], atol=1e-6)
 
 
 @pytest.mark.parametrize("flipped", [False, True])

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import mpmath as mp
 import numpy as np
 import pytest
 
+from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors import (
     MIRRORS,
     Cone,
@@ -172,3 +176,19 @@ def test_at_a_smooth_apex_both_radii_agree(any_mirror):
     assert float(any_mirror.radius_s(0.0)) == pytest.approx(float(any_mirror.radius_t(0.0)), rel=1e-12)
     near = 1e-4 * any_mirror.rim_radius_mm
     assert float(any_mirror.radius_s(near)) == pytest.approx(float(any_mirror.radius_s(0.0)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "low", "high"),
+    [
+        ("hyperboloid", "a_mm", 1e-3, 1e6), ("hyperboloid", "b_mm", 1e-3, 1e6), ("sphere", "radius_mm", 1e-3, 1e6),
+        ("ellipsoid", "a_mm", 1e-3, 1e6), ("ellipsoid", "b_mm", 1e-3, 1e6),
+        ("paraboloid", "vertex_radius_mm", 1e-3, 1e6),
+    ],
+)  # fmt: skip
+def test_conics_are_refused_outside_their_bounds(kind, name, low, high):
+    for value in (0.9 * low, 1.1 * high):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"{name} = {value:g} mm is outside {low:g} to {high:g} mm")
+        ):
+            replace(EXAMPLES[kind][0], **{name: value})

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.dewarp.maps import coordinates
 from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, polar_map_of
 from omnimirror.dewarp.sampling import opencv
 from omnimirror.errors import InvalidParameter, OutsideField
@@ -90,11 +91,11 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 
 @pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr("omnimirror.dewarp.maps.coordinates.STRIP_PX", 1000)  # several strips, the last one short
+    monkeypatch.setattr(coordinates, "STRIP_PX", 1000)  # several strips, the last one short
     targets = view.targets(0, view.size[1])
-    coordinates = om.Dewarper(BALL, view).coordinates(exact=True)
-    expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(coordinates.shape)
-    np.testing.assert_array_equal(coordinates, expected)
+    pixels = om.Dewarper(BALL, view).coordinates(exact=True)
+    expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(pixels.shape)
+    np.testing.assert_array_equal(pixels, expected)
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,10 @@ class Wall:
 
 def test_screens_at_a_finite_distance_use_the_true_reflection():
     sensor = om.load_sensor("paper-spherical")
-    coordinates = om.Dewarper(sensor, Wall()).coordinates()
+    pixels = om.Dewarper(sensor, Wall()).coordinates()
     points = Wall().targets_at(np.arange(12.0), np.arange(8.0)[:, None]).reshape(-1, 3)
-    np.testing.assert_allclose(coordinates.reshape(-1, 2), sensor.project(points).pixels, atol=1e-4, rtol=0)
-    assert np.abs(coordinates.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
+    np.testing.assert_allclose(pixels.reshape(-1, 2), sensor.project(points).pixels, atol=1e-4, rtol=0)
+    assert np.abs(pixels.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
 
 
 def test_sampling_is_at_the_coordinates():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen
+from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen, Sphere
 from omnimirror.errors import InvalidParameter
 
 
@@ -147,3 +147,18 @@ def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
     expected = sphere(picture)
     assert np.abs(found - expected)[inside].mean() < 2
     assert np.abs(found[:, ::-1] - expected)[inside].mean() > 20
+
+
+@pytest.mark.parametrize("kind", [Cylinder, Sphere])
+def test_panoramas_zoom_to_the_whole_circle_and_the_poles_at_most_and_say_their_part(kind):
+    part = kind((90, 40), -20.0, 25.0, pan_deg=30.0, span_deg=300.0)
+    name = "panorama" if kind is Cylinder else "sphere"
+    assert str(part) == f"{name} (300 deg around pan 30, elevation -20 to 25 deg)"
+    closer, wider, whole = (part.zoomed(factor) for factor in (2.0, 0.8, 0.1))
+    assert (closer.tilt_min_deg, closer.tilt_max_deg, closer.span_deg) == (-8.75, 13.75, 150.0)
+    assert (wider.tilt_min_deg, wider.tilt_max_deg, wider.span_deg) == (-25.625, 30.625, 360.0)
+    assert (whole.tilt_min_deg, whole.tilt_max_deg, whole.span_deg) == (-90.0, 90.0, 360.0)
+    assert str(whole) == f"{name} (elevation -90 to 90 deg)"
+    for upper in (-20.0 + 1e-7, -20.0 + 1e-12):
+        with pytest.raises(InvalidParameter, match="elevations from -20 to -20 deg leave nothing to see"):
+            kind((90, 40), -20.0, upper)

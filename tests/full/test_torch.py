@@ -16,7 +16,7 @@ from omnimirror.frames import Mount
 from omnimirror.housing import Housing, Tube
 from omnimirror.imagers import ImagerPose
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.torch import differentiable
+from omnimirror.torch import differentiable, reflection
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full
@@ -86,7 +86,7 @@ def test_kernels_and_pytorch_alone_give_the_same_values_and_gradients(pose, monk
     found = {}
     for way in ("as here", "by tensors"):
         if way == "by tensors":
-            monkeypatch.setattr("omnimirror.torch.reflection.serves", lambda like: False)
+            monkeypatch.setattr(reflection, "serves", lambda like: False)
         for dtype in (torch.float64, torch.float32):
             camera = differentiable(sensor, ("focal", "tilt", "shape"), dtype=dtype)
             for name, what in asked(sensor, 500).items():

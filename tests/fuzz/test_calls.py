@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,15 +18,24 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.arguments import WrongKind
+from omnimirror.batch.bases import family
+from omnimirror.batch.evaluate import Designs
+from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.camera_models import RadialModel, parse_ocam
+from omnimirror.components.apertures import best_apertures
 from omnimirror.design import parse_requirements
 from omnimirror.errors import OmnimirrorError
 from omnimirror.files import MARK
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 from omnimirror.media import keyframes
+from omnimirror.media.video.sequences import first_number
+from omnimirror.mirrors import TabulatedMapping
+from omnimirror.parameters import Uncertainty
+from omnimirror.serving.server import listen
 from omnimirror.simulate.datasets import video
 from omnimirror.simulate.rendering import samples
+from omnimirror.straighten.request import Recording
 from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.everyday import few
 
@@ -38,7 +49,7 @@ WANTED = om.Requirements(
     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
     lens=om.LensRequirements(theta_max_deg=12.0),
 )
-OCAM = "5 -240 0 1e-3 0 0\n\n5 1 2 3 4 5\n\n240 320\n1 0 0\n480 640\n"
+OCAM = ocamcalib.write(om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480)))
 
 FOCAL = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32), "skew_px": 0.1,
          "optics": "mirror", "rim_radius_px": None, "uncertainty": None, "mount": Mount()}  # fmt: skip
@@ -143,14 +154,15 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "ColmapProject", "Detection", "DewarpedBag", "FormError", "FoundRim", "Front",
-    "LineCalibration", "LookAround",
+    "LineCalibration", "LookAround", "OmnimirrorError",
     "Motion", "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye",
     "ToleranceReport", "TypicalSensor", "ViewMap", "adjust",
     "bundled_sensors",
     "calibrate_lines", "design_from_parts", "dewarp_bag", "serve_views",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",
-    "sensor_template", "views", "write_board", "write_calibration_figures", "write_calibration_report",
+    "sensor_template", "tolerance_conflicts", "views", "write_board", "write_calibration_figures",
+    "write_calibration_report",
     "write_demo", "write_video_set",
 }  # fmt: skip
 """Public names without a call of their own here: too slow to be called by the hundred, or what others give."""
@@ -283,8 +295,81 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
 )
 def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
     function, usual = CALLS[name]
-    with pytest.raises(OmnimirrorError):
+    with pytest.raises(OmnimirrorError, match=r"valid|cannot be read as numbers| is not | not a name|Not a directory"):
         function(**usual | words)
+
+
+def test_a_covariance_may_hold_zeros_and_rounding():
+    assert Uncertainty(("k1", "k2"), ((0.0, 0.0), (0.0, 4.0))).sigmas == {"k1": 0.0, "k2": 2.0}
+    rounded = Uncertainty(("k1", "k2"), ((1.0, 1.0 + 1e-12), (1.0 + 1e-12, 1.0)))
+    assert rounded.sigmas == {"k1": 1.0, "k2": 1.0}
+
+
+BALL = om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64))
+PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[500.0, 600.0], weights=[1.0]), "1 weights for 2 wavelengths"),
+        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[550.0, 99.0]), "wavelength_nm = 99 is outside 100 to 20000 nm"),
+        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=20001.0), "wavelength_nm = 20001 is outside 100 to 20000 nm"),
+        (lambda _: om.evaluate(SENSOR, [0.0], wavelength_nm=99.9), "wavelength_nm = 99.9 is outside 100 to 20000 nm"),
+        (
+            lambda _: om.evaluate(SENSOR, [1.0, 2.0], focus_mm="auto", object_distance_mm=[9.0, 8.0]),
+            "needs one object_distance_mm for all field angles",
+        ),
+        (lambda _: family("spheres", 2), "'spheres' is no family .* even-polynomial"),
+        (lambda _: family("even-polynomial", 0), "terms = 0 does not suit even-polynomial, which takes 1 to"),
+        (
+            lambda _: Designs(family("even-polynomial", 3), np.ones((2, 2)), 150.0, 44.0, 11.6, 4.0, 5.2),
+            r"coefficients have shape \(2, 2\); even-polynomial with 3 terms needs \(n, 3\)",
+        ),
+        (lambda _: best_apertures(SENSOR, f_number=(8.0, 2.0)), "8 to 2 are no range; it needs 0 < low <= high"),
+        (lambda _: best_apertures(SENSOR, f_number=0.0), "0 to 0 are no range"),
+        (lambda _: om.Unified(0.9, *PINHOLE[:2], (64, 48, 3)), r"image_size = \(64, 48, 3\) is no pair of numbers"),
+        (lambda _: om.Unified(0.9, PINHOLE[0], (1.0,), PINHOLE[2]), r"centre_px = \(1.0,\) is no pair of numbers"),
+        (lambda _: om.OCam((-9.0, 0.0), *PINHOLE[1:], affine=(1.0, 0.0)), r"affine = \(1.0, 0.0\) is not c, d and e"),
+        (lambda _: om.OCam(((-9.0,),), *PINHOLE[1:]), "polynomial = .* is no row of numbers"),
+        (
+            lambda _: om.Unified(0.9, *PINHOLE).with_parameters([1.0]),
+            r"values has shape \(1,\); unified has \d+",
+        ),
+        (lambda _: Uncertainty(("k1", "k1"), ((1.0, 0.0), (0.0, 1.0))), "names = .* are not names of parameters, each"),
+        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0), (0.0,))), r"covariance is no matrix \(2, 2\)"),
+        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))), r"covariance is no matrix \(2, 2\)"),
+        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.1), (0.2, 1.0))), "covariance is not symmetric"),
+        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 2.0), (2.0, 1.0))), "covariance"),
+        (lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]), "tilt_min_deg and tilt_max_deg are one number each"),
+        (lambda _: om.views.panorama(BALL, (9, 9, 9)), r"size = \(9, 9, 9\) is not 2 values in a row"),
+        (lambda _: om.read_image("a\0.png"), "is not valid as a file name: it is one with characters no file can have"),
+        (lambda _: om.register_format("x", "y"), "'y' is no omnimirror.manufacture.Format"),
+        (lambda _: om.register_view("panorama", om.views.dome), "there is a view 'panorama' already; choose another"),
+        (
+            lambda _: om.find_boards([np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]),
+            "there are 2 names for 1 pictures; each needs one",
+        ),
+        (lambda _: om.plan_bracket(SENSOR, limit_px=0.01), "limit_px = 0.01 is outside 0.05 to 1000 px"),
+        (
+            lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0),
+            "omega_deg has 2 rows; a table needs",
+        ),
+        (lambda _: keyframes.Keyframes.load("keyframes.txt"), "are read from .csv and .toml files, and .* neither"),
+        (lambda _: first_number(Path("p%03d.png")), "p002.png is missing among the pictures p%03d.png"),
+        (
+            lambda _: om.dewarp_video("a.mp4", "b.mp4", camera=BALL, recording=Recording(frame_rate=9.0)),
+            "a frame rate belongs to numbered pictures",
+        ),
+        (lambda taken: listen("127.0.0.1", taken), "cannot listen on 127.0.0.1, port .*: Address already in use"),
+    ],
+)
+def test_refusals_name_the_argument_and_what_is_valid(call, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("keyframes.txt", "p001.png", "p003.png"):
+        (tmp_path / name).write_text("time_s,pan_deg\n0,0\n")
+    with closing(listen("127.0.0.1", 0)) as taken, pytest.raises(OmnimirrorError, match=sentence):
+        call(taken.getsockname()[1])
 
 
 def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
@@ -308,7 +393,7 @@ def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
                parse_requirements, partial(parse_tolerances, sensor=SENSOR))  # fmt: skip
     for read in readers:
         for text in ("9 0", "a = [", "a = 1"):
-            with pytest.raises(OmnimirrorError) as said:
+            with pytest.raises(OmnimirrorError, match=re.escape(name.splitlines()[0][:20])) as said:
                 read(text=text, source=name)
             assert len(str(said.value)) < 300
             assert "\n" not in str(said.value)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.dewarp import Dewarper, screens
 from omnimirror.errors import InvalidParameter
-from omnimirror.lenses.distortion import distorted, fold, undistorted
+from omnimirror.lenses.distortion import distorted, distorted_rates, fold, undistorted
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.simulate.colour import srgb_from_linear
@@ -51,6 +51,19 @@ def test_it_is_opencvs(terms):
     theirs = cv2.projectPoints(np.c_[ideal, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), opencv(terms))[0][:, 0]
     np.testing.assert_allclose(distorted(ideal, brown), theirs, atol=1e-14)
     np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
+
+
+def test_its_rates_are_differences():
+    ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
+    brown, step = np.array([-0.3, 0.2, -0.1, 0.01, -0.008]), 1e-6
+    there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
+    np.testing.assert_array_equal(there, distorted(ideal, tuple(brown)))
+    for k, e in enumerate(step * np.eye(2)):
+        differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (2 * step)
+        np.testing.assert_allclose(by_ideal[..., k], differences, atol=1e-8)
+    for k, e in enumerate(step * np.eye(5)):
+        differences = (distorted(ideal, tuple(brown + e)) - distorted(ideal, tuple(brown - e))) / (2 * step)
+        np.testing.assert_allclose(by_coefficients[..., k], differences, atol=1e-8)
 
 
 @settings(max_examples=50)

@@ -1,5 +1,6 @@
 """A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.errors import OmnimirrorError
+from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.lenses import SurfaceLens
 from omnimirror.lenses.prescription.glasses import Glass, glass_named, read_agf
 from omnimirror.lenses.prescription.sequence import Sequence
@@ -187,6 +188,87 @@ def test_even_aspheres_meet_their_surface():
     assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
 
 
+PLANO = {"thickness_mm": (10.0, 4.0, 0.0), "index": (1.0, 1.5168, 1.0), "stop_surface": 1, "field_max_deg": 25.0}
+CURVED = (0.0, 1 / 25.84, 0.0)
+
+
+def plano_convex(curvature_per_mm=CURVED, f_number=8.0, focus_distance_mm=1e6, **columns):
+    return SurfaceLens(f_number, focus_distance_mm, curvature_per_mm, **{**PLANO, **columns})
+
+
+def test_a_paraboloid_is_its_first_asphere():
+    """z = c r^2 / 2, written as a conic of -1 and as the coefficient of r^2 of a plane."""
+    conic = plano_convex(conic=(0.0, -1.0, 0.0))
+    asphere = plano_convex((0.0, 0.0, 0.0), aspheres=(0.0, 0.0, 0.5 / 25.84, 0.0, 0.0, 0.0))
+    for one, other in zip(conic.field.nodes, asphere.field.nodes, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    assert asphere.focal_length_mm == pytest.approx(50.0, abs=1e-3)
+    assert max(conic.field.nodes.own_t) < max(plano_convex().field.nodes.own_t)  # which a sphere is not
+
+
+@pytest.mark.parametrize("focal_length", [0.5, 1e6])
+def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
+    lens = plano_convex((0.0, 50.0 / (25.84 * focal_length), 0.0), thickness_mm=(0.1, 0.04, 0.0))
+    assert lens.focal_length_mm == pytest.approx(focal_length, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        ({"curvature_per_mm": (0.0, 0.0, 0.0)}, "the surfaces have a focal length of -?inf mm; one above 0 is valid"),
+        ({"curvature_per_mm": (0.0, -1 / 25.84, 0.0)}, "the surfaces have a focal length of -50 mm; one above 0"),
+        ({"index": (1.0, 1.5168, 1.33)}, "index ends with 1.33; valid is 1, the air before the imager"),
+        ({"index": (1.0, 1.5168)}, "index has 2 values for 3 surfaces; it is valid with one for each"),
+        ({"aspheres": (1e-9,) * 4}, "aspheres has 4 values for 3 surfaces; it is valid with as many for each"),
+        ({"aspheres": (0.0, -1.001e9, 0.0)}, r"aspheres\[1\] = -1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"aspheres": (0.0, 0.0, 1.001e9)}, r"aspheres\[2\] = 1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"stop_surface": 4}, "stop_surface = 4 is not one of the surfaces, 1 to 3"),
+        ({"stop_surface": 1.5}, "stop_surface = 1.5 is not one of the surfaces, 1 to 3"),
+        ({"focus_distance_mm": 39.9}, "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40"),
+        (  # a front surface of f = 8 mm in glass
+            {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0),
+             "stop_surface": 2},
+            "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
+        ),
+        (
+            {"curvature_per_mm": (0.0, 0.8136, 0.0), "thickness_mm": (10.0, 6.4656, 0.0), "stop_surface": 2,
+             "field_max_deg": 80.0},
+            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* Increase f_number or reduce",
+        ),
+    ],
+)  # fmt: skip
+def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        plano_convex(**columns)
+
+
+BOUNDS = {
+    "curvature_per_mm": (-1e3, 1e3), "thickness_mm": (-1e4, 1e4), "index": (1.0, 5.0), "conic": (-1e4, 1e4),
+    "edge_mm": (0.0, 1e4), "clear_mm": (0.0, 1e4), "index_short": (1.0, 5.0), "index_long": (1.0, 5.0),
+    "wavelengths_nm": (100.0, 2e4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_columns_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    for value in (low - 1e-4, high + 0.1):
+        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+            plano_convex(**{name: (value,) * 3})
+
+
+@pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
+def test_without_three_indices_other_wavelengths_are_not_known(missing):
+    known = {
+        "wavelengths_nm": (486.1, 587.6, 656.3), "index_short": (1.0, 1.5224, 1.0), "index_long": (1.0, 1.5143, 1.0)
+    }  # fmt: skip
+    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[1] == pytest.approx(
+        1.5143, abs=1e-12
+    )
+    with pytest.raises(InvalidParameter, match="the indices of this lens at 700 nm are not known; it is valid with"):
+        plano_convex(**{name: value for name, value in known.items() if name != missing}).at_wavelength(700.0)
+
+
 def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
     """An aperture in front cuts off what a traced bundle loses there."""
     text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
@@ -238,6 +320,39 @@ def test_the_command_line_takes_a_lens(file):
 def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
     (tmp_path / "triplet.zmx").write_bytes(own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code))
     assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
+
+
+DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in enumerate(
+    zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1)}  # fmt: skip
+
+
+@pytest.mark.parametrize("diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}])
+@pytest.mark.parametrize(
+    ("fields", "widest_deg"),
+    [
+        ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
+        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, and as many as FTYP says
+        ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a paraxial image height of 3 mm, f = 11.6 mm
+        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a real one: the triplet has little distortion
+    ],
+)
+def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, widest_deg, diameters, tmp_path):
+    """OpticStudio writes DIAM lines by default; they clip rays and leave the field as it is."""
+    text = own.zmx(per_surface=diameters)
+    start, end = text.index("FTYP"), text.index("WAVM 1")
+    (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
+    lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
+    assert lens.field_max_deg == pytest.approx(1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4)
+    if diameters is not DIAMETERS:
+        assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
+
+
+def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
+    with pytest.raises(OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"):
+        _ = (
+            sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
+            om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
+        )
 
 
 def test_inches(file, tmp_path):
@@ -333,3 +448,14 @@ def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
     assert "The lens is an ideal one of its focal length, entrance pupil and focus." in text
+
+
+@pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
+@pytest.mark.parametrize("thickness", [3.0, 1e4])
+def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvature, thickness):
+    try:
+        lens = SurfaceLens(4.0, 1e7, (curvature, -curvature), (thickness, 0.0), (1.5, 1.0), 1)
+    except InvalidParameter:
+        return
+    thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # the lensmaker's equation
+    assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)

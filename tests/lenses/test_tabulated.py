@@ -1,5 +1,6 @@
 """A lens by its table: against the ordinary lens where it has no faults, and the lens that the table was made of."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import OmnimirrorError
 from omnimirror.lenses import SurfaceLens, TabulatedLens
+from omnimirror.lenses.tabulated import COLUMNS
 from omnimirror.specs.sensor_file import format_sensor
 from tests.lenses import prescriptions as own
 
@@ -169,13 +171,34 @@ def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
         TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
 
 
+BOUNDS = {
+    "focal_length_mm": (1e-2, 1e5), "principal_point_mm": (-1e4, 1e4), "table_focus_mm": (1e-3, 1e7),
+    "barrel_diameter_mm": (1e-3, 1e4), "barrel_mm": (-1e4, 1e4), "window_mm": (0.0, 1e3), "window_index": (1.0, 5.0),
+    "field_deg": (0.0, 89.0), "image_height_mm": (0.0, 1e4), "entrance_pupil_mm": (-1e4, 1e4),
+    "relative_illumination": (0.0, 2.0), "chief_ray_deg": (-89.0, 89.0), "field_curvature_t_mm": (-100.0, 100.0),
+    "field_curvature_s_mm": (-100.0, 100.0), "own_blur_t_mm": (0.0, 10.0), "own_blur_s_mm": (0.0, 10.0),
+    "lateral_colour_short_mm": (-10.0, 10.0), "lateral_colour_long_mm": (-10.0, 10.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_entries_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    lens = faultless(om.load_sensor("paper-spherical"))[1].lens
+    is_column = name in COLUMNS
+    for value in (low - 1e-4, high + 0.1):
+        wrong = (value,) * len(ANGLES) if is_column else value
+        with pytest.raises(OmnimirrorError, match=re.escape(f"is outside {low:g} to {high:g}")):
+            replace(lens, **{name: wrong})
+
+
 def test_a_mirror_past_the_end_of_the_table_is_refused():
     _, table = faultless(om.load_sensor("paper-spherical"))
     short = replace(
         table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19],
         entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
     )  # fmt: skip
-    with pytest.raises(OmnimirrorError, match="known to 9 deg from its axis, and the mirror reaches"):
+    with pytest.raises(OmnimirrorError, match=r"ends at 9 deg from its axis, and the mirror reaches .* add rows"):
         om.evaluate(replace(table, lens=short), OMEGA)
 
 
@@ -236,10 +259,9 @@ def test_a_barrel_leaves_what_straight_rays_say():
         widths = np.ptp(left, axis=0) / 2
         assert dimmed.blur_t_px[k] / plain.blur_t_px[k] == pytest.approx(widths[0], abs=0.02)
         assert dimmed.blur_s_px[k] / plain.blur_s_px[k] == pytest.approx(widths[1], abs=0.02)
-        points = cut.lens.entrance_pupil_points(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([[tangent, 0.0]]))
-        ends = points[:, 0] / cut.lens.aperture_radius
-        assert ends == pytest.approx([left[:, 0].max(), left[:, 0].min()], abs=0.02)
     assert light[1] / light[0] == pytest.approx(shares, abs=0.01)
+    assert om.illumination(cut, angles).filled == pytest.approx(shares, abs=0.01)
+    assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # of 469 rays
     assert shares[0] == 1.0
     assert shares[-1] < 0.6  # it matters
     narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))

@@ -15,7 +15,11 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
 from omnimirror.manufacture import Body, Making, TitleBlock, Workshop, draw_sheets
+from omnimirror.manufacture.drawings.mirror_view import fixed_words
 from omnimirror.manufacture.drawings.sheet import SHEETS, Sheet, fitting_scale, scale_words
+from omnimirror.manufacture.drawings.tables import mirror_rows, sag_rows
+from omnimirror.manufacture.parts import Part
+from omnimirror.mirrors import EvenPolynomial
 from omnimirror.specs import bundled_sensors
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, sensor_of
@@ -194,7 +198,7 @@ def test_the_mirror_sheet_says_what_a_shop_asks_for():
     volume = 2.70e-3 * body.volume_mm3(sensor.mirror)
     edge, radius = float(sensor.mirror.sag(43.9)), float(sensor.mirror.radius_t(0.0))
     assert words >= {
-        "Ø87.8 ± 0.02", "5 ± 0.05", f"{edge:.3f}", f"({edge + 5:.3f})", "M6, 12 deep",
+        "Ø87.8 ± 0.02", "5 ± 0.05", f"({edge:.3f})", f"({edge + 5:.3f})", "M6, 12 deep",
         f"{radius:.9g} ± 0.05 mm", f"{-1 - (74.5422 / 32.51673) ** -2 + 0:.6g} ± 0.005".replace("-1.190", "-1.190"),
         "A", "B", "0.001", "0.005", "3/1000 nm", "4/3' (0.02 mm)", "5/5x0.16", "Rq 5 nm", "Ra 3.2", "Rq 0.005",
         "Al, protected, R &gt; 88 %", "aluminium EN AW-6061 T6", f"{volume:.3g} g", "0.2 × 45°", "ISO 2768-mK",
@@ -231,8 +235,62 @@ def test_the_data_file_is_the_one_that_is_named(tmp_path):
 def test_the_sheet_says_what_the_sensor_is():
     drawing = draw_sheets(om.load_sensor("paper-spherical"), TAPPED, Housing(rod=Rod(4.0)))
     assert shown(drawing, 0) >= {"paper-spherical", "180.429", "12.271", "4.35 %", "1:1"}
-    assert shown(drawing, 1) >= {"Ø87.81", "26.122", "M6, 12 deep", "drill Ø5"}
+    assert shown(drawing, 1) >= {"Ø87.81", "(26.122)", "M6, 12 deep", "drill Ø5"}
     assert 'width="1190.55' in drawing.render("svg").decode()
+
+
+@pytest.mark.parametrize(
+    ("shell", "words"),
+    [
+        (Dome(material="polycarbonate"), "polycarbonate, n = 1.5855"),
+        (Tube(material="sapphire", medium="water"), "sapphire, n = 1.7682, in water, n = 1.3331"),
+        (Tube(refractive_index=1.6), "n = 1.6"),
+        (Dome(material="fused_silica", medium_index=1.2), "fused silica, n = 1.45846, in a medium of n = 1.2"),
+    ],
+)
+def test_a_cover_is_drawn_with_the_material_that_rays_pass(shell, words):
+    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell))
+    assert words in shown(draw_sheets(sensor), 0)
+    assert sensor.meridian.cover.shell.index == pytest.approx(float(re.search(r"n = ([\d.]+\d)", words)[1]))
+
+
+def test_nothing_is_drawn_around_a_sensor_without_a_housing():
+    assert not any("tube" in word for word in shown(draw_sheets(om.load_sensor("paper-spherical")), 0))
+
+
+def test_a_sheet_names_no_data_file_that_is_not_written(tmp_path):
+    sensor = om.load_sensor("exact-equidistant")
+    for formats, is_named in ((["svg"], False), (["svg", "csv"], True), (["dxf"], False)):
+        folder = tmp_path / "-".join(formats)
+        om.export(sensor, folder, formats=formats)
+        texts = "".join(f.read_text() for f in folder.iterdir() if f.suffix in (".svg", ".dxf"))
+        assert ("DATA FILE" in texts) == is_named
+        assert ("sag.csv" in texts) == is_named
+        assert ("in the data file" in texts) <= is_named
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_every_symbol_of_a_formula_is_a_row_of_its_table(kind):
+    for mirror in {sensor_of(kind).mirror, one_millimetre(sensor_of(kind).mirror)}:
+        rows = mirror_rows(mirror)
+        formula = " ".join(row[1] for row in rows if row[0] == "form" or not row[0])
+        names = " ".join(row[0] for row in rows).split()
+        for symbol in set(re.findall(r"(?<![a-zA-Z_])[NRkab](?![a-zA-Z])", formula)):
+            assert symbol in names, formula
+        assert ("N" in formula.split()) == ("N" in names)
+
+
+def one_millimetre(mirror):
+    """The mirror with N = 1 mm, where it has one."""
+    is_normalised = "normalization_radius_mm" in mirror.PARAMETERS
+    return EvenPolynomial((0.012, 2e-6), 30.0) if is_normalised and mirror.KIND == "even-polynomial" else mirror
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_zero_has_no_sign(kind):
+    part = Part(sensor_of(kind), Body())
+    assert not any(re.fullmatch(r"-0(\.0*)?", word) for row in sag_rows(part, 14) for word in row)
+    assert fixed_words(-1e-12, 4) == "0.0000"
 
 
 def test_a_pdf_holds_all_sheets():

@@ -160,6 +160,6 @@ def test_what_does_not_fit_two_mirrors_is_refused(options, sentence, tmp_path):
 
 def test_a_thickness_of_a_second_mirror_that_is_not_there_is_refused(tmp_path, capsys):
     options = ["--formats", "csv", "--secondary-thickness-mm", "3"]
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", str(tmp_path / "out"), *options])
     assert "has no secondary" in capsys.readouterr().err

@@ -9,12 +9,16 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Perspective
 from omnimirror.manufacture import Body, sensitivities
+from omnimirror.manufacture.drawings.tables import hidden_rows
 from omnimirror.manufacture.drawings.views import Assembly, shell_end_mm
 from omnimirror.manufacture.parts import housed, parts_of
+from omnimirror.mirrors import Sphere
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.tracing.walls import tube_shift_mm, tube_transmission
+from omnimirror.tracing.walls import wall_transmission
 from tests.conftest import MIRRORS, sensor_of
 
 SPH = om.load_sensor("paper-spherical")
@@ -90,7 +94,7 @@ def test_a_tube_hides_at_its_ends(diameter):
 
 
 def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims_ray():
-    sensor = drawn(SPH, None)
+    sensor = drawn(SPH, Housing(shell=Tube()))
     tube = sensor.obstructions.housing.shell
     assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
     assert [r.part for r in sensor.obscurations] == ["tube's base"]
@@ -159,15 +163,21 @@ def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
     n = 1.5
     brewster = 90.0 - np.degrees(np.arctan(n))
     r = ((n**2 - 1) / (n**2 + 1)) ** 2
-    assert float(tube_transmission(brewster, n)) == pytest.approx((1 + (1 - r) / (1 + r)) / 2, rel=1e-12)
+    assert float(wall_transmission(np.radians(90.0 - brewster), n)) == pytest.approx(
+        (1 + (1 - r) / (1 + r)) / 2, rel=1e-12
+    )
 
 
-def test_a_wall_shifts_rays_as_snells_law_says():
-    n, wall = 1.49, 3.0
-    for omega in (20.0, 70.0, 90.0, 135.0):
-        i = np.radians(abs(90.0 - omega))
-        t = np.arcsin(np.sin(i) / n)
-        assert float(tube_shift_mm(omega, wall, n)) == pytest.approx(wall / np.cos(t) * np.sin(i - t), abs=1e-12)
+def test_the_sheet_says_what_a_wall_does_to_rays():
+    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named material."""
+    sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
+    *_, (word, shift, passed) = hidden_rows(sensor)
+    i = np.radians(45.0)
+    t = np.arcsin(np.sin(i) / 1.5855)
+    assert word == "tube at Ω = 135°"
+    assert shift == f"shift {3.0 / np.cos(t) * np.sin(i - t):.2f} mm"
+    s, p = (np.sin(i - t) / np.sin(i + t)) ** 2, (np.tan(i - t) / np.tan(i + t)) ** 2
+    assert float(passed.split()[0]) == pytest.approx(100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06)
 
 
 # -- errors of building --------------------------------------------------------------------------------
@@ -188,6 +198,37 @@ def test_the_distance_moves_the_picture_as_a_sensor_built_so_shows_it(name):
         heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
+
+
+IN_WATER = om.Sensor(
+    Sphere(28.39142, 22.0), Perspective(6.0, 4.0, 81.9085), Imager(1920, 1200, 3.0), mirror_distance_mm=68.68475,
+    housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")), name="in-water",
+)  # fmt: skip
+IN_DOME = replace(SPH, housing=Housing(shell=Dome(300.0, material="polycarbonate")), name="in-dome")
+BEFORE_WINDOW = om.Sensor(
+    Sphere(80.0, 20.0), Perspective(8.0, 4.0, 100.0), Imager(1024, 1024, 5.2), mirror_distance_mm=90.0,
+    housing=Housing(shell=FlatWindow(material="bk7")), name="before-window",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)
+def test_errors_behind_a_cover_move_the_picture_as_a_sensor_built_so_shows_it(sensor):
+    """At field angles outside the cover, by the meridian of a mirror that stands elsewhere in the same cover."""
+    step = 0.01
+    low, high = sensor.field_deg
+    omega = np.radians(np.linspace(low + 0.02 * (high - low), high - 0.02 * (high - low), 301))
+    heights = []
+    for sign in (1, -1):
+        other = replace(sensor, mirror_pose=MirrorPose(displacement_mm=sign * step))
+        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+    motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
+    assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
+
+
+def test_a_middle_that_the_tube_hides_is_not_blamed_on_a_second_mirror():
+    assert {ring.part for ring in IN_WATER.obscurations} == {"tube's base"}
+    folded = om.load_sensor("folded-spherical")
+    assert "secondary, bore" in {ring.part for ring in folded.obscurations}
 
 
 def test_a_slope_error_turns_the_ray_twice():

@@ -57,6 +57,7 @@ def test_a_ball_is_turned_by_arcs_about_its_centre_and_half_the_tolerance_takes_
     assert fine.deviation_nm < 10.0 < coarse.deviation_nm < 40.0
     assert len(fine.x_mm) == pytest.approx(2 * len(coarse.x_mm), rel=0.05)
     assert fine.length_mm == pytest.approx(31.0 * np.arcsin(20.0 / 30.0), rel=1e-6)
+    assert fine.minutes == pytest.approx(fine.length_mm / (0.002 * 1000), rel=1e-12)  # 2 um a turn, 1000 turns a minute
     assert fine.edge_deg == (0.0, pytest.approx(np.degrees(np.arcsin(20.0 / 30.0)), abs=0.01))
 
 
@@ -84,13 +85,37 @@ def test_a_nose_too_round_for_a_hollow_is_refused_with_what_fits():
     ("words", "sentence"),
     [
         ({"radius_mm": 0.0}, "radius_mm = 0 mm is outside 0.001 to 100 mm"),
-        ({"tolerance_nm": 0.0}, "tolerance_nm = 0 nm is outside"),
+        *(
+            ({name: value * (1 + off)}, rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}")
+            for name, unit, low, high in (
+                ("radius_mm", "mm", 1e-3, 100.0),
+                ("feed_um", "um", 1e-3, 1e3),
+                ("tolerance_nm", "nm", 0.1, 1e5),
+                ("spindle_rpm", "1/min", 1.0, 1e5),
+            )
+            for value, off in ((low, -1e-6), (high, 1e-6))
+        ),
+        ({"clearance_mm": -1e-6}, "clearance_mm = -1e-06 mm is outside 0 to 1000 mm"),
+        ({"clearance_mm": 1001.0}, "clearance_mm = 1001 mm is outside 0 to 1000 mm"),
         ({"x_is_diameter": 2}, "x_is_diameter = 2 is not"),
     ],
 )
 def test_a_tool_that_cannot_be_is_refused(words, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         Tool(**words)
+
+
+@pytest.mark.parametrize("bound", [0, 1])
+def test_bounds_are_valid_values(bound):
+    limits = {
+        "radius_mm": (1e-3, 100.0),
+        "feed_um": (1e-3, 1e3),
+        "tolerance_nm": (0.1, 1e5),
+        "spindle_rpm": (1.0, 1e5),
+        "clearance_mm": (0.0, 1e3),
+    }
+    values = {name: pair[bound] for name, pair in limits.items()}
+    assert {name: getattr(Tool(**values), name) for name in values} == values
 
 
 def test_decimals_too_few_for_the_tolerance_are_refused():
@@ -107,16 +132,25 @@ def test_the_list_holds_where_the_tool_touches_and_a_diameter_is_twice_a_radius(
     assert np.array_equal(driven(format_gcode(twice, "ball")), np.stack([2 * x, z], axis=-1))
 
 
-def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards():
-    lines = format_gcode(tool_path(Sphere(30.0, 20.0), Tool(1.0)), "a (ball); 50% µ\n").splitlines()
-    assert lines[1] == "(omnimirror tool path of a ball 50)"
+@pytest.mark.parametrize("mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"])
+@pytest.mark.parametrize("x_is_diameter", [False, True])
+def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards(mirror, x_is_diameter):
+    """Along the tangent at the rim, over which a hollow's program must rise first; X may count as a diameter."""
+    path = tool_path(mirror, Tool(1.0, x_is_diameter=x_is_diameter))
+    lines = format_gcode(path, "a (ball); 50% µ\n").splitlines()
+    assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"
     assert all(re.fullmatch(r"%|\([^()]*\)|[GMXZFS0-9. -]+", line) for line in lines)
     quick = [line for line in lines if line.startswith("G0")]
     assert quick[0] == quick[-1]
-    height = float(quick[0].split("Z")[1])
-    assert height >= 1.0
-    beyond, first = float(quick[1].split("X")[1]), driven("\n".join(lines))[0]
-    assert np.hypot(beyond - first[0], float(quick[2].split("Z")[1]) - first[1]) == pytest.approx(1.0, abs=1e-5)
+    assert {"G97 S1000 M3", "G95 F0.002000"} <= set(lines)
+    start = np.array([float(quick[1].split("X")[1]), float(quick[2].split("Z")[1])])
+    cuts = driven("\n".join(lines))
+    if x_is_diameter:
+        start[0], cuts[:, 0] = start[0] / 2, cuts[:, 0] / 2
+    np.testing.assert_allclose(cuts, np.stack([path.x_mm, path.z_mm], axis=-1), rtol=0, atol=1e-9)
+    away, tangent = start - cuts[0], cuts[0] - cuts[1]
+    np.testing.assert_allclose(away, tangent / np.hypot(*tangent), rtol=0, atol=1e-5)  # 1 mm, the clearance
+    assert float(quick[0].split("Z")[1]) == pytest.approx(1.0 + max(0.0, cuts[:, 1].max(), start[1]), abs=1e-6)
 
 
 def test_the_command_line_writes_program_and_list(tmp_path):

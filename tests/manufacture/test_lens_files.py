@@ -8,14 +8,18 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.housing import Housing
 from omnimirror.lenses import Perspective
 from omnimirror.manufacture import asphere_of, format_grid_sag
 from omnimirror.manufacture.formats.gridsag import grid_deviation_um, write_grid_sag
-from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
+from omnimirror.manufacture.formats.zmx import field_angles, format_zmx, write_zmx
 from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 from tests.everyday import FEW_MIRRORS, few
+
+from .test_housing import IN_DOME, IN_WATER
 
 
 def parse_zmx(path):
@@ -264,3 +268,18 @@ def test_a_finer_grid_is_closer_by_the_fourth_power():
 def test_a_grid_without_a_point_on_the_axis_is_refused(points):
     with pytest.raises(InvalidParameter, match=f"grid_points = {points} is not valid"):
         format_grid_sag(MIRRORS["sphere"][0], points)
+
+
+@pytest.mark.parametrize(
+    "sensor", [*map(om.load_sensor, ("paper-spherical", "folded-spherical")), IN_WATER, IN_DOME], ids=lambda s: s.name
+)
+def test_the_notes_of_a_lens_file_say_its_angles_and_what_it_leaves_out(sensor):
+    notes = [line for line in format_zmx(sensor).splitlines() if line.startswith("NOTE")]
+    (angles,) = (note for note in notes if "Omega = " in note)
+    assert angles.count("180 deg") == (0 if sensor.secondary else 1)
+    listed = [float(a) for a in angles.split("deg: ")[-1].rstrip(".").split(", ")]
+    x = sensor.meridian.x_from_omega(np.radians(field_angles(sensor)))
+    bare = replace(sensor, housing=Housing())
+    if sensor.secondary is None:  # the file has no cover
+        np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9)
+    assert any("left out" in note for note in notes) == (sensor.housing.shell is not None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -136,3 +137,62 @@ def test_the_command_says_what_a_shop_will_ask_for(tmp_path):
     run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", "--workshop", "w.toml", cwd=tmp_path)
     assert "A shop" not in run.stdout
     assert "OM-7" in (tmp_path / "mirror-mirror.svg").read_text()
+
+
+SPHERE = om.load_sensor("paper-spherical")
+
+
+@pytest.mark.parametrize(
+    ("making", "tolerances", "sentence"),
+    [
+        ({"centring_deg": 0.2}, {"mirror.tilt_x_deg": 0.5, "mirror.tilt_y_deg": 0.1}, "tilt of the mirror"),
+        ({"centring_deg": 0.07, "back_flatness_mm": 0.1}, {"mirror.tilt_x_deg": 0.1}, "use 0.135 deg of the 0.1 deg"),
+        ({"back_flatness_mm": 0.1, "centring_deg": 0.05}, {}, "lets datum A tilt by 0.0652 deg"),
+        (
+            {"centring_mm": 0.03, "diameter_tolerance_mm": 0.02},
+            {"mirror.decentre_y_mm": 0.05},
+            "decentre of the mirror",
+        ),
+        ({}, {"mirror.decentre_x_mm": 0.2}, r"general tolerance of the diameter \(ISO 2768-m\) uses 0.3 mm"),
+        ({"thickness_tolerance_mm": 0.1}, {"mirror.displacement_mm": 0.1}, "spacing of the mirror"),
+        ({"form_um": 1.0}, {"mirror.zernike_4_um": 0.3}, "permits an RMS of 0.605 um along z, and 0.173 um"),
+        ({"form_um": 1.0}, {"mirror.vertex_radius_mm": 0.05}, r"vertex_radius_mm ± 0.05 departs by .* P-V"),
+        ({"form_um": 1.0}, {"mirror.conic": 0.005}, r"mirror.conic ± 0.005 departs by .* P-V"),
+    ],
+)
+def test_tolerances_that_contradict_each_other_are_named(making, tolerances, sentence):
+    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=Making(**making), tolerances=tolerances))
+    assert re.search(sentence, found), found
+
+
+@pytest.mark.parametrize(
+    ("making", "tolerances"),
+    [
+        ({}, {}),
+        ({"centring_deg": 0.05, "back_flatness_mm": 0.005}, {"mirror.tilt_x_deg": 0.1}),
+        ({"centring_mm": 0.02, "diameter_tolerance_mm": 0.02}, {"mirror.decentre_x_mm": 0.05}),
+        ({"thickness_tolerance_mm": 0.05}, {"mirror.displacement_mm": 0.1}),
+        ({"form_um": 0.2}, {"mirror.zernike_4_um": 0.3, "mirror.vertex_radius_mm": 1e-4}),
+    ],
+)
+def test_tolerances_that_agree_raise_no_conflict(making, tolerances):
+    assert om.tolerance_conflicts(SPHERE, Workshop(mirror=Making(**making), tolerances=tolerances)) == []
+
+
+def test_a_radius_that_is_off_departs_by_the_zone_that_holds_both_spheres():
+    """Along the normal of the nominal sphere, in steps of a brute search for the shift along the axis."""
+    told = {"mirror.vertex_radius_mm": 0.05}
+    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=Making(form_um=1.0), tolerances=told))
+    r, R = np.linspace(0, 43.905, 2001), 49.9582
+    dz = 1e3 * ((R + 0.05 - np.sqrt((R + 0.05) ** 2 - r**2)) - (R - np.sqrt(R**2 - r**2)))
+    zones = [2 * np.abs((dz - shift) * np.sqrt(1 - (r / R) ** 2)).max() for shift in np.linspace(dz.min(), 0, 4001)]
+    assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(min(zones), rel=0.01)
+
+
+def test_the_command_warns_of_tolerances_that_contradict_each_other(tmp_path):
+    (tmp_path / "shop.toml").write_text("[mirror]\ncentring_deg = 0.5\n")
+    (tmp_path / "tolerances.toml").write_text('[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n')
+    done = omnimirror("export", "paper-spherical", "-o", "a.svg", "--workshop", "shop.toml", "--tolerances",
+                      "tolerances.toml", cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "tolerances contradict each other: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,19 @@ def test_one_that_fails_leaves_the_others_alone():
     }
     assert (results.exit_code, results.not_begun, told[-1]) == (1, [], (20, 20))
     assert run_parallel([]).exit_code == 0
+
+
+def test_one_worker_does_one_after_the_other():
+    lock, clashes = threading.Lock(), []
+
+    def run():
+        clashes.append(not lock.acquire(blocking=False))
+        time.sleep(0.01)
+        if not clashes[-1]:
+            lock.release()
+
+    assert run_parallel([Job(str(n), run) for n in range(5)], 1).exit_code == 0
+    assert clashes == [False] * 5
 
 
 def test_they_run_side_by_side():

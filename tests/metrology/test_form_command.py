@@ -89,7 +89,7 @@ def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
     ("words", "sentence"),
     [
         (("missing.csv",), "missing.csv"),
-        (("few.csv",), "has 3 points; at least 200 are valid"),
+        (("few.csv",), "has 3 points; at least 50 are valid"),
         (("few.csv", "--unit", "ell"), "ell"),
         (("few.csv", "--order", "1"), "order = 1 is"),
     ],

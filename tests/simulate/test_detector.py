@@ -7,7 +7,7 @@ import pytest
 
 from omnimirror.errors import InvalidParameter
 from omnimirror.simulate.colour import srgb_bytes
-from omnimirror.simulate.detector import Detector
+from omnimirror.simulate.detector import Detector, kept_by
 
 
 def test_without_noise_it_writes_srgb():
@@ -65,6 +65,7 @@ def test_any_brightness_is_counted(light):
     ("light", "seed", "words"),
     [
         (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
+        (np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5), 0, "light holds NaN"),  # one value of one pixel
         (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
         (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
         (np.zeros((4, 4, 3)), -1, "seed = -1"),
@@ -99,9 +100,28 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
     np.testing.assert_allclose(cv2.cvtColor(raw, code)[4, 4], np.rint(255 * colour), atol=1)
 
 
+@pytest.mark.parametrize("full_well_e", [np.inf, 1e4])
+@pytest.mark.parametrize("bayer", ["none", "RGGB"])
+def test_numbers_are_of_values_without_mosaic_and_without_noise(bayer, full_well_e):
+    detector = Detector(full_well_e=full_well_e, bayer=bayer, curve="linear")
+    assert detector.is_of_values == (bayer == "none" and full_well_e == np.inf)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 3])
+def test_a_mosaic_in_parts_is_that_of_the_whole(first):
+    light = np.random.default_rng(3).uniform(0, 1, (6, 8, 3)).astype(np.float32)
+    detector = Detector(curve="linear", bayer="GRBG")
+    np.testing.assert_array_equal(kept_by(detector, light[first:], first), kept_by(detector, light)[first:])
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"exposure": 1.1e9}, r"exposure = 1.1e\+09 is outside 1e-09 to 1e\+09"),
+        ({"full_well_e": 9.9}, "full_well_e = 9.9 electrons is outside 10 to"),
+        ({"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8}, "read_noise_e = .* is outside 0 to 1e\\+06"),
+        ({"black_level_dn": 65535.5, "curve": "linear"}, "black_level_dn = .* is outside 0 to 65535"),
+        ({"bits": 17}, "bits = 17 is outside 8 to 16"),
         ({"bits": 7}, "bits = 7"),
         ({"bits": 9.5}, "bits = 9.5"),
         ({"bayer": "RGBG"}, "bayer = 'RGBG'"),

@@ -117,7 +117,7 @@ def test_whatever_holds_a_camera_is_read(tmp_path):
     assert om.load_camera("paper-spherical") == sensor
     om.save_camera(sensor, tmp_path / "sensor.toml")
     assert om.load_camera(tmp_path / "sensor.toml") == om.load_sensor(tmp_path / "sensor.toml") == sensor
-    (tmp_path / "calib.txt").write_text("# poly\n\n3 -100 0 2.5e-3\n2 100 50\n239.5 319.5\n1 0 0\n480 640\n")
+    om.convert(om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)), tmp_path / "calib.txt", to="ocamcalib")
     assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
     (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
     with pytest.raises(SpecError, match=r"camchain.yaml is not valid TOML: .*omnimirror convert makes one of ours"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from omnimirror.components.template import sensor_template
 from omnimirror.errors import OmnimirrorError, SpecError
 from omnimirror.frames import Mount
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.imagers import Imager
+from omnimirror.imagers import Imager, ImagerPose
 from omnimirror.lenses import Perspective
 from omnimirror.mirrors import EvenPolynomial
+from omnimirror.mirrors.form import MirrorForm
+from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors, format_sensor, load_sensor, parse_sensor
 from omnimirror.specs.tables import Places
 from tests.conftest import M
@@ -102,6 +105,23 @@ def test_any_sensor_round_trips_without_loss(name, notes, coefficients, distance
         notes,
     )
     assert parse_sensor(format_sensor(sensor)) == sensor
+
+
+def test_what_stands_in_place_is_not_written_and_what_does_not_comes_back():
+    plain = om.load_sensor("paper-spherical")
+    moved = replace(
+        plain,
+        mirror_pose=MirrorPose(0.1, -0.2),
+        mirror_form=MirrorForm((5,), (2.0,)),
+        imager_pose=ImagerPose(tilt_x_deg=0.5),
+        mount=replace(plain.mount, pitch_deg=2.0, roll_deg=-1.0),
+    )
+    tables, entries = ("mirror_pose", "mirror_form", "imager_pose"), ("pitch_deg", "roll_deg")
+    for sensor, is_moved in ((plain, False), (moved, True)):
+        data = tomllib.loads(format_sensor(sensor))
+        assert [name in data for name in tables] == [is_moved] * 3
+        assert [name in data.get("mount", {}) for name in entries] == [is_moved] * 2
+        assert parse_sensor(format_sensor(sensor)) == sensor
 
 
 def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):

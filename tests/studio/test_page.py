@@ -25,6 +25,15 @@ WEB = Path(__file__).parents[2] / "web"
 AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
 
 
+DROP_UNREADABLE = """(name) => {
+  const file = Object.assign(new File(["x"], name), {
+    slice: () => ({ arrayBuffer: () => Promise.reject(new DOMException("gone", "NotReadableError")) }),
+  });
+  document.dispatchEvent(Object.assign(new Event("drop", { cancelable: true }), { dataTransfer: { files: [file] } }));
+}"""
+"""Drop a file that was deleted meanwhile."""
+
+
 @pytest.fixture(scope="module")
 def room(tmp_path_factory) -> Path:
     """A picture of a room with signs on its walls."""
@@ -301,6 +310,13 @@ def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
     page.set_input_files("#calibration", tmp_path / "bad.toml")
     page.wait_for_function("document.querySelector('#banner').textContent.includes('did you mean sphere?')")
+    for name in ("gone.png", "gone.toml", "gone.omnimirror"):
+        page.evaluate(DROP_UNREADABLE, name)
+        page.wait_for_function(f"document.querySelector('#banner').textContent.includes('{name} cannot be read.')")
+    assert page.evaluate("window.omnimirror.look.feed.name") == room.name
+    assert page.problems == []
+    page.evaluate("Promise.reject(new RangeError('nobody handles this')), null")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('Something went wrong')")
     page.context.close()
 
 

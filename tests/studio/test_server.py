@@ -23,6 +23,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
+from omnimirror.calibrate import rim
 from omnimirror.serving.access import is_loopback
 from omnimirror.serving.limits import LARGEST_MESSAGE
 from omnimirror.serving.server import listen
@@ -71,7 +72,7 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
 
 def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
     looked, find = [], om.find_rim
-    monkeypatch.setattr("omnimirror.calibrate.rim.find_rim", lambda picture: looked.append(1) or find(picture))
+    monkeypatch.setattr(rim, "find_rim", lambda picture: looked.append(1) or find(picture))
     one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
     found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
     assert found[0] == found[2]
@@ -124,6 +125,32 @@ def test_a_camera_leans_as_asked(client):
 # -- who may ask ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("", False),
+        ("example.org", False), ("localhost.example.org", False), ("127.0.0.1.example.org", False), ("door", False),
+        ("0.0.0.0", False), ("::", False), ("192.168.1.7", False), ("::2", False), ("128.0.0.1", False),
+    ],
+)  # fmt: skip
+def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
+    assert is_loopback(host) is expected
+
+
+def test_the_policy_of_the_page_names_every_directive(client):
+    """As a browser splits it; a directive that is missing would fall back to anything."""
+    policy = client.get("/").headers["content-security-policy"]
+    directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
+    nothing = ["default-src", "base-uri", "form-action", "frame-ancestors"]
+    assert {name: directives[name] for name in nothing} == {name: ["'none'"] for name in nothing}
+    assert directives["img-src"] == ["'self'", "blob:", "data:"]
+    assert directives["media-src"] == ["'self'", "blob:", "mediastream:"]
+    assert directives["connect-src"] == ["'self'", "blob:", "data:"]
+    assert directives["script-src"][0] == "'self'"
+    hashes = [*directives["script-src"][1:], *directives["style-src"]]
+    assert all(source.startswith("'sha256-") for source in hashes)
+
+
 def test_other_names_and_other_pages_are_refused(client):
     assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
     answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
@@ -145,7 +172,10 @@ def test_beyond_this_machine_the_token_is_asked_for():
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
     with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
-        with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://192.168.1.7/api/stream?id=source"):
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
+        ):
             pass
         with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
             assert "there is no stream" in socket.receive_text()

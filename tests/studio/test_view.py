@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.frames import Mount
 from omnimirror.media import read_image, write_image
 from omnimirror.mirrors.pose import MirrorPose
@@ -36,7 +37,9 @@ STATES = {
 }
 ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
 OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
-OCAM = "5 -2.6e2 0 1.1e-3 -4.0e-7 3.1e-9\n2 100 50\n299.2 402.7\n0.9991 0.0007 -0.0004\n600 800\n"
+OCAM = ocamcalib.write(
+    om.OCam((-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9), (402.7, 299.2), (800, 600), (0.9991, 0.0007, -0.0004))
+)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -108,7 +109,16 @@ def of_another_number(path):
     path.write_bytes(path.with_name("shard-00003.parquet").read_bytes())
 
 
-@pytest.mark.parametrize("harm", few([flipped, cut, of_another_number], cut))
+def of_other_trials(path):
+    """The trial numbers of two rows are exchanged, and nothing else."""
+    table = pq.read_table(path)
+    numbers = table["trial"].to_numpy().copy()
+    numbers[[3, 4]] = numbers[[4, 3]]
+    table = table.set_column(0, table.schema.field(0), pa.array(numbers))
+    pq.write_table(table, path, use_dictionary=False, compression="none", write_statistics=False)
+
+
+@pytest.mark.parametrize("harm", few([flipped, cut, of_another_number, of_other_trials], cut, of_other_trials))
 def test_a_corrupt_shard_is_found_said_and_made_again(plan, expected, tmp_path, harm):
     counted(plan, tmp_path)
     before, said = stamps(tmp_path), []

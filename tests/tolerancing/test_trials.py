@@ -10,6 +10,8 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.native import backend
 from omnimirror.tolerancing.errors import errors_of, perturbed
+from omnimirror.tolerancing.sensitivity import sensitivities
+from omnimirror.tolerancing.tolerances import ErrorBound, Tolerances
 from omnimirror.tolerancing.trials import compiled
 from omnimirror.tolerancing.trials import merits as merits_in_numpy
 from omnimirror.tolerancing.trials.compensation import CALIBRATIONS, POSE
@@ -248,3 +250,16 @@ def test_what_is_no_sensor_sees_nothing():
 def test_a_field_that_is_none_is_refused(options, words):
     with pytest.raises(InvalidParameter, match=words):
         field_of(om.load_sensor("paper-spherical"), **options)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-50, 1e6])
+def test_tolerances_at_the_ends_of_their_range_have_sensitivities(sensor, value):
+    tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": ErrorBound(value)})
+    (alone,) = sensitivities(Judge.of(sensor), tolerances, {"motion_px": 1.0})
+    assert alone.name == "mirror.decentre_x_mm"
+
+
+@pytest.mark.parametrize("value", [-1e-50, 9e-51, 5e-324, 1.1e6, 1e308])
+def test_tolerances_out_of_range_are_refused(value):
+    with pytest.raises(InvalidParameter, match=r"tolerance must be 0, or between 1e-50 and 1e\+06; got "):
+        ErrorBound(value)

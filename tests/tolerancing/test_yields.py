@@ -21,7 +21,7 @@ from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.tolerancing.tolerances import BLOCK
 from omnimirror.tolerancing.trials.judge import Judge
 from omnimirror.tolerancing.trials.merits import merit_names
-from omnimirror.tolerancing.yields import Tally, monte_carlo, share_of
+from omnimirror.tolerancing.yields import Tally, monte_carlo, share_of, within
 
 SHIFTS = ("imager.shift_x_px", "imager.shift_y_px")
 
@@ -126,6 +126,34 @@ def test_quantiles_are_those_of_all_values():
     assert tally.mean("blur_px") == pytest.approx(merits[:, 0].mean())
 
 
+@pytest.mark.parametrize(("name", "kept"), [("least aspect", [False, True, True]), ("blur_px", [True, True, False])])
+def test_a_limit_itself_is_kept(name, kept):
+    assert within(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
+
+
+def test_what_is_beyond_all_bins_counts_in_the_last():
+    merits = np.zeros((4, len(merit_names())))
+    merits[:, 0] = 1e30
+    tally = Tally({})
+    tally.add(merits)
+    assert tally.quantile(merit_names()[0], 0.5) == pytest.approx(1e9, rel=0.01)
+
+
+def test_without_trials_or_with_lost_ones_alone_there_is_no_curve():
+    lost = np.ones((3, len(merit_names())))
+    for merits in (lost[:0], lost):
+        tally = Tally({})
+        tally.add(merits)
+        assert [part.size for part in tally.curve("blur_px")] == [0, 0]
+        assert np.isnan(tally.mean("blur_px"))
+    assert tally.lost == tally.trials == 3
+    assert tally.quantile("blur_px", 0.5) == np.inf
+    assert (tally.passed, tally.yields.value) == (0, 0.0)
+    tally = Tally({}, ("least aspect", "lost"))
+    tally.add(np.ones((3, 2)))
+    assert tally.quantile("least aspect", 0.5) == 0.0
+
+
 def test_confidence_covers_the_truth():
     """Of 400 experiments of 200 trials each, at least .95 less three sigma."""
     passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
@@ -180,7 +208,7 @@ def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, judge):
         (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] in its file"),
         (lambda s, j: of(s, {"cover.wall_mm": 1.0}), "it has no tube, dome or window"),
         (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k1"): 0.5}), "lens.k1 always comes with itself"),
-        (lambda s, j: of(s, {"lens.k1": -1.0}), "valid from 0"),
+        (lambda s, j: of(s, {"lens.k1": -1.0}), "tolerance must be 0, or between"),
         (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k2"): 0.5}), "lens.k2 has no tolerance"),
         (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.1}, 0.9), "without errors misses"),
         (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 20.0}, 1.5), "between 0 and 1"),

@@ -192,5 +192,11 @@ def test_two_mirrors_hide_the_middle_and_have_a_tube_at_most():
     assert folded.clear_field_deg == folded.field_deg
     with pytest.raises(InvalidParameter, match="valid supports are tube and none"):
         replace(folded, housing=Housing(rod=Rod())).obscurations  # noqa: B018
-    with pytest.raises(InvalidParameter, match="one mirror"):
-        folded.hidden_by([[1.0, 1.0]])
+    (ring,) = folded.obscurations
+    rays = folded.backproject([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)])
+    hidden = np.any([*folded.hidden_by([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)]).values()], axis=0)
+    assert hidden.tolist() == (~rays.valid).tolist() == [True, True, False]
+    truth = om.ground_truth(folded, om.Room(texel_mm=40.0))
+    share = 100 * truth.hidden.sum() / (np.pi * folded.rim_radius_px**2)
+    assert share == pytest.approx(ring.picture_percent, abs=0.02)
+    assert not np.isfinite(truth.depth_mm[truth.hidden]).any()

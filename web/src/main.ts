@@ -1,9 +1,10 @@
+import { background } from "./shared/background";
 import { NoWebGL } from "./look/drawing/renderer";
 import { embedded } from "./look/embedded";
 import { Look } from "./look/look";
 import { alone } from "./look/supply";
 import * as api from "./shared/api";
-import { banner, fail, say } from "./shared/notices";
+import { banner, fail, reportUnhandled, say } from "./shared/notices";
 import { Store } from "./shared/store";
 import { AWAY } from "./shared/texts";
 import { ProjectMenu } from "./project";
@@ -22,19 +23,22 @@ declare global {
 function watchServer(look: Look, tabs: Tabs): void {
   let wasAway = false;
   const beat = async (): Promise<void> => {
-    if (document.visibilityState === "visible") {
-      const there = await api.isThere();
-      banner(there ? null : AWAY, "server");
-      if (there && wasAway) {
-        say("The server is back.");
-        if (!look.sensor.camera) await look.begin().catch(fail);
-        tabs.show();
+    try {
+      if (document.visibilityState === "visible") {
+        const there = await api.isThere();
+        banner(there ? null : AWAY, "server");
+        if (there && wasAway) {
+          say("The server is back.");
+          if (!look.sensor.camera) await look.begin().catch(fail);
+          tabs.show();
+        }
+        wasAway = !there;
       }
-      wasAway = !there;
+    } finally {
+      setTimeout(() => background(beat()), HEARTBEAT_MS);
     }
-    setTimeout(() => void beat(), HEARTBEAT_MS);
   };
-  setTimeout(() => void beat(), HEARTBEAT_MS);
+  setTimeout(() => background(beat()), HEARTBEAT_MS);
 }
 
 /** A button that cannot be pressed says why. */
@@ -50,6 +54,7 @@ function sayWhy(): void {
 }
 
 async function main(): Promise<void> {
+  reportUnhandled(window);
   sayWhy();
   const store = new Store();
   const tabs = new Tabs(store);
@@ -71,4 +76,4 @@ async function main(): Promise<void> {
   await look.begin().catch(fail);
 }
 
-void main();
+background(main());

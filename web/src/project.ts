@@ -1,10 +1,20 @@
+import { background } from "./shared/background";
 import { fileOf } from "./look/feeds/feed";
-import { identityIn, identityOf, keep, keepPicture, kept, keptPicture, sourceOf } from "./look/feeds/kept";
+import {
+  identityIn,
+  identityOf,
+  keep,
+  keepPicture,
+  kept,
+  keptPicture,
+  sourceOf,
+} from "./look/feeds/kept";
 import type { Look } from "./look/look";
 import { fromHash, toHash } from "./shared/address";
 import * as api from "./shared/api";
 import { byId, save } from "./shared/dom";
 import { fail, say } from "./shared/notices";
+import { checkReadable } from "./shared/media";
 import { locals, parsed, put, sessions, taken } from "./shared/storage";
 import type { Store } from "./shared/store";
 
@@ -31,15 +41,21 @@ export class ProjectMenu {
   private readonly menu = byId<HTMLDetailsElement>("project");
   private readonly file = byId<HTMLInputElement>("project-file");
 
-  constructor(private readonly store: Store, private readonly look: Look) {
-    byId("save-project").addEventListener("click", () => void this.try(() => this.save()));
+  constructor(
+    private readonly store: Store,
+    private readonly look: Look,
+  ) {
+    byId("save-project").addEventListener("click", () => background(this.try(() => this.save())));
     byId("open-project").addEventListener("click", () => this.file.click());
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
-      if (file) void this.try(() => this.open(file));
+      if (file) background(this.try(() => this.open(file)));
       this.file.value = "";
     });
-    document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
+    document.addEventListener(
+      "click",
+      (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false),
+    );
     this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
     look.sources.projects = (file) => this.try(() => this.open(file));
   }
@@ -58,13 +74,26 @@ export class ProjectMenu {
       kind: KIND,
       version: VERSION,
       state: toHash({ ...state, source: picture?.source ?? state.source }),
-      picture: picture && { name: picture.name, type: picture.blob.type, data: await base64(picture.blob) },
-      sensor: sensor ? { name: sensor.name, optics: sensor.optics, isMade: sensor.isMade, text: await sensor.blob.text() } : null,
+      picture: picture && {
+        name: picture.name,
+        type: picture.blob.type,
+        data: await base64(picture.blob),
+      },
+      sensor: sensor
+        ? {
+            name: sensor.name,
+            optics: sensor.optics,
+            isMade: sensor.isMade,
+            text: await sensor.blob.text(),
+          }
+        : null,
       bench: taken(sessions, BENCH) ?? taken(locals, BENCH),
     };
     const name = `${(picture?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
     save(new Blob([JSON.stringify(project)], { type: "application/json" }), name);
-    say(`${name} holds what is seen${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`);
+    say(
+      `${name} holds what is seen${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
+    );
   }
 
   /** The picture that is shown, under its identity; null where there is none, or one that every page has. */
@@ -74,20 +103,34 @@ export class ProjectMenu {
     if (!feed || source === "room") return null;
     const identity = identityIn(source);
     const own = identity ? await keptPicture(identity) : undefined;
-    if (!own && feed.moves) throw new api.Refused(`${feed.name} moves and lies in no file of this browser: a project holds pictures and video files. Take a snapshot of it, or open its file.`);
+    if (!own && feed.moves)
+      throw new api.Refused(
+        `${feed.name} moves and lies in no file of this browser: a project holds pictures and video files. Take a snapshot of it, or open its file.`,
+      );
     const blob = own?.blob ?? (await fileOf(feed)).picture;
-    if (blob.size > MOST_BYTES) throw new api.Refused(`${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; a project holds up to ${MOST_BYTES >> 20} MB. Copy the link instead, and hand on the file with it.`);
-    return { blob, name: own?.name ?? feed.name, source: own ? source : sourceOf(await identityOf(blob, feed.name)) };
+    if (blob.size > MOST_BYTES)
+      throw new api.Refused(
+        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; a project holds up to ${MOST_BYTES >> 20} MB. Copy the link instead, and hand on the file with it.`,
+      );
+    return {
+      blob,
+      name: own?.name ?? feed.name,
+      source: own ? source : sourceOf(await identityOf(blob, feed.name)),
+    };
   }
 
   private async open(file: File | Blob): Promise<void> {
+    await checkReadable(file, file instanceof File ? file.name : "The project");
     const project = projectIn(await file.text());
     const { state } = fromHash(project.state);
     if (project.picture) {
       const { name, type, data } = project.picture;
       const blob = unpacked(data, type);
       await keepPicture(await identityOf(blob, name), { blob, name });
-      if (!(await keptPicture(await identityOf(blob, name)))) throw new api.Refused(`This browser keeps nothing between pages, as private windows do, so that it cannot hold ${name}.`);
+      if (!(await keptPicture(await identityOf(blob, name))))
+        throw new api.Refused(
+          `This browser keeps nothing between pages, as private windows do, so that it cannot hold ${name}.`,
+        );
     }
     if (project.sensor) {
       const { name, optics, isMade, text } = project.sensor;
@@ -106,8 +149,14 @@ export class ProjectMenu {
 /** The project of a file's text. */
 function projectIn(text: string): Project {
   const found = parsed(text) as Partial<Project> | null | undefined;
-  if (found?.kind !== KIND || typeof found.state !== "string") throw new api.Refused(`This is no project file; valid are files that Save project wrote, ending in ${ENDING}.`);
-  if (found.version !== VERSION) throw new api.Refused(`This project file is of version ${String(found.version)}; this studio reads version ${VERSION}. A newer omnimirror opens it.`);
+  if (found?.kind !== KIND || typeof found.state !== "string")
+    throw new api.Refused(
+      `This is no project file; valid are files that Save project wrote, ending in ${ENDING}.`,
+    );
+  if (found.version !== VERSION)
+    throw new api.Refused(
+      `This project file is of version ${String(found.version)}; this studio reads version ${VERSION}. A newer omnimirror opens it.`,
+    );
   return { picture: null, sensor: null, bench: null, ...found } as Project;
 }
 
@@ -115,10 +164,11 @@ async function base64(blob: Blob): Promise<string> {
   const address = await new Promise<string>((resolve, reject) => {
     const reader = new FileReader();
     reader.onload = () => resolve(reader.result as string);
-    reader.onerror = () => reject(reader.error);
+    reader.onerror = () => reject(reader.error!);
     reader.readAsDataURL(blob);
   });
   return address.slice(address.indexOf(",") + 1);
 }
 
-const unpacked = (data: string, type: string): Blob => new Blob([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], { type });
+const unpacked = (data: string, type: string): Blob =>
+  new Blob([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], { type });

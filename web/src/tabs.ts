@@ -1,3 +1,4 @@
+import { background } from "./shared/background";
 import type { begin as beginBench } from "./bench/begin";
 import type { Bench } from "./bench/bench";
 import type { Host as BenchHost } from "./bench/host";
@@ -5,12 +6,13 @@ import type { begin as beginCalibrate } from "./calibrate/begin";
 import type { Calibrate } from "./calibrate/calibrate";
 import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
+import { isForeseen } from "./shared/api";
 import { byId, heldBy } from "./shared/dom";
 import type { BenchAlone } from "./shared/messages";
-import { banner, copy, say } from "./shared/notices";
+import { banner, copy, report, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
-import { unfetched, WENT_WRONG } from "./shared/texts";
+import { unfetched } from "./shared/texts";
 
 type Fetched = "bench" | "calibrate";
 
@@ -22,11 +24,23 @@ const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> 
 const PLACES = { look: "look", design: "bench", calibrate: "calibrate" } as const;
 const SHOWN = { look: "#stage", design: "#bench .desk", calibrate: "#calibrate .desk" } as const;
 
-/** Where a script is; a page that does without a server holds that of the bench itself. */
-function scriptOf(name: Fetched): string {
+/** What both scripts offer. */
+interface Script {
+  begin: typeof beginBench & typeof beginCalibrate;
+}
+
+/** Fetch a script; null if it cannot be had. A page without a server contains that of the bench. */
+async function fetched(name: Fetched): Promise<Script | null> {
   const held = name === "bench" ? heldBy<BenchAlone>("bench-alone")?.script : null;
-  if (held) return URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
-  return import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`;
+  const own = held && URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
+  const address = own || (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
+  try {
+    return (await import(/* @vite-ignore */ address)) as Script;
+  } catch {
+    return null;
+  } finally {
+    if (own) URL.revokeObjectURL(own);
+  }
 }
 
 /** The tabs of the page; all but the first are fetched when they are wanted. */
@@ -61,13 +75,14 @@ export class Tabs {
     document.querySelector(".skip")!.setAttribute("href", `#${PLACES[tab]}`);
     for (const [name, place] of Object.entries(PLACES)) byId(place).hidden = name !== tab;
     const wanted = FETCHED[tab];
-    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place)) void this.fetch(tab, wanted.place, wanted.title);
+    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place))
+      background(this.fetch(tab, wanted.place, wanted.title));
   }
 
   private async fetch(tab: State["tab"], place: Fetched, title: string): Promise<void> {
     this.fetching.add(place);
     try {
-      const made = await (import(/* @vite-ignore */ scriptOf(place)) as Promise<{ begin: typeof beginBench & typeof beginCalibrate }>).catch(() => null);
+      const made = await fetched(place);
       if (!made) return banner(unfetched(title), place);
       banner(null, place);
       if (place === "bench") this.bench = await made.begin(this.benchHost());
@@ -75,9 +90,8 @@ export class Tabs {
       byId(`${place}-busy`).hidden = true;
     } catch (e) {
       this.clear(tab, place);
-      const isSaid = e instanceof Error && (e.name === "Refused" || e.name === "Away");
-      banner(isSaid ? e.message : WENT_WRONG, place);
-      if (!isSaid) throw e;
+      if (!isForeseen(e)) throw e;
+      report(e, place);
     } finally {
       this.fetching.delete(place);
     }
@@ -89,7 +103,10 @@ export class Tabs {
     for (const part of document.querySelectorAll(`header [data-tab="${tab}"]`)) part.remove();
   }
 
-  private hostOf(place: Fetched, tab: State["tab"]): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
+  private hostOf(
+    place: Fetched,
+    tab: State["tab"],
+  ): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
     return {
       place: byId(place),
       header: document.querySelector("header .tools")!,
@@ -107,20 +124,26 @@ export class Tabs {
       errors: () => this.store.state.errors,
       setErrors: (errors) => this.store.set({ errors }),
       beforeLeaving: (act) => (this.store.leaving = act),
-      lookThrough: (file, name) => this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
+      lookThrough: (file, name) =>
+        this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
     };
   }
 
   private calibrateHost(): CalibrateHost {
     return {
       ...this.hostOf("calibrate", "calibrate"),
-      copy: (command) => void copy(command, "Command"),
-      lookThrough: (file, name, picture, pictureName) => this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
+      copy: (command) => background(copy(command, "Command")),
+      lookThrough: (file, name, picture, pictureName) =>
+        this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
     };
   }
 
   /** Look through a camera that was made here, at something. */
-  private async lookThrough(file: Blob, name: string, open: (look: Look) => Promise<void>): Promise<void> {
+  private async lookThrough(
+    file: Blob,
+    name: string,
+    open: (look: Look) => Promise<void>,
+  ): Promise<void> {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);

@@ -14,7 +14,10 @@ const STATES: Partial<State>[] = [
   { source: "server:0/über uns.jpg", sensor: "file:abc" },
   { looks: "forward", forward: -90.5, flipped: false, pitch: 3.25, roll: -2.5 },
   { flipped: true, sensor: "ball:320" },
-  { tab: "design", design: JSON.stringify({ tables: { mirror: { kind: "sphere" } }, requirements: null }) },
+  {
+    tab: "design",
+    design: JSON.stringify({ tables: { mirror: { kind: "sphere" } }, requirements: null }),
+  },
 ];
 
 test.each(STATES)("%j comes back", (change) => {
@@ -30,7 +33,8 @@ test("what is as at first is not in the address", () => {
   expect(toHash({ ...INITIAL, design: "{}", tab: "look" })).toBe(""); // the design is of the other tab
 });
 
-test("an address is the same with and without its #", () => expect(read("#pan=5")).toEqual(read("pan=5")));
+test("an address is the same with and without its #", () =>
+  expect(read("#pan=5")).toEqual(read("pan=5")));
 
 describe("what cannot be is left out, and said", () => {
   test.each([
@@ -54,15 +58,23 @@ describe("what cannot be is left out, and said", () => {
     expect(trouble).toBe(`In the address, what cannot be was left out: ${said}.`);
   });
 
-  test("all of it at once", () => expect(fromHash("#mode=cube&hfov=0").trouble).toMatch(/hfov = 0 .*; mode = cube/));
-  test("of something endless only the beginning", () => expect(fromHash(`#mode=${"x".repeat(500)}`).trouble!.length).toBeLessThan(200));
-  test("entries that no page ever had are nobody's trouble", () => expect(fromHash("#utm=1&pan=3")).toEqual({ state: { ...INITIAL, pan: 3 }, trouble: null }));
+  test("all of it at once", () =>
+    expect(fromHash("#mode=cube&hfov=0").trouble).toMatch(/hfov = 0 .*; mode = cube/));
+  test("of something endless only the beginning", () =>
+    expect(fromHash(`#mode=${"x".repeat(500)}`).trouble!.length).toBeLessThan(200));
+  test("entries that no page ever had are nobody's trouble", () =>
+    expect(fromHash("#utm=1&pan=3")).toEqual({ state: { ...INITIAL, pan: 3 }, trouble: null }));
 });
 
 test("angles go round, other numbers end at their ends, and none is finer than a command tells it", () => {
   expect(read("#pan=540").pan).toBe(-180);
   expect(read("#pan=-190").pan).toBe(170);
-  expect(limited({ ...INITIAL, zoom: 99, tilt: -91, hfov: 1, height: 1 })).toMatchObject({ zoom: 20, tilt: -90, hfov: 2, height: 10 });
+  expect(limited({ ...INITIAL, zoom: 99, tilt: -91, hfov: 1, height: 1 })).toMatchObject({
+    zoom: 20,
+    tilt: -90,
+    hfov: 2,
+    height: 10,
+  });
   expect(limited({ ...INITIAL, pan: 1.23456789 }).pan).toBe(1.2346);
   expect(limited({ ...INITIAL, distance: Infinity }).distance).toBe(Infinity);
   expect(read("#distance=Infinity").distance).toBe(Infinity);
@@ -70,6 +82,10 @@ test("angles go round, other numbers end at their ends, and none is finer than a
 
 test("states differ where a value does", () => {
   expect(differing(INITIAL, { ...INITIAL })).toEqual(new Set());
-  expect(differing(INITIAL, { ...INITIAL, rim: [1, 2, 3], pan: 1 })).toEqual(new Set(["rim", "pan"]));
-  expect(differing({ ...INITIAL, rim: [1, 2, 3] }, { ...INITIAL, rim: [1, 2, 3] })).toEqual(new Set());
+  expect(differing(INITIAL, { ...INITIAL, rim: [1, 2, 3], pan: 1 })).toEqual(
+    new Set(["rim", "pan"]),
+  );
+  expect(differing({ ...INITIAL, rim: [1, 2, 3] }, { ...INITIAL, rim: [1, 2, 3] })).toEqual(
+    new Set(),
+  );
 });

@@ -14,14 +14,25 @@ function answering(...answers: (Response | Error)[]): void {
   });
 }
 
-const refusal = (detail: unknown, status = 422): Response => new Response(JSON.stringify({ detail }), { status });
+const refusal = (detail: unknown, status = 422): Response =>
+  new Response(JSON.stringify({ detail }), { status });
 
 afterEach(() => vi.unstubAllGlobals());
 
 test("what is null is not asked, and names may be anything", async () => {
   answering(new Response("{}"), new Response(new Float32Array([1, 2])));
-  const { tables } = await api.camera({ id: "file:a&b", camera_looks: "down", forward_azimuth_deg: null, image_flipped: true, pitch_deg: null, roll_deg: null });
-  expect(asked.map(([url]) => url)).toEqual(["api/camera?id=file%3Aa%26b&camera_looks=down&image_flipped=true", "api/camera/tables?id=file%3Aa%26b&image_flipped=true"]);
+  const { tables } = await api.camera({
+    id: "file:a&b",
+    camera_looks: "down",
+    forward_azimuth_deg: null,
+    image_flipped: true,
+    pitch_deg: null,
+    roll_deg: null,
+  });
+  expect(asked.map(([url]) => url)).toEqual([
+    "api/camera?id=file%3Aa%26b&camera_looks=down&image_flipped=true",
+    "api/camera/tables?id=file%3Aa%26b&image_flipped=true",
+  ]);
   expect([...tables]).toEqual([1, 2]);
 });
 
@@ -29,15 +40,33 @@ test("files are handed up, objects as JSON", async () => {
   answering(new Response("{}"), new Response("text"));
   const file = new Blob(["x"]);
   await api.loadSensor(file, "my sensor.toml");
-  expect(asked[0]).toEqual(["api/sensors?name=my+sensor.toml&optics=mirror", { method: "POST", body: file }]);
+  expect(asked[0]).toEqual([
+    "api/sensors?name=my+sensor.toml&optics=mirror",
+    { method: "POST", body: file },
+  ]);
   await api.requirements({ requirements: {}, tables: { name: "ü" } });
-  expect(asked.at(-1)![1]).toMatchObject({ method: "POST", body: '{"requirements":{},"tables":{"name":"ü"}}' });
+  expect(asked.at(-1)![1]).toMatchObject({
+    method: "POST",
+    body: '{"requirements":{},"tables":{"name":"ü"}}',
+  });
 });
 
 test.each<[Response, string]>([
   [refusal("there is no camera 'x'", 404), "there is no camera 'x'"],
-  [refusal([{ loc: ["query", "forward_azimuth_deg"], msg: "Input should be less than or equal to 360", input: "1e9" }]), "forward_azimuth_deg = 1e9 is not valid: it should be less than or equal to 360."],
-  [refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]), "body is not valid: Field required."],
+  [
+    refusal([
+      {
+        loc: ["query", "forward_azimuth_deg"],
+        msg: "Input should be less than or equal to 360",
+        input: "1e9",
+      },
+    ]),
+    "forward_azimuth_deg = 1e9 is not valid: it should be less than or equal to 360.",
+  ],
+  [
+    refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]),
+    "body is not valid: Field required.",
+  ],
   [new Response("<html>", { status: 502 }), "The studio's server cannot do that (it answers 502)."],
   [refusal(undefined, 500), "The studio's server cannot do that (it answers 500)."],
 ])("a refusal is told in its own sentence", async (answer, sentence) => {
@@ -56,7 +85,12 @@ test("a server that is silent is away", async () => {
 
 test("a file has the name that the server gives it", async () => {
   const asked = { tables: {}, kind: "sag", object_distance_mm: null } as const;
-  answering(new Response("r,z", { headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' } }), new Response("r,z"));
+  answering(
+    new Response("r,z", {
+      headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' },
+    }),
+    new Response("r,z"),
+  );
   expect((await api.download(asked)).name).toBe("mine-sag.csv");
   expect((await api.download(asked)).name).toBe("design");
 });
@@ -65,7 +99,11 @@ test("a file has the name that the server gives it", async () => {
 function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuffer {
   const text = new TextEncoder().encode(JSON.stringify(header));
   const padded = Math.ceil(text.length / 4) * 4;
-  const data = new Uint8Array(4 + padded + parts.reduce((sum, p) => sum + p.length, 0)).fill(32, 4, 4 + padded);
+  const data = new Uint8Array(4 + padded + parts.reduce((sum, p) => sum + p.length, 0)).fill(
+    32,
+    4,
+    4 + padded,
+  );
   new DataView(data.buffer).setUint32(0, padded, true);
   data.set(text, 4);
   let at = 4 + padded;
@@ -77,7 +115,9 @@ function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuff
 }
 
 test("a binary message is its header and where its bytes begin", () => {
-  const { header, start } = unpack<{ name: string }>(framed({ name: "Ω" }, new Uint8Array([1, 2, 3])));
+  const { header, start } = unpack<{ name: string }>(
+    framed({ name: "Ω" }, new Uint8Array([1, 2, 3])),
+  );
   expect(header).toEqual({ name: "Ω" });
   expect(start % 4).toBe(0);
 });

@@ -11,14 +11,20 @@ const NAMES = ["sphere", "ball", "decentred"] as const;
 describe.each(NAMES)("%s", (name) => {
   const { camera, far, near, back } = given(name);
 
-  test.each([["directions", far, false], ["points", near, true]] as const)("pixels of %s", (_, pairs, isPoint) => {
+  test.each([
+    ["directions", far, false],
+    ["points", near, true],
+  ] as const)("pixels of %s", (_, pairs, isPoint) => {
     let seen = 0;
     for (const [target, pixel] of pairs) {
       const found = camera.project(vector(target), isPoint);
-      expect(found.seen, `${target}`).toBe(pixel !== null);
+      expect(found.seen, String(target)).toBe(pixel !== null);
       if (!pixel) continue;
       seen++;
-      expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1]), `${target}`).toBeLessThan(NEAR_PX[name]);
+      expect(
+        Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1]),
+        String(target),
+      ).toBeLessThan(NEAR_PX[name]);
     }
     expect(seen).toBeGreaterThan(15);
   });
@@ -27,10 +33,10 @@ describe.each(NAMES)("%s", (name) => {
     let seen = 0;
     for (const [pixel, direction] of back) {
       const found = camera.backproject([pixel[0], pixel[1]]);
-      expect(found !== null, `${pixel}`).toBe(direction !== null);
+      expect(found !== null, String(pixel)).toBe(direction !== null);
       if (!found || !direction) continue;
       seen++;
-      expect(between(found, direction), `${pixel}`).toBeLessThan(NEAR_RAD[name]);
+      expect(between(found, direction), String(pixel)).toBeLessThan(NEAR_RAD[name]);
     }
     expect(seen).toBeGreaterThan(10);
   });
@@ -88,10 +94,12 @@ test("a camera that is leaned here stands as one that Python leans", () => {
   expect([pitch, roll]).toEqual([6, -4]);
   const leaned = new Camera(given("plumb").camera.model, tables).leaning({ pitch, roll });
   expect(leaned.model.mount).toEqual(leaning.model.mount);
-  for (const key of ["axis", "right", "down"] as const) leaned.model[key].forEach((x, i) => expect(x).toBeCloseTo(leaning.model[key][i], 9));
+  for (const key of ["axis", "right", "down"] as const)
+    leaned.model[key].forEach((x, i) => expect(x).toBeCloseTo(leaning.model[key][i], 9));
   for (const [target, pixel] of far) {
     const found = leaned.project(vector(target));
     expect(found.seen).toBe(pixel !== null);
-    if (pixel) expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1])).toBeLessThan(0.01);
+    if (pixel)
+      expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1])).toBeLessThan(0.01);
   }
 });

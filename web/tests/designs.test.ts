@@ -1,47 +1,86 @@
 /** Designs of the bench: in addresses, undone and redone, and what is no design. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import { fromAddress, inAddress } from "../src/bench/designs/address";
-import { History, placed, withEntry, type Design } from "../src/bench/designs/design";
+import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
 import { keep, kept } from "../src/bench/designs/kept";
 import { lacking } from "../src/bench/designs/whole";
 import type { BenchStart, Facts, ParameterOf, PartOf } from "../src/shared/messages";
 
-const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => ({ name, unit: "mm", low: 0, high: 1e3, description: "", choices: [], is_list: false, is_whole: false, is_optional: false, default: null, ...more });
+const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => ({
+  name,
+  unit: "mm",
+  low: 0,
+  high: 1e3,
+  description: "",
+  choices: [],
+  is_list: false,
+  is_whole: false,
+  is_optional: false,
+  default: null,
+  ...more,
+});
 const part = (kind: string, ...parameters: ParameterOf[]): PartOf => ({ kind, parameters });
 
 const PARTS = {
-  mirrors: [part("sphere", number("radius_mm"), number("rim_radius_mm")), part("polynomial", number("coefficients", { is_list: true }))],
+  mirrors: [
+    part("sphere", number("radius_mm"), number("rim_radius_mm")),
+    part("polynomial", number("coefficients", { is_list: true })),
+  ],
   secondaries: [part("flat", number("radius_mm"))],
-  lenses: [part("perspective", number("focal_length_mm"), number("k1", { is_optional: true, default: 0 })), part("orthographic")],
+  lenses: [
+    part("perspective", number("focal_length_mm"), number("k1", { is_optional: true, default: 0 })),
+    part("orthographic"),
+  ],
   imager: part("imager", number("width_px", { is_whole: true })),
   place: part("place", number("z_mm")),
   quantities: [{ name: "blur_px", unit: "px", meaning: "" }],
 } as unknown as BenchStart;
 
 const DESIGN: Design = {
-  tables: { name: "mine", mirror: { kind: "sphere", radius_mm: 25, rim_radius_mm: 40 }, lens: { kind: "perspective", focal_length_mm: 8 }, imager: { width_px: 1024 }, mount: { mirror_distance_mm: 150 } },
+  tables: {
+    name: "mine",
+    mirror: { kind: "sphere", radius_mm: 25, rim_radius_mm: 40 },
+    lens: { kind: "perspective", focal_length_mm: 8 },
+    imager: { width_px: 1024 },
+    mount: { mirror_distance_mm: 150 },
+  },
   follows: false,
   distance: 2000,
   requirements: { field: { omega_max_deg: 120 }, limit: [{ quantity: "blur_px", at_most: 3 }] },
 };
 
-const changed = (change: (d: any) => void): Design => {
+const changed = (change: (d: Tables) => void): Design => {
   const design = structuredClone(DESIGN);
   change(design);
   return design;
 };
 
 describe("addresses", () => {
-  test.each([DESIGN, { ...DESIGN, distance: null, requirements: null }, { ...DESIGN, follows: true }])("a design comes back", (design) => expect(fromAddress(inAddress(design), PARTS)).toEqual(design));
+  test.each([
+    DESIGN,
+    { ...DESIGN, distance: null, requirements: null },
+    { ...DESIGN, follows: true },
+  ])("a design comes back", (design) =>
+    expect(fromAddress(inAddress(design), PARTS)).toEqual(design),
+  );
 
   test("what an older page left out is as at first", () => {
     const { tables } = DESIGN;
-    expect(fromAddress(JSON.stringify({ tables, colour: "red" }), PARTS)).toEqual({ tables, follows: false, distance: null, requirements: null });
+    expect(fromAddress(JSON.stringify({ tables, colour: "red" }), PARTS)).toEqual({
+      tables,
+      follows: false,
+      distance: null,
+      requirements: null,
+    });
   });
 
-  test("one that was cut off is said to be", () => expect(fromAddress(inAddress(DESIGN).slice(0, -9), PARTS)).toBe("The design of the address cannot be read: it is cut off or changed."));
+  test("one that was cut off is said to be", () =>
+    expect(fromAddress(inAddress(DESIGN).slice(0, -9), PARTS)).toBe(
+      "The design of the address cannot be read: it is cut off or changed.",
+    ));
 
-  test("one that is too long for an address is in none", () => expect(inAddress(withEntry(DESIGN, "mirror", "coefficients", Array(4000).fill(1)))).toBe(""));
+  test("one that is too long for an address is in none", () =>
+    expect(inAddress(withEntry(DESIGN, "mirror", "coefficients", Array(4000).fill(1)))).toBe(""));
 });
 
 describe("what is no design says what it lacks", () => {
@@ -56,26 +95,47 @@ describe("what is no design says what it lacks", () => {
     [changed((d) => (d.tables.mirror.kind = "spher")), "mirror.kind is none of sphere, polynomial"],
     [changed((d) => delete d.tables.mirror.radius_mm), "it lacks mirror.radius_mm"],
     [changed((d) => (d.tables.mirror.radius_mm = "25")), 'mirror.radius_mm = "25" is no number'],
-    [changed((d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, null] })), "mirror.coefficients = [1,null] is no list of numbers"],
+    [
+      changed((d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, null] })),
+      "mirror.coefficients = [1,null] is no list of numbers",
+    ],
     [changed((d) => (d.tables.lens.k1 = {})), "lens.k1 = {} is no number"],
     [changed((d) => delete d.tables.mount), "it lacks mount.mirror_distance_mm"],
     [changed((d) => (d.tables.mount = 3)), "mount = 3 is no table"],
-    [changed((d) => (d.tables.mirror_pose = { decentre_x_mm: "far" })), "mirror_pose is no table of numbers"],
-    [changed((d) => (d.tables.secondary = { kind: "flat", radius_mm: 5 })), "it lacks secondary.z_mm"],
+    [
+      changed((d) => (d.tables.mirror_pose = { decentre_x_mm: "far" })),
+      "mirror_pose is no table of numbers",
+    ],
+    [
+      changed((d) => (d.tables.secondary = { kind: "flat", radius_mm: 5 })),
+      "it lacks secondary.z_mm",
+    ],
     [changed((d) => (d.distance = "far")), 'the distance of its objects is "far"'],
     [changed((d) => (d.tables.name = 7)), "name = 7 is no text"],
     [changed((d) => (d.requirements.field = [])), "its requirements lack [field]"],
     [changed((d) => (d.requirements.field = {})), "its requirements lack field.omega_max_deg"],
     [changed((d) => (d.requirements.limit = {})), "its requirements have limits that are no list"],
-    [changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])), 'its requirements limit "beauty", which is no quantity'],
+    [
+      changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])),
+      'its requirements limit "beauty", which is no quantity',
+    ],
   ])("%j", (found, said) => {
     expect(lacking(found, PARTS)).toBe(said);
-    expect(fromAddress(JSON.stringify(found), PARTS)).toBe(`The design of the address is not whole: ${said}.`);
+    expect(fromAddress(JSON.stringify(found), PARTS)).toBe(
+      `The design of the address is not whole: ${said}.`,
+    );
   });
 
   test("a lens that follows the mirror, or stands infinitely far, needs no distance", () => {
     expect(lacking({ ...changed((d) => delete d.tables.mount), follows: true }, PARTS)).toBeNull();
-    expect(lacking(changed((d) => (d.tables = { ...d.tables, lens: { kind: "orthographic" }, mount: undefined })), PARTS)).toBeNull();
+    expect(
+      lacking(
+        changed((d) => {
+          Object.assign(d.tables, { lens: { kind: "orthographic" }, mount: undefined });
+        }),
+        PARTS,
+      ),
+    ).toBeNull();
   });
 });
 
@@ -126,8 +186,12 @@ describe("undoing", () => {
   });
 
   test("one number of a list changes, and the design before stays as it was", () => {
-    const before = changed((d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, 2, 3] }));
-    expect(withEntry(before, "mirror", "coefficients", 9, 1).tables.mirror.coefficients).toEqual([1, 9, 3]);
+    const before = changed(
+      (d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, 2, 3] }),
+    );
+    expect(withEntry(before, "mirror", "coefficients", 9, 1).tables.mirror.coefficients).toEqual([
+      1, 9, 3,
+    ]);
     expect(before.tables.mirror.coefficients).toEqual([1, 2, 3]);
   });
 });
@@ -135,7 +199,10 @@ describe("undoing", () => {
 describe("what the browser keeps", () => {
   const shelf = (): Storage => {
     const texts = new Map<string, string>();
-    return { getItem: (key: string) => texts.get(key) ?? null, setItem: (key: string, text: string) => void texts.set(key, text) } as unknown as Storage;
+    return {
+      getItem: (key: string) => texts.get(key) ?? null,
+      setItem: (key: string, text: string) => void texts.set(key, text),
+    } as unknown as Storage;
   };
   beforeEach(() => {
     vi.stubGlobal("sessionStorage", shelf());
@@ -148,7 +215,13 @@ describe("what the browser keeps", () => {
     history.now = withEntry(DESIGN, "mirror", "radius_mm", 30);
     history.settle();
     keep(history, [{ name: "pinned", design: DESIGN }], ["Picture"]);
-    expect(kept(PARTS)).toEqual({ design: history.now, past: [DESIGN], future: [], pins: [{ name: "pinned", design: DESIGN }], switched: ["Picture"] });
+    expect(kept(PARTS)).toEqual({
+      design: history.now,
+      past: [DESIGN],
+      future: [],
+      pins: [{ name: "pinned", design: DESIGN }],
+      switched: ["Picture"],
+    });
     vi.stubGlobal("sessionStorage", shelf());
     keep(new History(DESIGN), [], []);
     vi.stubGlobal("localStorage", shelf());
@@ -156,8 +229,22 @@ describe("what the browser keeps", () => {
   });
 
   test("without what is no design", () => {
-    sessionStorage.setItem("omnimirror-bench", JSON.stringify({ design: {}, past: [DESIGN, 3], pins: [{ name: "a", design: DESIGN }, { name: 3 }, null], switched: "all" }));
-    expect(kept(PARTS)).toEqual({ design: null, past: [], future: [], pins: [{ name: "a", design: DESIGN }], switched: [] });
+    sessionStorage.setItem(
+      "omnimirror-bench",
+      JSON.stringify({
+        design: {},
+        past: [DESIGN, 3],
+        pins: [{ name: "a", design: DESIGN }, { name: 3 }, null],
+        switched: "all",
+      }),
+    );
+    expect(kept(PARTS)).toEqual({
+      design: null,
+      past: [],
+      future: [],
+      pins: [{ name: "a", design: DESIGN }],
+      switched: [],
+    });
     sessionStorage.setItem("omnimirror-bench", "{cut o");
     expect(kept(PARTS)).toBeNull();
   });

@@ -1,8 +1,22 @@
 import { expect, test } from "vitest";
 import { explained, quantityWords, symbolOf } from "../src/bench/labels";
 
-const BLUR = { name: "blur_t_deg", symbol: "Δ_t/Δh", unit: "deg", title: "Blur T", meaning: "blur in the angle of the object", equation: "Δ_t / Δh, Eq. 36" };
-const ASPECT = { name: "aspect", symbol: "Δw/Δh", unit: "", title: "Aspect", meaning: "width to height", equation: "" };
+const BLUR = {
+  name: "blur_t_deg",
+  symbol: "Δ_t/Δh",
+  unit: "deg",
+  title: "Blur T",
+  meaning: "blur in the angle of the object",
+  equation: "Δ_t / Δh, Eq. 36",
+};
+const ASPECT = {
+  name: "aspect",
+  symbol: "Δw/Δh",
+  unit: "",
+  title: "Aspect",
+  meaning: "width to height",
+  equation: "",
+};
 
 test("quantities are called by title and unit", () => {
   expect(quantityWords(BLUR)).toBe("Blur T, °");

@@ -4,7 +4,11 @@ import { raised, releaned, type Lean } from "../src/look/geometry/lean";
 import { RAD, type Vec3 } from "../src/look/geometry/vectors";
 
 const PLUMB: Lean = { pitch: 0, roll: 0 };
-const [FORWARD, LEFT, UP]: Vec3[] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+const [FORWARD, LEFT, UP]: Vec3[] = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
 
 function expectNear(found: Vec3, wanted: Vec3): void {
   wanted.forEach((x, i) => expect(found[i]).toBeCloseTo(x, 12));
@@ -52,10 +56,11 @@ test("a horizon that was dragged level in two places is level everywhere", () =>
     const seen = releaned([Math.cos(pan * RAD), -Math.sin(pan * RAD), 0], truth, lean);
     return { pan: Math.atan2(-seen[1], seen[0]) / RAD, tilt: Math.asin(seen[2]) / RAD };
   };
-  for (let i = 0; i < 8; i++) for (const pan of [0, 90]) {
-    const shown = tiltAt(pan);
-    lean = raised(lean, shown.pan, -shown.tilt);
-  }
+  for (let i = 0; i < 8; i++)
+    for (const pan of [0, 90]) {
+      const shown = tiltAt(pan);
+      lean = raised(lean, shown.pan, -shown.tilt);
+    }
   expect(lean.pitch).toBeCloseTo(truth.pitch, 4);
   expect(lean.roll).toBeCloseTo(truth.roll, 4);
   for (const pan of [30, 135, -100]) expect(tiltAt(pan).tilt).toBeCloseTo(0, 4);

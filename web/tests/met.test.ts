@@ -10,24 +10,48 @@ test("where a slider stands is looked at too", () => {
 });
 
 test("a straight line is met up to where it is 0", () => {
-  const [[from, to]] = metSpans(EVEN, EVEN.map((x) => [x - 0.4, -1e-6]));
+  const [[from, to]] = metSpans(
+    EVEN,
+    EVEN.map((x) => [x - 0.4, -1e-6]),
+  );
   expect(from).toBe(0);
   expect(to).toBeCloseTo(0.4, 12);
 });
 
 test("what is met in two parts has two", () => {
-  const spans = metSpans(EVEN, EVEN.map((x) => [0.3 - Math.abs(x - 0.5)]));
+  const spans = metSpans(
+    EVEN,
+    EVEN.map((x) => [0.3 - Math.abs(x - 0.5)]),
+  );
   expect(spans.flat().map((x) => Number(x.toFixed(12)))).toEqual([0, 0.2, 0.8, 1]);
 });
 
 test("next to a design that cannot be it is met half way, and nowhere is nowhere", () => {
-  expect(metSpans(EVEN, EVEN.map((x) => (x < 0.5 ? null : [-1])))).toEqual([[0.4375, 1]]);
-  expect(metSpans(EVEN, EVEN.map(() => [1]))).toEqual([]);
-  expect(metSpans(EVEN, EVEN.map(() => null))).toEqual([]);
+  expect(
+    metSpans(
+      EVEN,
+      EVEN.map((x) => (x < 0.5 ? null : [-1])),
+    ),
+  ).toEqual([[0.4375, 1]]);
+  expect(
+    metSpans(
+      EVEN,
+      EVEN.map(() => [1]),
+    ),
+  ).toEqual([]);
+  expect(
+    metSpans(
+      EVEN,
+      EVEN.map(() => null),
+    ),
+  ).toEqual([]);
 });
 
 test("each requirement has its own end", () => {
-  const [[from, to], ...more] = metSpans(EVEN, EVEN.map((x) => [0.3 - x, x - 0.8]));
+  const [[from, to], ...more] = metSpans(
+    EVEN,
+    EVEN.map((x) => [0.3 - x, x - 0.8]),
+  );
   expect([from, to].map((x) => Number(x.toFixed(12)))).toEqual([0.3, 0.8]);
   expect(more).toEqual([]);
 });

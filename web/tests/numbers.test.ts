@@ -20,11 +20,14 @@ test.each<[number | null | undefined, number, string]>([
   [undefined, 4, "–"],
 ])("%s in %i digits is %s", (value, digits, text) => expect(words(value, digits)).toBe(text));
 
-test("so many decimals", () => expect([fixed(-1.005, 2), fixed(2, 3), fixed(NaN, 1)]).toEqual(["−1.00", "2.000", "–"]));
+test("so many decimals", () =>
+  expect([fixed(-1.005, 2), fixed(2, 3), fixed(NaN, 1)]).toEqual(["−1.00", "2.000", "–"]));
 
-test("angles go round", () => expect([0, 180, -180, 190, 540, -730].map(wrapped)).toEqual([0, -180, -180, -170, -180, -10]));
+test("angles go round", () =>
+  expect([0, 180, -180, 190, 540, -730].map(wrapped)).toEqual([0, -180, -180, -170, -180, -10]));
 
-test("a clamp holds both ends", () => expect([-1, 5, 12].map((x) => clamp(x, 0, 10))).toEqual([0, 5, 10]));
+test("a clamp holds both ends", () =>
+  expect([-1, 5, 12].map((x) => clamp(x, 0, 10))).toEqual([0, 5, 10]));
 
 test.each([
   ["rim_radius_mm", "Rim radius"],
@@ -36,9 +39,28 @@ test.each([
   ["k1", "K1"],
 ])("%s is called %s", (name, text) => expect(label(name)).toBe(text));
 
-test("units are written as people write them", () => expect(["deg", "um", "deg2", "px/deg", "mm"].map(unitWords)).toEqual(["°", "µm", "deg²", "px/°", "mm"]));
+test("units are written as people write them", () =>
+  expect(["deg", "um", "deg2", "px/deg", "mm"].map(unitWords)).toEqual([
+    "°",
+    "µm",
+    "deg²",
+    "px/°",
+    "mm",
+  ]));
 
-const parameter = (low: number, high: number, more: Partial<ParameterOf> = {}): ParameterOf => ({ name: "x", unit: "", low, high, description: "", choices: [], is_list: false, is_whole: false, is_optional: false, default: null, ...more });
+const parameter = (low: number, high: number, more: Partial<ParameterOf> = {}): ParameterOf => ({
+  name: "x",
+  unit: "",
+  low,
+  high,
+  description: "",
+  choices: [],
+  is_list: false,
+  is_whole: false,
+  is_optional: false,
+  default: null,
+  ...more,
+});
 
 test.each([
   ["a short range is shown whole", parameter(0, 180), 40, 0, 180],
@@ -50,9 +72,12 @@ test.each([
   const scale = scaleOf(p, value);
   expect(scale.low).toBeCloseTo(low, 9);
   expect(scale.high).toBeCloseTo(high, 9);
-  for (const place of [0, 0.1, 0.5, 0.99, 1]) expect(scale.from(scale.to(place))).toBeCloseTo(place, 2);
+  for (const place of [0, 0.1, 0.5, 0.99, 1])
+    expect(scale.from(scale.to(place))).toBeCloseTo(place, 2);
   expect(scale.to(scale.from(value))).toBeCloseTo(value, 2);
   expect([scale.from(-1e9), scale.from(1e9)]).toEqual([expect.closeTo(0, 6), 1]);
 });
 
-test("whole numbers stay whole", () => expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(Number.isInteger));
+test("whole numbers stay whole", () => {
+  expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(Number.isInteger);
+});

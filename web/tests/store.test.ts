@@ -10,7 +10,13 @@ let kept: Map<string, string>;
 /** A browser, as far as the store knows one. */
 function browse(hash: string, way = "navigate"): void {
   pages = [hash];
-  const location = { pathname: "/", search: "", get hash() { return pages.at(-1)!; } };
+  const location = {
+    pathname: "/",
+    search: "",
+    get hash() {
+      return pages.at(-1)!;
+    },
+  };
   const only = (url: string): string => (url.startsWith("#") ? url : "");
   vi.stubGlobal("location", location);
   vi.stubGlobal("history", {
@@ -22,7 +28,10 @@ function browse(hash: string, way = "navigate"): void {
     if (event === "pagehide") leave = act;
     else follow = act;
   });
-  vi.stubGlobal("sessionStorage", { getItem: (key: string) => kept.get(key) ?? null, setItem: (key: string, text: string) => kept.set(key, text) });
+  vi.stubGlobal("sessionStorage", {
+    getItem: (key: string) => kept.get(key) ?? null,
+    setItem: (key: string, text: string) => kept.set(key, text),
+  });
   vi.stubGlobal("performance", { getEntriesByType: () => [{ type: way }] });
 }
 

@@ -15,7 +15,10 @@ export interface Given {
 }
 
 export function given(name: keyof typeof made): Given {
-  const { model, tables, far, near, back } = made[name] as unknown as { model: CameraShown; tables: string } & Omit<Given, "camera">;
+  const { model, tables, far, near, back } = made[name] as unknown as {
+    model: CameraShown;
+    tables: string;
+  } & Omit<Given, "camera">;
   return { camera: new Camera(model, floats(tables)), far, near, back };
 }
 

@@ -1,5 +1,12 @@
 import { expect, test } from "vitest";
-import { capital, enlargement, errorWords, held, meritName, sizeWords } from "../src/bench/tolerances/words";
+import {
+  capital,
+  enlargement,
+  errorWords,
+  held,
+  meritName,
+  sizeWords,
+} from "../src/bench/tolerances/words";
 
 test("errors are called by their part and what errs, without units", () => {
   expect(errorWords("mirror.decentre_x_mm")).toBe("Mirror decentre x");
@@ -28,6 +35,14 @@ test("what is nothing is told as that", () => {
 test("merits after calibrations, and tolerances of a grade", () => {
   expect(meritName("motion_px", "none")).toBe("motion_px");
   expect(meritName("motion_px", "pose")).toBe("motion_px after pose");
-  const error = { name: "lens.k1", unit: "", meaning: "", group: "distortion", coarse: 3, medium: 2, fine: 1 };
+  const error = {
+    name: "lens.k1",
+    unit: "",
+    meaning: "",
+    group: "distortion",
+    coarse: 3,
+    medium: 2,
+    fine: 1,
+  };
   expect(held([error], "fine").get("lens.k1")).toBe(1);
 });

@@ -1,11 +1,23 @@
 import { expect, test } from "vitest";
 import { textOf, type Trying, tryingIn } from "../src/bench/tolerances/trying";
 
-const TRYING: Trying = { grade: "fine", focus: "rms", after: "pose", quantity: "blur_px", limit: 0.25, values: { "mirror.tilt_y_deg": -0.2 }, tolerances: { "lens.k1": 0 } };
+const TRYING: Trying = {
+  grade: "fine",
+  focus: "rms",
+  after: "pose",
+  quantity: "blur_px",
+  limit: 0.25,
+  values: { "mirror.tilt_y_deg": -0.2 },
+  tolerances: { "lens.k1": 0 },
+};
 
 test("what is tried comes back from its text", () => {
   expect(tryingIn(textOf(TRYING))).toEqual(TRYING);
-  expect(tryingIn(textOf({ ...TRYING, limit: 0, values: {} }))).toEqual({ ...TRYING, limit: 0, values: {} });
+  expect(tryingIn(textOf({ ...TRYING, limit: 0, values: {} }))).toEqual({
+    ...TRYING,
+    limit: 0,
+    values: {},
+  });
 });
 
 test.each([
@@ -19,7 +31,10 @@ test.each([
   [textOf({ ...TRYING, values: { a: "1" as unknown as number } }), "a text for a number"],
   [textOf({ ...TRYING, values: [1] as unknown as Trying["values"] }), "a list for a table"],
   [textOf({ ...TRYING, tolerances: { a: -0.1 } }), "a tolerance below 0"],
-  [textOf({ ...TRYING, values: Object.fromEntries([...Array(201).keys()].map((i) => [i, 1])) }), "more errors than a sensor has"],
+  [
+    textOf({ ...TRYING, values: Object.fromEntries([...Array(201).keys()].map((i) => [i, 1])) }),
+    "more errors than a sensor has",
+  ],
 ])("%s is none: %s", (text) => {
   expect(tryingIn(text)).toBeNull();
 });

@@ -2,7 +2,14 @@
 import { expect, test } from "vitest";
 import { aimOf } from "../src/look/geometry/turning";
 
-const POSES: [words: string, alpha: number, beta: number, gamma: number, heading: number, tilt: number][] = [
+const POSES: [
+  words: string,
+  alpha: number,
+  beta: number,
+  gamma: number,
+  heading: number,
+  tilt: number,
+][] = [
   ["upright, to the north", 0, 90, 0, 0, 0],
   ["upright, turned to the left", 90, 90, 0, -90, 0],
   ["leaned back, to the sky", 0, 120, 0, 0, 30],
@@ -19,5 +26,6 @@ test.each(POSES)("%s", (_, alpha, beta, gamma, heading, tilt) => {
 });
 
 test("flat on a table it looks straight down, whatever way it lies", () => {
-  for (const alpha of [0, 77, 200]) expect(aimOf({ alpha, beta: 0, gamma: 0 }).tilt).toBeCloseTo(-90, 8);
+  for (const alpha of [0, 77, 200])
+    expect(aimOf({ alpha, beta: 0, gamma: 0 }).tilt).toBeCloseTo(-90, 8);
 });

@@ -9,27 +9,37 @@ const NEAR_RAD = 5e-6; // angles of the page's commands have four decimals
 const NEAR_MM = 0.02;
 const { camera } = given("sphere");
 
-describe.each(made.map((view) => [JSON.stringify(view.state), view] as const))("%s", (_, { state, asked, size, parts }) => {
-  const view = viewOf({ ...INITIAL, ...(state as Partial<State>) }, camera, asked[0], asked[1]);
+describe.each(made.map((view) => [JSON.stringify(view.state), view] as const))(
+  "%s",
+  (_, { state, asked, size, parts }) => {
+    const view = viewOf({ ...INITIAL, ...(state as Partial<State>) }, camera, asked[0], asked[1]);
 
-  test("is as large", () => expect([view.width, view.height]).toEqual(size));
+    test("is as large", () => expect([view.width, view.height]).toEqual(size));
 
-  test("has its parts where they belong", () => expect(view.parts.map((p) => p.isPoint)).toEqual(parts.map((p) => p.near)));
+    test("has its parts where they belong", () =>
+      expect(view.parts.map((p) => p.isPoint)).toEqual(parts.map((p) => p.near)));
 
-  test("looks at the same", () => {
-    for (const { near, looks } of parts)
-      for (const [[u, v], wanted] of looks as [number[], number[] | null][]) {
-        const target = targetIn(view, u, v);
-        expect(target !== null, `${u}, ${v}`).toBe(wanted !== null);
-        if (!target || !wanted) continue;
-        expect(between(target, wanted), `${u}, ${v}`).toBeLessThan(NEAR_RAD);
-        if (near) expect(Math.abs(Math.hypot(...target) - Math.hypot(...wanted)), `${u}, ${v}`).toBeLessThan(NEAR_MM);
-      }
-  });
-});
+    test("looks at the same", () => {
+      for (const { near, looks } of parts)
+        for (const [[u, v], wanted] of looks as [number[], number[] | null][]) {
+          const target = targetIn(view, u, v);
+          expect(target !== null, `${u}, ${v}`).toBe(wanted !== null);
+          if (!target || !wanted) continue;
+          expect(between(target, wanted), `${u}, ${v}`).toBeLessThan(NEAR_RAD);
+          if (near)
+            expect(
+              Math.abs(Math.hypot(...target) - Math.hypot(...wanted)),
+              `${u}, ${v}`,
+            ).toBeLessThan(NEAR_MM);
+        }
+    });
+  },
+);
 
 test("a panorama is as wide as it takes, a dome round, a perspective as one likes", () => {
-  const aspects = (["panorama", "dome", "planet", "ground", "perspective"] as const).map((mode) => aspectOf({ ...INITIAL, mode }, camera));
+  const aspects = (["panorama", "dome", "planet", "ground", "perspective"] as const).map((mode) =>
+    aspectOf({ ...INITIAL, mode }, camera),
+  );
   expect(aspects[0]).toBeCloseTo(360 / 135, 3); // the field is -90 to 45 degrees
   expect(aspects.slice(1)).toEqual([1, 1, 1, null]);
 });

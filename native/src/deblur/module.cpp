@@ -9,18 +9,25 @@
 namespace omnimirror {
 namespace {
 
-// Kernels of (values) offsets and weights each.
+constexpr int MAX_OFFSET = (1 << 12) - 1, MAX_SIDE = 1 << 14, MAX_STEPS = 1 << 14;
+
+// The values of each kernel: offsets (n, 2) down and right, and weights (n,).
 void add_taps(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Floats& weights) {
-    const int32_t* first = firsts.data();
-    require(first[0] == 0 && first[firsts.size() - 1] == static_cast<int32_t>(weights.size()),
-            "kernels begin at the first weight and end with the last");
+    const float* weight = checked(weights, "weights", {ANY});
+    const int values = count_of(weights.shape(0), "weights");
+    const int32_t* offset = checked(offsets, "offsets", {values, 2});
+    const int32_t* first = checked(firsts, "firsts", {ANY});
+    const size_t count = firsts.shape(0);
+    require(count > 0 && first[0] == 0 && first[count - 1] == values,
+            "firsts must begin with 0 and end with the number of weights");
+    // All of them before any is used: one that is too large would be read before the next one gives it away.
+    for (size_t i = 0; i + 1 < count; ++i) require(first[i] <= first[i + 1], "firsts must not decrease");
     k.reach = 1;
-    for (size_t kernel = 0; kernel + 1 < firsts.size(); ++kernel) {
-        require(first[kernel] <= first[kernel + 1], "kernels follow each other");
+    for (size_t kernel = 0; kernel + 1 < count; ++kernel) {
         k.first_taps.push_back(static_cast<int32_t>(k.taps.size()));
         for (int32_t i = first[kernel]; i < first[kernel + 1]; ++i) {
-            const Tap tap{offsets.data()[2 * i], offsets.data()[2 * i + 1], weights.data()[i]};
-            require(std::abs(tap.down) < (1 << 12) && std::abs(tap.right) < (1 << 12), "a kernel reaches too far");
+            const Tap tap{checked(offset[2 * i], "offsets", -MAX_OFFSET, MAX_OFFSET),
+                          checked(offset[2 * i + 1], "offsets", -MAX_OFFSET, MAX_OFFSET), weight[i]};
             for (const int32_t along : {tap.down, tap.right})
                 k.reach = std::max(k.reach, along < 0 ? (k.fineness - 1 - along) / k.fineness : along / k.fineness);
             k.taps.push_back(tap);
@@ -32,39 +39,36 @@ void add_taps(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Flo
 
 void add_pixels(BlurKernels& k, const Ints& pixels, const Ints& kernels) {
     const auto count = static_cast<int32_t>(k.first_taps.size()) - 1;
-    require(kernels.ndim() == 2 && kernels.shape(0) == static_cast<size_t>(k.height) &&
-                kernels.shape(1) == static_cast<size_t>(k.groups() * GROUP / k.block),
-            "every block of pixels has a kernel, or none");
-    k.kernels.assign(kernels.data(), kernels.data() + kernels.size());
-    for (const int32_t kernel : k.kernels) require(kernel >= -1 && kernel < count, "there is no such kernel");
+    const int blocks = k.groups() * GROUP / k.block;
+    const int32_t* kernel = checked(kernels, "kernels", {k.height, blocks});
+    k.kernels.assign(kernel, kernel + kernels.size());
+    for (const int32_t which : k.kernels) require(which >= -1 && which < count, "kernels must exist, or be -1");
     k.known.resize(static_cast<size_t>(k.width) * static_cast<size_t>(k.height));
-    for (size_t i = 0; i < pixels.size(); ++i) {
-        const int32_t pixel = pixels.data()[i];
-        require(pixel >= 0 && pixel < k.width * k.height, "pixels lie in the picture");
-        const int block = pixel / k.width * (k.groups() * GROUP / k.block) + pixel % k.width / k.block;
-        require(k.kernels[static_cast<size_t>(block)] >= 0, "every known pixel has a kernel");
+    const int32_t* known = checked(pixels, "pixels", {ANY});
+    for (size_t i = 0; i < pixels.shape(0); ++i) {
+        const int32_t pixel = checked(known[i], "pixels", 0, k.width * k.height - 1);
+        const int block = pixel / k.width * blocks + pixel % k.width / k.block;
+        require(k.kernels[static_cast<size_t>(block)] >= 0, "every known pixel must have a kernel");
         k.known[static_cast<size_t>(pixel)] = 1;
     }
 }
 
 void add_concentration(BlurKernels& k, const Floats& concentration) {
-    require(concentration.ndim() == 2 && concentration.shape(0) == static_cast<size_t>(k.height) &&
-                concentration.shape(1) == static_cast<size_t>(k.width),
-            "every pixel has a concentration");
-    k.concentration.assign(concentration.data(), concentration.data() + concentration.size());
+    const float* first = checked(concentration, "concentration", {k.height, k.width});
+    k.concentration.assign(first, first + concentration.size());
 }
 
 void add_tiles(BlurKernels& k, const Ints& tiles) {
-    require(tiles.ndim() == 3 && tiles.shape(1) == 2 && tiles.shape(2) == 4, "tiles are (n, 2, 4)");
+    const int32_t* n = checked(tiles, "tiles", {ANY, 2, 4});
+    const int count = count_of(tiles.shape(0), "tiles");
     const int reach = k.reach, groups = (reach + GROUP - 1) / GROUP * GROUP;
-    for (size_t i = 0; i < tiles.shape(0); ++i) {
-        const int32_t* n = tiles.data() + 8 * i;
+    for (int i = 0; i < count; ++i, n += 8) {
         const Box kept{n[0], n[1], n[2], n[3]}, seen{n[4], n[5], n[6], n[7]};
         for (const Box& box : {kept, seen})
             require(0 <= box.top && box.top < box.bottom && box.bottom <= k.height && 0 <= box.left &&
                         box.left < box.right && box.right <= k.width,
-                    "a tile leaves the picture");
-        require(seen.left % GROUP == 0, "what tiles explain begins with a group");
+                    "tiles must lie in the picture");
+        require(seen.left % GROUP == 0, "explained parts of tiles must begin with a group of 8 pixels");
         const Box values{std::max(seen.top - reach, 0), std::min(seen.bottom + reach, k.height),
                          std::max(seen.left - groups, 0), std::min(seen.right + groups, k.width)};
         k.tiles.push_back({kept, seen, values});
@@ -74,13 +78,10 @@ void add_tiles(BlurKernels& k, const Ints& tiles) {
 BlurKernels* make_kernels(int width, int height, int fineness, const Ints& firsts, const Ints& offsets,
                           const Floats& weights, const Ints& pixels, int block, const Ints& kernels,
                           const Ints& tiles, const Floats& concentration) {
-    require(width > 0 && height > 0 && width <= (1 << 14) && height <= (1 << 14), "valid are sides up to 16384");
-    require(fineness >= 1 && fineness <= 4, "the fineness is 1 to 4");
-    require(block == 1 || block == 2 || block == 4 || block == GROUP, "blocks have 1, 2, 4 or 8 pixels");
-    require(firsts.size() >= 1 && offsets.size() == 2 * weights.size() && weights.size() < (1u << 30),
-            "offsets are (weights, 2)");
+    require(block == 1 || block == 2 || block == 4 || block == GROUP, "block must be 1, 2, 4 or 8 pixels");
     auto k = std::make_unique<BlurKernels>();
-    k->width = width, k->height = height, k->fineness = fineness, k->block = block;
+    k->width = checked(width, "width", 1, MAX_SIDE), k->height = checked(height, "height", 1, MAX_SIDE);
+    k->fineness = checked(fineness, "fineness", 1, 4), k->block = block;
     add_taps(*k, firsts, offsets, weights);
     add_pixels(*k, pixels, kernels);
     add_tiles(*k, tiles);
@@ -89,52 +90,37 @@ BlurKernels* make_kernels(int width, int height, int fineness, const Ints& first
 }
 
 void start(Sharpening* sharp, const BlurKernels& k, const Floats& roots, const Floats& guess) {
-    for (const Floats* values : {&roots, &guess})
-        require(values->ndim() == 3 && values->shape(0) == static_cast<size_t>(k.height) &&
-                    values->shape(1) == static_cast<size_t>(k.width) &&
-                    (values->shape(2) == 1 || values->shape(2) == 3) && values->shape(2) == roots.shape(2),
-                "roots are (height, width, 1 or 3)");
+    const int64_t channels = length_of(roots, 2);
+    const float* root = checked(roots, "roots", {k.height, k.width, channels == 1 ? 1 : 3});
+    const float* first = checked(guess, "guess", {k.height, k.width, channels});
     nb::gil_scoped_release released;
-    new (sharp) Sharpening(k, static_cast<int>(roots.shape(2)), roots.data(), guess.data());
-}
-
-template <class A>
-void require_pixels(const Sharpening& s, const A& array) {
-    require(array.ndim() == 2 && array.shape(0) == static_cast<size_t>(s.blur.height) &&
-                array.shape(1) == static_cast<size_t>(s.blur.width),
-            "values are (height, width)");
-}
-
-void require_light(const Sharpening& s, const FloatsOut& light) {
-    require(light.ndim() == 3 && light.shape(0) == static_cast<size_t>(s.blur.height) &&
-                light.shape(1) == static_cast<size_t>(s.blur.width) &&
-                light.shape(2) == static_cast<size_t>(s.channels),
-            "values are (height, width, channels)");
+    new (sharp) Sharpening(k, static_cast<int>(channels), root, first);
 }
 
 void improve_sharp(Sharpening& s, const Floats& costs, const Ints& steps) {
-    require_pixels(s, costs);
-    require(steps.size() == s.blur.tiles.size(), "every tile has its steps");
+    const float* cost = checked(costs, "costs", {s.blur.height, s.blur.width});
+    const int32_t* step = checked(steps, "steps", {static_cast<int64_t>(s.blur.tiles.size())});
+    for (size_t i = 0; i < s.blur.tiles.size(); ++i) checked(step[i], "steps", INT32_MIN, MAX_STEPS);
     nb::gil_scoped_release released;
-    sharpening_kernel().improve(s, costs.data(), steps.data());
+    sharpening_kernel().improve(s, cost, step);
 }
 
 void log_steepness_of(const Sharpening& s, const FloatsOut& logarithms) {
-    require_pixels(s, logarithms);
+    float* out = checked(logarithms, "logarithms", {s.blur.height, s.blur.width});
     nb::gil_scoped_release released;
-    sharpening_kernel().log_steepness(s, logarithms.data());
+    sharpening_kernel().log_steepness(s, out);
 }
 
 void blurred_of(Sharpening& s, const FloatsOut& light) {
-    require_light(s, light);
+    float* out = checked(light, "light", {s.blur.height, s.blur.width, s.channels});
     nb::gil_scoped_release released;
-    sharpening_kernel().blurred(s, light.data());
+    sharpening_kernel().blurred(s, out);
 }
 
 void light_of(const Sharpening& s, const FloatsOut& light) {
-    require_light(s, light);
+    float* out = checked(light, "light", {s.blur.height, s.blur.width, s.channels});
     nb::gil_scoped_release released;
-    sharpening_kernel().light(s, light.data());
+    sharpening_kernel().light(s, out);
 }
 
 }  // namespace

@@ -21,8 +21,8 @@ public:
 
     // The first `count` rows at a tangent.
     void at(double tangent, int count, double* rows) const {
-        const int place = static_cast<int>(tangent / step_), last = table_.cells - 1;
-        const int cell = place < 0 ? 0 : place > last ? last : place;
+        const double place = tangent / step_, last = table_.cells - 1;
+        const int cell = static_cast<int>(place > 0 ? place < last ? place : last : 0.0);  // NaN is in the first
         const double u = tangent / step_ - cell;
         const double* a = table_.values + static_cast<std::size_t>(cell) * 2 * LENS_ROWS;
         const double *da = a + LENS_ROWS, *b = da + LENS_ROWS, *db = b + LENS_ROWS;
@@ -106,10 +106,16 @@ inline double before_side(double after, double power, double before, double way,
     return v / (1 - way * v);
 }
 
+// An object at 1/near: as the mirror sees it, by how much it moves across the ray with the mirror point, over its
+// distance, and how much farther it is from the mirror than from the point of the ray that is told.
+struct Object {
+    double near_t, near_s, across, inside;
+};
+
 // A ray outside the wall, at the point of its line nearest to its mirror point, and what objects are as the mirror sees
 // them; batch/built.py, _outside. False where the wall does not let it out.
-inline bool let_out(const Wall& wall, Pencil& ray, double near, double& near_t, double& near_s, bool& seen) {
-    near_t = near_s = near;
+inline bool let_out(const Wall& wall, Pencil& ray, double near, Object& object, bool& seen) {
+    object = {near, near, ray.rate + near * ray.spread, 0.0};
     seen = true;
     if (wall.kind == Wall::NONE) return true;
     const Pencil start = ray;
@@ -131,11 +137,12 @@ inline bool let_out(const Wall& wall, Pencil& ray, double near, double& near_t, 
         t = before_side(r->after_t, r->power_t, r->before_t, r->way, t);
         s = before_side(r->after_s, r->power_s, r->before_s, r->way, s);
     }
-    near_t = -t, near_s = -s;
+    object = {-t, -s, (1 - near * inside) * ray.rate + near * ray.spread, inside};
     const bool apart = ray.rate > 0 && ray.spread > 0;  // neighbours, where they leave the wall
     const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
     const double reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos;
     ray = {ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate};
+    object.inside = inside - reach;
     return std::isfinite(ray.omega) && apart && wall.fits && near * inside < 1;
 }
 
@@ -150,16 +157,18 @@ inline Node built_point(double x, double z, double slope, double curvature, doub
     const double cos_gamma = (1 - t * slope) * cosine / root;
     const double dtheta = telecentric ? 0.0 : (1 - t * slope) / (aim.w * (1 + t * t - aim.drift * t / aim.w));
     Pencil ray{x, z, 2 * std::atan(slope) + std::atan(t), cos_gamma * root, 2 * curvature / steep + dtheta};
-    double near_t, near_s;
+    Object object;
     Node node;
-    const bool passes = let_out(wall, ray, near, near_t, near_s, node.seen);
-    const double q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near_t);
-    const double q_s = 1 / (2 * cos_gamma * slope_over_x / root + near_s);
+    const bool passes = let_out(wall, ray, near, object, node.seen);
+    const double q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + object.near_t);
+    const double q_s = 1 / (2 * cos_gamma * slope_over_x / root + object.near_s);
     const double dray = telecentric ? 1.0 : dtheta * (1 + t * t), sine = std::sin(ray.omega);
     node.omega = ray.omega;
     node.ray = telecentric ? x : t;
-    node.magnification_t = dray / ray.rate;
-    node.magnification_s = x == 0 ? node.magnification_t : node.ray / sine;
+    // the object's distance from the axis over its distance p: sin(Omega), and x/p of where the ray begins
+    const double around = sine + near * (ray.x - sine * object.inside);
+    node.magnification_t = dray / object.across;
+    node.magnification_s = x == 0 ? node.magnification_t : node.ray / around;
     node.vergence_t = telecentric ? -(z + q_t) : 1 / (aim.w + q_t * cosine);
     node.vergence_s = telecentric ? -(z + q_s) : 1 / (aim.w + q_s * cosine);
     node.viewpoint = ray.z + (x == 0 ? ray.spread / ray.rate : ray.x * std::cos(ray.omega) / sine);

@@ -14,13 +14,17 @@ using Search = std::tuple<int, double, double, int, double, int>;  // as in Focu
 using LensNumbers = std::tuple<double, double, double, double, double, double, double>;  // as in LensTable
 using WallNumbers = std::tuple<int, double, double>;  // which kind, index of the wall and of what is outside
 
+// Lengths whose products kernels compute with int, padded to whole lanes.
+constexpr int64_t MAX_ANGLES = int64_t{1} << 24, MAX_BASIS = int64_t{1} << 28;
+
 LensTable lens_table(const Doubles& values, const LensNumbers& numbers) {
     const auto [end, f, f_number, e, pupil, least, most] = numbers;
     if (values.size() == 0) return {};
-    require(values.ndim() == 3 && values.shape(0) > 1 && values.shape(1) == 2 && values.shape(2) == LENS_ROWS,
-            "a lens table is (cells + 1, 2, 27)");
-    require(end > 0 && least < most, "a lens has a field, and a range of focus");
-    return {values.data(), count_of(values.shape(0)) - 1, end, f, f_number, e, pupil, least, most};
+    const double* rows = checked(values, "lens", {ANY, 2, LENS_ROWS});
+    const int cells = count_of(values.shape(0), "rows of lens", 1 << 24) - 1;
+    require(cells > 0, "lens must have at least two rows");
+    require(end > 0 && least < most, "lens must have a field angle above 0 and a range of focus");
+    return {rows, cells, end, f, f_number, e, pupil, least, most};
 }
 
 void design_batch(const Doubles& coefficients, const Doubles& numbers, const Doubles& basis, const Doubles& fractions,
@@ -28,37 +32,36 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                   const Doubles& inverse_distance, double least_omega, const Search& search, const Doubles& lens,
                   const LensNumbers& lens_numbers, const Doubles& walls, const WallNumbers& wall,
                   const DoublesOut& columns, const DoublesOut& results) {
-    require(coefficients.ndim() == 2 && fractions.ndim() == 1, "coefficients are (designs, terms), fractions (angles)");
-    const size_t designs = coefficients.shape(0), terms = coefficients.shape(1), angles = fractions.shape(0);
-    require(angles > 0, "there must be an angle");
-    require(numbers.ndim() == 2 && numbers.shape(0) == designs && numbers.shape(1) == DESIGN_NUMBERS,
-            "numbers are (designs, 7)");
-    require(inverse_distance.ndim() == 1 && inverse_distance.shape(0) == angles, "inverse distances are (angles)");
-    require(basis.ndim() == 3 && basis.shape(0) == 3 && basis.shape(1) == terms && basis.shape(2) == angles,
-            "the basis is (3, terms, angles)");
-    require(columns.ndim() == 3 && columns.shape(0) == DESIGN_COLUMNS && columns.shape(1) == designs &&
-                columns.shape(2) == angles,
-            "columns are (10, designs, angles)");
-    require(results.ndim() == 2 && results.shape(0) == 3 && results.shape(1) == designs, "results are (3, designs)");
+    const double* first_coefficient = checked(coefficients, "coefficients", {ANY, ANY});
+    const double* first_fraction = checked(fractions, "fractions", {ANY});
+    const int64_t designs = length_of(coefficients, 0), terms = length_of(coefficients, 1), angles = length_of(fractions, 0);
+    require(angles > 0, "fractions must not be empty");
+    count_of(fractions.shape(0), "angles", MAX_ANGLES);
+    count_of(coefficients.shape(1), "terms", MAX_BASIS);
+    count_of(static_cast<size_t>(terms * (angles + 8)), "terms times angles", MAX_BASIS);
+    const double* first_basis = checked(basis, "basis", {3, terms, angles});
+    const double* inverse = checked(inverse_distance, "inverse_distance", {angles});
+    const double* first_number = checked(numbers, "numbers", {designs, DESIGN_NUMBERS});
+    double* first_column = checked(columns, "columns", {DESIGN_COLUMNS, designs, angles});
+    double* first_result = checked(results, "results", {3, designs});
     const auto [scan, margin, close, most_steps, edge, halving] = search;
-    require(scan >= 3 && scan <= MOST_SCAN && most_steps >= 0 && halving >= 1,
-            "the search scans 3 to 64 places, and halves at times");
+    checked(scan, "scan", 3, MOST_SCAN);
+    checked(halving, "halving", 1, 1 << 30);
+    iterations_of(most_steps, "steps");
     const auto [kind, wall_index, medium_index] = wall;
-    require(kind >= Wall::NONE && kind <= Wall::SPHERE, "a wall is none, a plane, a cylinder or a sphere");
-    require(kind == Wall::NONE ||
-                (walls.ndim() == 2 && walls.shape(0) == designs && walls.shape(1) == WALL_NUMBERS),
-            "walls are (designs, 7)");
-    const size_t part = terms * angles;
-    const DesignJob job{coefficients.data(),
-                        numbers.data(),
-                        basis.data(),
-                        basis.data() + part,
-                        basis.data() + 2 * part,
-                        fractions.data(),
-                        inverse_distance.data(),
-                        count_of(designs),
-                        count_of(terms),
-                        count_of(angles),
+    checked<int>(kind, "kind of wall", Wall::NONE, Wall::SPHERE);
+    const double* first_wall = kind == Wall::NONE ? nullptr : checked(walls, "walls", {designs, WALL_NUMBERS});
+    const int64_t part = terms * angles;
+    const DesignJob job{first_coefficient,
+                        first_number,
+                        first_basis,
+                        first_basis + part,
+                        first_basis + 2 * part,
+                        first_fraction,
+                        inverse,
+                        count_of(coefficients.shape(0), "designs"),
+                        static_cast<int>(terms),
+                        static_cast<int>(angles),
                         has_conic,
                         paper,
                         pitch,
@@ -67,14 +70,14 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                         least_omega,
                         {scan, margin, close, most_steps, edge, halving},
                         lens_table(lens, lens_numbers),
-                        walls.data(),
+                        first_wall,
                         static_cast<Wall::Kind>(kind),
                         wall_index,
                         medium_index,
-                        columns.data(),
-                        results.data(),
-                        results.data() + designs,
-                        results.data() + 2 * designs};
+                        first_column,
+                        first_result,
+                        first_result + designs,
+                        first_result + 2 * designs};
     nb::gil_scoped_release released;
     evaluate_designs(job);
 }

@@ -52,7 +52,8 @@ inline double arctangent(double x) {
 }
 
 // With w = m + z, rho^2 = w^2 + x^2, g = w - x z', e = 1 + z'^2, s = 2 w z'/x + 1 - z'^2, p = 1/distance of the object:
-//   M_t = g e rho^2 / (w^2 d), d = 2 z'' rho^2 + g e = e rho^2 dOmega/dx (Eq. 8), M_s = rho e / (w s) (Eqs. 9, 10),
+//   M_t = g e rho^2 / (w^2 d), d = 2 z'' rho^2 + g e = e rho^2 dOmega/dx (Eq. 8), M_s = rho e / (w s) (Eqs. 9, 10), of an
+//   object at 1/p with d + p g e rho and s + p e rho in the place of d and s,
 //   v_t = rho a / (w (rho a + g e)), a = 2 z'' rho + p g e, v_s = b / (w (b + e)), b = 2 g z'/x + p e rho (Eqs. 34, 35).
 struct Perspective {
     static constexpr bool IS_TELECENTRIC = false;
@@ -75,11 +76,12 @@ inline Point point_of(const Perspective& lens, double x, double z, double slope,
     const double front = w - x * slope, ge = front * steep, back = 1 - slope * slope;
     const double sine = 2 * w * over_x + back, turn = 2 * curvature * to_lens + ge;
     const double a = rho * (2 * curvature * rho + near * ge), far = steep * rho, b = 2 * front * over_x + near * far;
-    const double inverse = 1 / (w * sine), seen_t = ge * to_lens, seen_s = far * inverse;
+    const double inverse = 1 / (w * sine), seen_t = ge * to_lens, seen_s = far / (w * (sine + near * far));
+    const double turn_near = turn + near * ge * rho;
     return {x / w,
-            seen_t / (w * w * turn),
+            seen_t / (w * w * turn_near),
             seen_s,
-            w * w * turn / (seen_t * seen_s),
+            w * w * turn_near / (seen_t * seen_s),
             a / (w * (a + ge)),
             b / (w * (b + steep)),
             z + (w * back - 2 * slope * x) * (w * inverse),
@@ -88,12 +90,13 @@ inline Point point_of(const Perspective& lens, double x, double z, double slope,
 
 inline Point point_of(const Telecentric&, double x, double z, double slope, double curvature, double over_x, double near) {
     const double steep = 1 + slope * slope, double_t = 2 * curvature, double_s = 2 * over_x, inverse = 1 / double_s;
+    const double near_t = double_t + near * steep, near_s = double_s + near * steep;
     return {x,
-            steep / double_t,
-            steep * inverse,
-            double_t * double_s / (steep * steep),
-            -(z + steep / (double_t + near * steep)),
-            -(z + steep / (double_s + near * steep)),
+            steep / near_t,
+            steep / near_s,
+            near_t * near_s / (steep * steep),
+            -(z + steep / near_t),
+            -(z + steep / near_s),
             z + (1 - slope * slope) * inverse,
             double_t > 0 && over_x > 0};
 }

@@ -79,6 +79,14 @@ inline Shifts shifts_of(const Samples& samples, int column, int row) {
     return shifts;
 }
 
+// The whole part of a number from 0 to `last`, and 0 of all others: it is an index. The integer is compared, and kept from
+// conclusions that compilers draw from -ffast-math: NaN becomes the least integer, or 0.
+inline int index_of(float x, int last) {
+    int whole = static_cast<int>(x);
+    asm("" : "+r"(whole));
+    return static_cast<unsigned>(whole) <= static_cast<unsigned>(last) ? whole : 0;
+}
+
 inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
 
 // -- the steps of a ray ----------------------------------------------------------------------------
@@ -218,7 +226,7 @@ inline const MeridianNode* node_before(const Optics& o, float r, float& t) {
     const float place = r / o.step, last = static_cast<float>(o.cells) - 1;
     const float cell = place < last ? floor_of(place) : last;
     t = place - cell;
-    return o.nodes + static_cast<int>(cell);
+    return o.nodes + index_of(cell, o.cells - 1);
 }
 
 inline Between slope_at(const Optics& o, float r) {

@@ -21,9 +21,13 @@ struct OwnedOptics {
     std::vector<MeridianNode> nodes;
 };
 
+// The kernels are compiled with -ffast-math, which assumes finite numbers. Millimetres, pixels and tangents lie far
+// below this, whose squares and products are finite.
+constexpr float LARGEST = 1e12f;
+
 template <size_t N>
-void copy(const Numbers<N>& from, float (&to)[N]) {
-    std::copy(from.begin(), from.end(), to);
+void copy(const Numbers<N>& from, float (&to)[N], const char* name) {
+    for (size_t i = 0; i < N; ++i) to[i] = checked(from[i], name, -LARGEST, LARGEST);
 }
 
 OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, Numbers<5> distortion, float fold,
@@ -33,20 +37,27 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
                          Numbers<2> rod_z, Numbers<2> rod_radius,
                          Numbers<3> housing_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift,
                          bool distant) {
-    require(nodes.ndim() == 2 && nodes.shape(1) == 3 && nodes.shape(0) != 1 && nodes.shape(0) < (1u << 24),
-            "nodes are (n, 3), none or at least two");
-    require(rim > 0, "the rim's radius is above 0");
+    const float* node = checked(nodes, "nodes", {ANY, 3});
+    const int count = count_of(nodes.shape(0), "nodes", 1 << 24);
+    require(count != 1, "nodes must be none, or at least two");
+    require(rim > 0, "rim must be above 0");
     auto owned = std::make_unique<OwnedOptics>();
     Optics& o = owned->optics;
-    o.telecentric = telecentric, o.focus = focus, o.fold = fold, o.stop = stop, o.aligned = aligned;
-    o.curvature = curvature, o.conic = conic, o.rim = rim, o.natural_vignetting = natural_vignetting;
-    o.body_z = body_z, o.body_radius = body_radius, o.lens_radius = lens_radius, o.sees_past = sees_past;
-    o.edge_z = edge_z, o.edge_radius = edge_radius, o.distant = distant;
-    copy(centre, o.centre), copy(scale, o.scale), copy(distortion, o.distortion), copy(vertex, o.vertex);
-    copy(axes, o.axes), copy(reflectance, o.reflectance), copy(rod_z, o.rod_z), copy(rod_radius, o.rod_radius);
-    copy(housing_light, o.housing_light), copy(rotation, o.rotation), copy(shift, o.shift);
-    for (size_t i = 0; i < nodes.shape(0); ++i)
-        owned->nodes.push_back({nodes.data()[3 * i], nodes.data()[3 * i + 1], nodes.data()[3 * i + 2]});
+    o.telecentric = telecentric, o.aligned = aligned, o.sees_past = sees_past, o.distant = distant;
+    const auto set = [](float& to, float value, const char* name) { to = checked(value, name, -LARGEST, LARGEST); };
+    set(o.fold, fold, "fold"), set(o.focus, focus, "focus"), set(o.stop, stop, "stop");
+    set(o.curvature, curvature, "curvature"), set(o.conic, conic, "conic"), set(o.rim, rim, "rim");
+    set(o.natural_vignetting, natural_vignetting, "natural_vignetting");
+    set(o.body_z, body_z, "body_z"), set(o.body_radius, body_radius, "body_radius");
+    set(o.lens_radius, lens_radius, "lens_radius");
+    set(o.edge_z, edge_z, "edge_z"), set(o.edge_radius, edge_radius, "edge_radius");
+    copy(centre, o.centre, "centre"), copy(scale, o.scale, "scale"), copy(distortion, o.distortion, "distortion");
+    copy(vertex, o.vertex, "vertex"), copy(axes, o.axes, "axes"), copy(reflectance, o.reflectance, "reflectance");
+    copy(rod_z, o.rod_z, "rod_z"), copy(rod_radius, o.rod_radius, "rod_radius");
+    copy(housing_light, o.housing_light, "housing_light");
+    copy(rotation, o.rotation, "rotation"), copy(shift, o.shift, "shift");
+    for (int i = 0; i < 3 * count; ++i) checked(node[i], "nodes", -LARGEST, LARGEST);
+    for (int i = 0; i < count; ++i) owned->nodes.push_back({node[3 * i], node[3 * i + 1], node[3 * i + 2]});
     if (!owned->nodes.empty()) {
         o.nodes = owned->nodes.data(), o.cells = static_cast<int>(owned->nodes.size()) - 1;
         o.step = rim / static_cast<float>(o.cells);
@@ -60,66 +71,66 @@ struct OwnedEnvironment {
 };
 
 OwnedEnvironment* make_environment(const Floats& light) {
-    require(light.ndim() == 3 && light.shape(2) == 3 && light.shape(0) > 0 && light.shape(1) > 0,
-            "an environment is (height, width, 3)");
-    require(light.shape(0) <= (1u << 16) && light.shape(1) <= (1u << 16), "valid are sides up to 65536");
+    const float* pixels = checked(light, "light", {ANY, ANY, 3});
     const size_t height = light.shape(0), width = light.shape(1);
+    for (const size_t side : {height, width}) checked<double>(static_cast<double>(side), "sides of light", 1, 1 << 16);
     auto owned = std::make_unique<OwnedEnvironment>();
     owned->texels.resize(4 * height * (width + 2));
     float* out = owned->texels.data();
     for (size_t row = 0; row < height; ++row)
         for (size_t column = 0; column < width + 2; ++column, out += 4)
-            std::copy_n(light.data() + 3 * (row * width + column % width), 3, out);
+            std::copy_n(pixels + 3 * (row * width + column % width), 3, out);
     owned->environment = {owned->texels.data(), static_cast<int>(width), static_cast<int>(height)};
     return owned.release();
 }
 
-Exposure exposure_of(const OwnedOptics& owned, const Floats& points, bool shifted, uint32_t seed, int left,
-                     int64_t width, int top, int64_t count) {
-    require(points.ndim() == 2 && points.shape(1) == 4 && points.shape(0) >= 1 && points.shape(0) <= (1u << 20),
-            "sample points are (n, 4)");
-    require(width >= 0 && width <= (1 << 20) && count >= 0 && count <= (1 << 20), "a side is too long");
-    require(std::abs(left) <= (1 << 20) && std::abs(top) <= (1 << 20), "the place is too far away");
-    return {owned.optics, {points.data(), static_cast<int>(points.shape(0)), shifted, seed}, left,
-            static_cast<int>(width)};
+constexpr int FARTHEST = 1 << 20;  // rows, columns and samples
+
+Exposure exposure_of(const OwnedOptics& owned, const Floats& points, bool shifted, uint32_t seed, int left, int top,
+                     int64_t rows, int64_t columns) {
+    const float* first = checked(points, "points", {ANY, 4});
+    const int samples = count_of(points.shape(0), "points", FARTHEST);
+    require(samples > 0, "points must not be empty");
+    for (const int64_t side : {rows, columns}) checked<int64_t>(side, "sides of the image", 0, FARTHEST);
+    for (const int place : {left, top}) checked(place, "left and top", -FARTHEST, FARTHEST);
+    return {owned.optics, {first, samples, shifted, seed}, left, static_cast<int>(columns)};
 }
 
 void expose_environment(const OwnedOptics& optics, const OwnedEnvironment& world, const Floats& points, bool shifted,
                         uint32_t seed, int left, int top, const FloatsOut& light) {
-    require(light.ndim() == 3 && light.shape(2) == 3, "light is (rows, columns, 3)");
-    const int64_t rows = static_cast<int64_t>(light.shape(0)), columns = static_cast<int64_t>(light.shape(1));
-    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, columns, top, rows);
+    float* out = checked(light, "light", {ANY, ANY, 3});
+    const int64_t rows = length_of(light, 0), columns = length_of(light, 1);
+    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, top, rows, columns);
     nb::gil_scoped_release released;
-    expose(exposure, world.environment, top, static_cast<int>(rows), light.data());
+    expose(exposure, world.environment, top, static_cast<int>(rows), out);
 }
 
 void expose_rays(const OwnedOptics& optics, const Floats& points, bool shifted, uint32_t seed, int left, int top,
                  const FloatsOut& origins, const FloatsOut& directions, const FloatsOut& weights,
                  const BytesOut& fates) {
-    require(fates.ndim() == 3 && fates.shape(2) == points.shape(0), "fates are (rows, columns, samples)");
-    require(origins.size() == 3 * fates.size() && directions.size() == 3 * fates.size() &&
-                weights.size() == fates.size(),
-            "the arrays differ in size");
-    const int64_t rows = static_cast<int64_t>(fates.shape(0)), columns = static_cast<int64_t>(fates.shape(1));
-    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, columns, top, rows);
+    const int64_t samples = length_of(points, 0), rows = length_of(fates, 0), columns = length_of(fates, 1);
+    const RayOut out{checked(origins, "origins", {rows, columns, samples, 3}),
+                     checked(directions, "directions", {rows, columns, samples, 3}),
+                     checked(weights, "weights", {rows, columns, samples}),
+                     checked(fates, "fates", {ANY, ANY, samples})};
+    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, top, rows, columns);
     nb::gil_scoped_release released;
-    expose(exposure, top, static_cast<int>(rows), {origins.data(), directions.data(), weights.data(), fates.data()});
+    expose(exposure, top, static_cast<int>(rows), out);
 }
 
 int64_t expose_surfaces(const OwnedOptics& optics, const Surfaces& surfaces, const Floats& points, bool shifted,
                         uint32_t seed, int left, int top, const FloatsOut& light, const IntsOut& open_pixels,
                         const FloatsOut& open_rays) {
-    require(light.ndim() == 3 && light.shape(2) == 3, "light is (rows, columns, 3)");
-    const int64_t rows = static_cast<int64_t>(light.shape(0)), columns = static_cast<int64_t>(light.shape(1));
-    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, columns, top, rows);
-    require(rows * columns <= (1 << 28), "the part of the picture is too large");
-    const bool wanted = open_pixels.size() > 0;
-    require(!wanted || static_cast<int64_t>(open_pixels.size()) >= rows * columns * exposure.samples.count,
-            "there is no room for all rays that may be open");
-    require(open_rays.size() == 7 * open_pixels.size(), "the arrays differ in size");
+    float* out = checked(light, "light", {ANY, ANY, 3});
+    const int64_t rows = length_of(light, 0), columns = length_of(light, 1);
+    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, top, rows, columns);
+    checked<int64_t>(rows * columns, "pixels of light", 0, 1 << 28);
+    const int64_t room = length_of(open_pixels, 0);
+    const OpenRays open{checked(open_pixels, "open_pixels", {ANY}), checked(open_rays, "open_rays", {room, 7}), room > 0};
+    require(!open.wanted || room >= rows * columns * exposure.samples.count,
+            "open_pixels must have room for all rays, or none");
     nb::gil_scoped_release released;
-    return expose(exposure, surfaces.tree(), top, static_cast<int>(rows), light.data(),
-                  {open_pixels.data(), open_rays.data(), wanted});
+    return expose(exposure, surfaces.tree(), top, static_cast<int>(rows), out, open);
 }
 
 }  // namespace

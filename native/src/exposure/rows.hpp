@@ -25,7 +25,7 @@ struct Sum {
 };
 
 void add_light(const Environment& world, float u, float v, float weight, Sum& sum) {
-    const int column = static_cast<int>(u), above = static_cast<int>(v);
+    const int column = index_of(u, world.width), above = index_of(v, world.height - 1);
     const int below = above + 1 < world.height ? above + 1 : above;
     const int64_t pitch = 4 * (int64_t{world.width} + 2);
     const float *a = world.texels + above * pitch + 4 * column, *b = world.texels + below * pitch + 4 * column;

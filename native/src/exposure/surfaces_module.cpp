@@ -12,37 +12,37 @@
 namespace omnimirror {
 namespace {
 
-std::vector<Texture> textures_of(const Ints& sizes, size_t texels) {
-    require(sizes.ndim() == 2 && sizes.shape(1) == 3, "sizes are (textures, 3): width, height, repeats");
+constexpr int MAX_SIDE = (1 << 24) - 1;  // of textures: places between texels are float
+constexpr int64_t MAX_TEXELS = int64_t{1} << 40;
+
+std::vector<Texture> textures_of(const Ints& sizes, int64_t texels) {
+    const int32_t* s = checked(sizes, "sizes", {ANY, 3});  // width, height, whether it repeats
     std::vector<Texture> textures;
     int64_t first = 0;
-    for (size_t i = 0; i < sizes.shape(0); ++i) {
-        const int32_t* s = sizes.data() + 3 * i;
-        require(s[0] > 0 && s[1] > 0 && s[0] < (1 << 24) && s[1] < (1 << 24), "a texture is empty or too large");
-        textures.push_back({first, s[0], s[1], s[2]});
-        first += int64_t{s[0]} * s[1];
+    for (size_t i = 0; i < sizes.shape(0); ++i, s += 3) {
+        const int width = checked(s[0], "sizes", 1, MAX_SIDE), height = checked(s[1], "sizes", 1, MAX_SIDE);
+        textures.push_back({first, width, height, s[2]});
+        first = checked<int64_t>(first + int64_t{width} * height, "number of texels", 0, MAX_TEXELS);
     }
-    require(4 * first == static_cast<int64_t>(texels), "the texels do not fit the textures' sizes");
+    require(first == texels, "texels must be as many as the sizes say");
     return textures;
 }
 
 Surfaces* make_surfaces(const Floats& records, const Ints& sizes, const Floats& texels) {
-    require(records.ndim() == 2 && records.shape(1) == SURFACE_FLOATS, "records are (n, 16), as surfaces.hpp has them");
-    const size_t count = records.shape(0);
-    require(count < (1u << 27), "there are too many surfaces");
+    const float* record = checked(records, "records", {ANY, SURFACE_FLOATS});  // as in surfaces.hpp
+    const size_t count = static_cast<size_t>(count_of(records.shape(0), "surfaces", 1 << 27));
     std::vector<Surface> surfaces(count);
-    if (count) std::memcpy(surfaces.data(), records.data(), count * sizeof(Surface));
-    std::vector<Texture> textures = textures_of(sizes, texels.size());
-    const auto are_numbers = [](const float* x, int many) {
-        return std::all_of(x, x + many, [](float value) { return std::fabs(value) < 1e15f; });
+    if (count) std::memcpy(static_cast<void*>(surfaces.data()), record, count * sizeof(Surface));
+    const float* texel = checked(texels, "texels", {ANY, 4});
+    std::vector<Texture> textures = textures_of(sizes, length_of(texels, 0));
+    const auto check = [](const float* x, int many) {
+        for (int i = 0; i < many; ++i) checked(x[i], "places of surfaces", -1e15f, 1e15f);
     };
     for (const Surface& s : surfaces) {
-        require(are_numbers(s.corner, 3) && are_numbers(&s.side[0][0], 6) && are_numbers(s.texel, 2) &&
-                    are_numbers(&s.texel_side[0][0], 4),
-                "a place is no number, or too far away");
-        require(s.texture() < static_cast<int32_t>(textures.size()), "there is no such texture");
+        check(s.corner, 3), check(&s.side[0][0], 6), check(s.texel, 2), check(&s.texel_side[0][0], 4);
+        require(s.texture() < static_cast<int32_t>(textures.size()), "textures of surfaces must exist");
     }
-    std::shared_ptr<const float> shared(texels.data(), [kept = texels](const float*) {});
+    std::shared_ptr<const float> shared(texel, [kept = texels](const float*) {});
     return new Surfaces(std::move(surfaces), std::move(textures), std::move(shared));
 }
 
@@ -56,39 +56,43 @@ auto records_of(nb::handle self) {
 
 void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& directions, const FloatsOut& light,
               const FloatsOut& distances) {
-    const int64_t count = static_cast<int64_t>(distances.size());
-    require(static_cast<int64_t>(origins.size()) == 3 * count && static_cast<int64_t>(directions.size()) == 3 * count &&
-                static_cast<int64_t>(light.size()) == 4 * count,
-            "the arrays differ in size");
+    const int64_t count = length_of(distances, 0);
+    const float* origin = checked(origins, "origins", {count, 3});
+    const float* direction = checked(directions, "directions", {count, 3});
+    float* out = checked(light, "light", {count, 4});
+    float* distance = checked(distances, "distances", {ANY});
     nb::gil_scoped_release released;
-    surfaces.radiance(origins.data(), directions.data(), count, light.data(), distances.data());
+    surfaces.radiance(origin, direction, count, out, distance);
 }
 
 Boxes boxes_of(const Doubles& corners) {
-    require(corners.ndim() == 3 && corners.shape(0) == 2 && corners.shape(2) == 3, "corners are (2, boxes, 3)");
-    const size_t count = corners.shape(1);
-    return {corners.data(), corners.data() + 3 * count, count_of(count)};
+    const double* lows = checked(corners, "corners", {2, ANY, 3});
+    const int count = count_of(corners.shape(1), "boxes", 1 << 28);  // faces are numbers up to 6 for each
+    return {lows, lows + int64_t{3} * count, count};
 }
 
-BoxRays rays_of(const Doubles& origins, const Doubles& directions, size_t count) {
-    require(origins.size() == 3 * count && directions.size() == 3 * count, "the arrays differ in size");
-    return {origins.data(), directions.data(), static_cast<int64_t>(count)};
+BoxRays rays_of(const Doubles& origins, const Doubles& directions, int64_t count) {
+    return {checked(origins, "origins", {count, 3}), checked(directions, "directions", {count, 3}), count};
 }
 
 void meet(const Doubles& corners, const Doubles& origins, const Doubles& directions, const DoublesOut& distances,
           const IntsOut& faces) {
     const Boxes boxes = boxes_of(corners);
-    require(boxes.count > 0 && faces.size() == distances.size(), "there is no box, or the arrays differ in size");
-    const BoxRays rays = rays_of(origins, directions, distances.size());
+    require(boxes.count > 0, "corners must not be empty");
+    double* distance = checked(distances, "distances", {ANY});
+    const int64_t count = length_of(distances, 0);
+    int32_t* face = checked(faces, "faces", {count});
+    const BoxRays rays = rays_of(origins, directions, count);
     nb::gil_scoped_release released;
-    meet_boxes(boxes, rays, distances.data(), faces.data());
+    meet_boxes(boxes, rays, distance, face);
 }
 
 void lead_through(const Doubles& corners, const Doubles& origins, const Doubles& segments, const BytesOut& through) {
     const Boxes boxes = boxes_of(corners);
-    const BoxRays ways = rays_of(origins, segments, through.size());
+    uint8_t* out = checked(through, "through", {ANY});
+    const BoxRays ways = rays_of(origins, segments, length_of(through, 0));
     nb::gil_scoped_release released;
-    lead_through_boxes(boxes, ways, through.data());
+    lead_through_boxes(boxes, ways, out);
 }
 
 }  // namespace

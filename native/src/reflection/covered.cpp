@@ -26,7 +26,8 @@ struct Facet {
 // The mirror over (x, y) of its own frame; beyond the table it goes on as a parabola.
 Facet facet(const CoveredJob& job, double x, double y) {
     const Dual mx{x, 1, 0}, my{y, 0, 1}, r = root(mx * mx + my * my + ON_AXIS);
-    const double position = std::min(r.v / job.cell, static_cast<double>(job.meridian.pieces));
+    const double pieces = job.meridian.pieces, place = r.v / job.cell;
+    const double position = place < pieces ? place : pieces;  // NaN is at the end, in the last piece
     const int piece = std::min(static_cast<int>(position), job.meridian.pieces - 1);
     const double* c = job.meridian.coefficients + 8 * piece;
     const double t = position - piece, beyond = r.v - position * job.cell;

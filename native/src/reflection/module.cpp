@@ -21,107 +21,115 @@ using WallSaid = std::tuple<int, Pair, Pair, double, double>;        // kind, pl
 using MirrorSaid = std::tuple<Doubles, double, double, Doubles, Doubles>;  // meridian, cell, rim, turn, shift
 using EndsSaid = std::tuple<Doubles, bool>;                                // points, or ways to distant ones
 
-CubicPieces pieces_of(const Doubles& table, size_t columns) {
-    require(table.ndim() == 2 && table.shape(0) > 0 && table.shape(1) == columns, "tables are (pieces, 4), a meridian's (pieces, 8)");
-    return {table.data(), count_of(table.shape(0))};
+constexpr int64_t MAX_PIECES = int64_t{1} << 24;  // kernels multiply them by the number of coefficients with int
+
+// Tables of cubic pieces: (pieces, 4), of a meridian (pieces, 8).
+CubicPieces pieces_of(const Doubles& table, const char* name, int columns) {
+    const double* first = checked(table, name, {ANY, columns});
+    const int pieces = count_of(table.shape(0), "pieces", MAX_PIECES);
+    if (!pieces) refuse(name, "must not be empty");
+    return {first, pieces};
 }
 
 ReflectionSurface surface_of(const Surface& said) {
     const auto& [meridian, cell, rim, least, x, y, z, telecentric] = said;
-    require(cell > 0 && rim > 0 && least >= 0, "a cell and a rim are above 0, the least distance is not below");
-    return {pieces_of(meridian, 8), cell, rim, least, {x, y, z}, telecentric};
+    require(cell > 0 && rim > 0 && least >= 0, "cell and rim must be above 0, and the least distance at least 0");
+    return {pieces_of(meridian, "meridian", 8), cell, rim, least, {x, y, z}, telecentric};
 }
 
 ReflectionSearch search_of(const Search& said) {
     const auto& [steps, first_steps, close, first_close, longest, reach, rim_slack] = said;
-    require(steps > 0 && first_steps >= 0 && close > 0, "there is one step at least, and close is above 0");
-    return {steps, first_steps, close, first_close, longest, reach, rim_slack};
+    require(close > 0, "close must be above 0");
+    return {iterations_of(steps, "steps", 1), iterations_of(first_steps, "first steps"), close, first_close, longest,
+            reach, rim_slack};
 }
 
-// Rows (k, n), each as long as the arrays that they go with.
+// Rays (3, n) and results: rows (k, n) and states (n,).
 template <class Job>
-void set_rows(Job& job, const DoublesOut& rows, const BytesOut& states, size_t count, size_t wanted) {
-    require(rows.ndim() == 2 && rows.shape(0) == wanted && rows.shape(1) == count, "rows are as long as what is asked");
-    require(states.ndim() == 1 && states.shape(0) == count, "states are as many as what is asked");
-    for (size_t row = 0; row < wanted; ++row) job.rows[row] = rows.data() + row * count;
-    job.states = states.data();
-    job.count = count_of(count);
-}
-
-void set_asked(const double* (&parts)[3], const Doubles& asked) {
-    require(asked.ndim() == 2 && asked.shape(0) == 3, "targets and ways are (3, n)");
-    for (size_t axis = 0; axis < 3; ++axis) parts[axis] = asked.data() + axis * asked.shape(1);
+void set_arrays(Job& job, const double* (&parts)[3], const char* name, const Doubles& rays, const DoublesOut& rows,
+                const BytesOut& states, int64_t wanted) {
+    const double* first = checked(rays, name, {3, ANY});
+    const int64_t count = length_of(rays, 1);
+    job.count = count_of(rays.shape(1), name);
+    double* row = checked(rows, "rows", {wanted, count});
+    for (int64_t i = 0; i < wanted; ++i) job.rows[i] = row + i * count;
+    for (int64_t axis = 0; axis < 3; ++axis) parts[axis] = first + axis * count;
+    job.states = checked(states, "states", {count});
 }
 
 void seen(const Surface& surface, const Search& search, const Doubles& by_omega, std::tuple<double, double> omegas,
           double middle, bool distant, const Doubles& targets, const DoublesOut& rows, const BytesOut& states) {
     const auto [low, high] = omegas;
-    require(high >= low, "field angles do not fall");
-    SeenJob job{surface_of(surface), search_of(search), pieces_of(by_omega, 4), {low, high}, middle, distant, {}, 0, {}, nullptr};
-    set_asked(job.targets, targets);
-    set_rows(job, rows, states, targets.shape(1), SEEN_ROWS);
+    require(high >= low, "omegas must not decrease");
+    SeenJob job{surface_of(surface), search_of(search), pieces_of(by_omega, "by_omega", 4), {low, high}, middle, distant,
+                {}, 0, {}, nullptr};
+    set_arrays(job, job.targets, "targets", targets, rows, states, SEEN_ROWS);
     nb::gil_scoped_release released;
     find_reflections(job);
 }
 
 void met(const Surface& surface, const Search& search, const Doubles& depth, double most_tangent, const Doubles& ways,
          const DoublesOut& rows, const BytesOut& states) {
-    require(most_tangent > 0, "the steepest ray has a tangent above 0");
-    MetJob job{surface_of(surface), search_of(search), pieces_of(depth, 4), most_tangent, {}, 0, {}, nullptr};
-    require(!job.surface.telecentric, "rays of a telecentric lens do not start at a pupil");
-    set_asked(job.ways, ways);
-    set_rows(job, rows, states, ways.shape(1), MET_ROWS);
+    require(most_tangent > 0, "most_tangent must be above 0");
+    MetJob job{surface_of(surface), search_of(search), pieces_of(depth, "depth", 4), most_tangent, {}, 0, {}, nullptr};
+    require(!job.surface.telecentric, "surface must not belong to a telecentric lens, whose rays start at no pupil");
+    set_arrays(job, job.ways, "ways", ways, rows, states, MET_ROWS);
     nb::gil_scoped_release released;
     meet_mirror(job);
 }
 
 Wall wall_of(const WallSaid& said) {
     const auto& [kind, places, radii, index, outside] = said;
-    require(kind >= 0 && kind <= 2, "a wall is a window (0), a tube (1) or a dome (2)");
-    require(index > 0 && outside > 0, "refractive indices are above 0");
+    checked(kind, "kind of wall", 0, 2);  // a window, a tube or a dome
+    require(index > 0 && outside > 0, "refractive indices must be above 0");
     const auto [near, far] = places;
     const auto [inner, outer] = radii;
     return {static_cast<WallKind>(kind), {near, far}, {inner, outer}, index, outside};
 }
 
-void require_rows(const Doubles& rows, size_t count, size_t columns) {
-    require(rows.ndim() == 2 && rows.shape(0) == count && rows.shape(1) == columns, "points and directions are (n, 3)");
-}
-
 // Rays (n, 3) out through a wall: vectors (5, n, 3), numbers (4, n) and flags (2, n) are written.
 void through_wall(const WallSaid& wall, const Doubles& points, const Doubles& directions, const DoublesOut& vectors,
                   const DoublesOut& numbers, const BytesOut& flags) {
-    const size_t count = points.ndim() == 2 ? points.shape(0) : 0;
-    for (const Doubles* rays : {&points, &directions}) require_rows(*rays, count, 3);
-    require(vectors.ndim() == 3 && vectors.shape(0) == WALL_VECTORS && vectors.shape(1) == count && vectors.shape(2) == 3,
-            "vectors are (5, n, 3)");
-    require(numbers.ndim() == 2 && numbers.shape(0) == WALL_NUMBERS && numbers.shape(1) == count, "numbers are (4, n)");
-    require(flags.ndim() == 2 && flags.shape(0) == 2 && flags.shape(1) == count, "flags are (2, n)");
-    WallJob job{wall_of(wall), points.data(), directions.data(), count_of(count), {}, {}, flags.data(), flags.data() + count};
-    for (size_t row = 0; row < WALL_VECTORS; ++row) job.vectors[row] = vectors.data() + 3 * row * count;
-    for (size_t row = 0; row < WALL_NUMBERS; ++row) job.numbers[row] = numbers.data() + row * count;
+    const int64_t count = length_of(points, 0);
+    WallJob job{wall_of(wall), checked(points, "points", {ANY, 3}), checked(directions, "directions", {count, 3}),
+                count_of(points.shape(0), "rays"), {}, {}, checked(flags, "flags", {2, count}), flags.data() + count};
+    double* vector = checked(vectors, "vectors", {WALL_VECTORS, count, 3});
+    double* number = checked(numbers, "numbers", {WALL_NUMBERS, count});
+    for (int64_t row = 0; row < WALL_VECTORS; ++row) job.vectors[row] = vector + 3 * row * count;
+    for (int64_t row = 0; row < WALL_NUMBERS; ++row) job.numbers[row] = number + row * count;
     nb::gil_scoped_release released;
     leave(job);
 }
 
-// Where mirror points (n, 2) come to from where they begin, so that rays from pupils lead through a wall to targets.
+// Mirror points (n, 2), improved from initial values, whose rays lead from pupils through a wall to targets.
 void covered(const MirrorSaid& mirror, const WallSaid& wall, Pair ends, std::tuple<int, double, double> search,
              const EndsSaid& pupils, const EndsSaid& targets, const DoublesOut& xy, const BytesOut& settled) {
     const auto& [meridian, cell, rim, turn, shift] = mirror;
-    require(cell > 0 && rim > 0, "a cell and a rim are above 0");
-    require(turn.size() == 9 && shift.size() == 3, "a mirror's turn is (3, 3), its shift (3,)");
+    require(cell > 0 && rim > 0, "cell and rim must be above 0");
     const auto& [from, are_pupils_distant] = pupils;
     const auto& [to, are_targets_distant] = targets;
-    const size_t count = to.ndim() == 2 ? to.shape(0) : 0;
-    for (const Doubles* rows : {&from, &to}) require_rows(*rows, count, 3);
-    require(xy.ndim() == 2 && xy.shape(0) == count && xy.shape(1) == 2, "mirror points are (n, 2)");
-    require(settled.size() == count, "what has settled is (n,)");
+    const int64_t count = length_of(to, 0);
     const auto [steps, longest, close] = search;
     const auto [low, high] = ends;
-    CoveredJob job{pieces_of(meridian, 8), cell, rim, wall_of(wall), {low, high}, {}, {}, steps, longest, close,
-                   from.data(), to.data(), are_pupils_distant, are_targets_distant, count_of(count), xy.data(), settled.data()};
-    std::copy_n(turn.data(), 9, job.turn);
-    std::copy_n(shift.data(), 3, job.shift);
+    CoveredJob job{pieces_of(meridian, "meridian", 8),
+                   cell,
+                   rim,
+                   wall_of(wall),
+                   {low, high},
+                   {},
+                   {},
+                   iterations_of(steps, "steps"),
+                   longest,
+                   close,
+                   checked(from, "pupils", {count, 3}),
+                   checked(to, "targets", {ANY, 3}),
+                   are_pupils_distant,
+                   are_targets_distant,
+                   count_of(to.shape(0), "targets"),
+                   checked(xy, "xy", {count, 2}),
+                   checked(settled, "settled", {count})};
+    std::copy_n(checked(turn, "turn", {3, 3}), 9, job.turn);
+    std::copy_n(checked(shift, "shift", {3}), 3, job.shift);
     nb::gil_scoped_release released;
     find_covered(job);
 }

@@ -94,10 +94,10 @@ struct Avx2 {
 
     template <Interpolation I, class Real, class F>
     static void locate(const Real* x, const Real* y, int count, const Geometry& g, Block<F>* blocks) {
-        if constexpr (has_fractions_of_8<I, F>)
-            locate_by_8<I>(x, y, count, g, blocks);
-        else
-            Plain::locate<I>(x, y, count, g, blocks);
+        if constexpr (has_fractions_of_8<I, F>) {
+            if (sizeof(Real) == sizeof(double) || !is_long(g)) return locate_by_8<I>(x, y, count, g, blocks);
+        }
+        Plain::locate<I>(x, y, count, g, blocks);
     }
 
     template <Interpolation I, class F>

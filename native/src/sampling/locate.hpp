@@ -47,10 +47,21 @@ void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry
     }
 }
 
-// x and y hold count, a multiple of 8.
+// Above this float has gaps of a pixel: x + 1/2 is not exact, and neither is the last pixel.
+constexpr int LONG_SIDE = 1 << 23;
+
+bool is_long(const Geometry& g) { return g.width > LONG_SIDE || g.height > LONG_SIDE; }
+
+// x and y hold count, a multiple of 8 and at most STRIP + 8.
 template <Interpolation I, class Real, class F>
 void locate(const Real* x, const Real* y, int count, const Geometry& geometry, Block<F>* blocks) {
     const Geometry g = geometry;
+    if (sizeof(Real) < sizeof(double) && is_long(g)) {
+        alignas(64) double longer_x[STRIP + 8], longer_y[STRIP + 8];
+        for (int i = 0; i < count; ++i) longer_x[i] = x[i], longer_y[i] = y[i];
+        for (int i = 0; i < count; i += 8) locate_8<I>(longer_x + i, longer_y + i, g, blocks[i / 8]);
+        return;
+    }
     for (int i = 0; i < count; i += 8) locate_8<I>(x + i, y + i, g, blocks[i / 8]);
 }
 

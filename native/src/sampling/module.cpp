@@ -34,55 +34,52 @@ template <class A>
 Depth depth_of(const A& array) {
     if (array.dtype() == nb::dtype<uint8_t>()) return Depth::u8;
     if (array.dtype() == nb::dtype<uint16_t>()) return Depth::u16;
-    require(array.dtype() == nb::dtype<float>(), "pictures hold uint8, uint16 or float32");
+    require(array.dtype() == nb::dtype<float>(), "pictures must be uint8, uint16 or float32");
     return Depth::f32;
 }
 
 // (rows, columns, channels) whose pixels adjoin; rows may lie apart, but not overlap.
 template <class A>
-Picture picture_of(const A& array) {
-    require(array.ndim() == 3, "pictures are (height, width, channels)");
+Picture picture_of(const A& array, const char* name) {
+    const auto* data = reinterpret_cast<const uint8_t*>(checked(array, name, {ANY, ANY, ANY}));
     const Depth depth = depth_of(array);
-    const int height = count_of(array.shape(0)), width = count_of(array.shape(1)), channels = count_of(array.shape(2));
-    require(channels >= 1 && channels <= 4, "pictures have 1 to 4 channels");
-    const auto* data = reinterpret_cast<const uint8_t*>(array.data());
+    const int height = count_of(array.shape(0), "height"), width = count_of(array.shape(1), "width");
+    const int channels = count_of(array.shape(2), "channels", 4);
+    require(channels >= 1, "pictures must have 1 to 4 channels");
     if (array.size() == 0) return {data, width, height, channels, 0, depth};  // its strides mean nothing
-    require(is_aligned(data, size_of(depth)), "values must be aligned");
     require(channels == 1 || array.stride(2) == 1, "channels must adjoin");
     require(width <= 1 || array.stride(1) == channels, "pixels must adjoin");
     const int64_t across = int64_t{width} * channels;
     const int64_t row_step = height > 1 ? array.stride(0) : across;
-    require(row_step >= across, "rows must follow each other downwards, without overlap");
+    checked<int64_t>(row_step, "stride of rows", across, MAX_LENGTH);  // downwards, without overlap
     return {data, width, height, channels, static_cast<ptrdiff_t>(row_step * size_of(depth)), depth};
 }
 
 Picture source_of(const In& array) {
-    const Picture picture = picture_of(array);
-    require(picture.width > 0 && picture.height > 0, "the picture is empty");
+    const Picture picture = picture_of(array, "src");
+    require(picture.width > 0 && picture.height > 0, "src must not be empty");
     return picture;
 }
 
 Target target_of(const Out& array, const Picture& source) {
-    const Picture p = picture_of(array);
-    require(p.channels == source.channels && p.depth == source.depth, "dst differs from src in kind");
+    const Picture p = picture_of(array, "dst");
+    require(p.channels == source.channels && p.depth == source.depth, "dst must be of the type and channels of src");
     return {static_cast<uint8_t*>(array.data()), p.width, p.height, p.stride};
 }
 
-Coordinates coordinates_of(const In& array) {
-    require(array.ndim() == 3 && array.shape(2) == 2, "coordinates are (height, width, 2)");
+// (rows, columns, 2), of which rows may lie anywhere.
+Coordinates coordinates_of(const In& array, int64_t rows = ANY, int64_t columns = ANY) {
+    const auto* data = static_cast<const uint8_t*>(checked(array, "coordinates", {rows, columns, 2}));
     const bool is_double = array.dtype() == nb::dtype<double>();
-    require(is_double || array.dtype() == nb::dtype<float>(), "coordinates hold float32 or float64");
+    require(is_double || array.dtype() == nb::dtype<float>(), "coordinates must be float32 or float64");
     const bool adjoin = array.size() == 0 || (array.stride(2) == 1 && (array.shape(1) == 1 || array.stride(1) == 2));
     require(adjoin, "coordinates must adjoin in a row");
-    require(is_aligned(array.data(), is_double ? 8 : 4), "coordinates must be aligned");
-    count_of(array.shape(0)), count_of(array.shape(1));
-    return {static_cast<const uint8_t*>(array.data()), static_cast<ptrdiff_t>(array.stride(0)) * (is_double ? 8 : 4),
-            is_double};
+    count_of(array.shape(0), "rows of coordinates"), count_of(array.shape(1), "columns of coordinates");
+    return {data, static_cast<ptrdiff_t>(array.stride(0)) * (is_double ? 8 : 4), is_double};
 }
 
 Interpolation interpolation_of(int number) {
-    require(number >= 0 && number <= 2, "interpolation is 0 (nearest), 1 (linear) or 2 (cubic)");
-    return static_cast<Interpolation>(number);
+    return static_cast<Interpolation>(checked(number, "interpolation", 0, 2));  // nearest, linear, cubic
 }
 
 template <class T>
@@ -95,10 +92,10 @@ void put_border(Job& job, const Border& border) {
     const Depth depth = job.source.depth;
     const double most = depth == Depth::u8 ? 255 : 65535;
     const auto* each = std::get_if<std::vector<double>>(&border);
-    require(!each || each->size() == static_cast<size_t>(job.source.channels), "the border has one value per channel");
+    require(!each || each->size() == static_cast<size_t>(job.source.channels), "border must have one value per channel");
     for (int c = 0; c < job.source.channels; ++c) {
         const double value = each ? (*each)[static_cast<size_t>(c)] : std::get<double>(border);
-        require(depth == Depth::f32 || (value >= 0 && value <= most), "the border is no value of the picture's");
+        if (depth != Depth::f32) checked(value, "border", 0.0, most);
         if (depth == Depth::u8) put_border<uint8_t>(job, c, value);
         if (depth == Depth::u16) put_border<uint16_t>(job, c, value);
         if (depth == Depth::f32) put_border<float>(job, c, value);
@@ -114,26 +111,29 @@ Job job_of(const Sampled& sampled, const Target& target, Interpolation interpola
     return job;
 }
 
+int step_of(int64_t step) {
+    require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "step must be 4, 8, 16, 32 or 64");
+    return static_cast<int>(step);
+}
+
 // How many taps each cell's pixels take: a copy, so that nobody changes it meanwhile.
 class Averages {
   public:
     using Ring = std::tuple<double, double, double, double>;  // centre, least and largest distance from it
 
     Averages(const Taps& taps, int step, double sharp, const std::optional<Ring>& ring)
-        : taps_(taps.data(), taps.data() + taps.size()), rows_(taps.shape(0)), columns_(taps.shape(1)), step_(step),
-          sharp2_(static_cast<float>(sharp * sharp)), ring_(ring.value_or(Ring{})) {
-        require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
-        require(taps.shape(2) == 2, "taps are (cell rows, cell columns, 2)");
-        require(std::all_of(taps_.begin(), taps_.end(), [](int count) { return count >= 1 && count <= MOST_TAPS; }),
-                "taps are 1 to 128");
+        : step_(step_of(step)), sharp2_(static_cast<float>(sharp * sharp)), ring_(ring.value_or(Ring{})) {
+        const uint8_t* first = checked(taps, "taps", {ANY, ANY, 2});
+        taps_.assign(first, first + taps.size()), rows_ = taps.shape(0), columns_ = taps.shape(1);
+        for (const int count : taps_) checked(count, "taps", 1, MOST_TAPS);
     }
 
     void apply(Job& job) const {
         const auto cells = [&](int pixels) { return static_cast<size_t>((pixels + step_ - 1) / step_); };
-        require(rows_ == cells(job.target.height) && columns_ == cells(job.target.width), "taps do not fit dst");
-        require(job.interpolation == Interpolation::cubic, "what is averaged are cubic samples");
-        require(job.where != Where::nodes || 1 << job.nodes.log2_step == step_, "cells of nodes and taps differ");
-        require(job.where != Where::packed || step_ % 8 == 0, "cells of packed maps are multiples of 8");
+        require(rows_ == cells(job.target.height) && columns_ == cells(job.target.width), "taps must fit dst");
+        require(job.interpolation == Interpolation::cubic, "interpolation must be cubic where averages are taken");
+        require(job.where != Where::nodes || 1 << job.nodes.log2_step == step_, "steps of nodes and taps must agree");
+        require(job.where != Where::packed || step_ % 8 == 0, "steps of packed maps must be multiples of 8");
         const auto [x, y, least, most] = ring_;
         job.footprints = {taps_.data(),          static_cast<int>(columns_), step_,
                           sharp2_,               static_cast<float>(x),      static_cast<float>(y),
@@ -142,7 +142,7 @@ class Averages {
 
   private:
     std::vector<uint8_t> taps_;
-    size_t rows_, columns_;
+    size_t rows_ = 0, columns_ = 0;
     int step_;
     float sharp2_;
     Ring ring_;
@@ -159,29 +159,29 @@ void remap(const In& src, const In& coordinates, const Out& dst, int interpolati
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
     Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::coordinates);
-    job.coordinates = coordinates_of(coordinates);
-    require(coordinates.shape(0) == dst.shape(0) && coordinates.shape(1) == dst.shape(1),
-            "coordinates and dst differ in size");
+    job.coordinates = coordinates_of(coordinates, job.target.height, job.target.width);
     if (averages) averages->apply(job);
     run(job);
 }
 
 // Infinite where one is no number.
-float largest(const Floats& values) {
+float largest(const std::vector<float>& values) {
     float most = 0;
-    for (size_t i = 0; i < values.size(); ++i) {
-        const float size = std::fabs(values.data()[i]);
+    for (const float value : values) {
+        const float size = std::fabs(value);
         most = size <= most ? most : std::isnan(size) ? INFINITY : size;
     }
     return most;
 }
 
-// A copy that can be read a little beyond its end.
-std::vector<float> longer(const Floats& values) {
-    std::vector<float> copy(values.size() + BEYOND);
-    std::copy_n(values.data(), values.size(), copy.begin());
+// A copy that can be read a little beyond its end, and that nobody changes between its check and its use.
+std::vector<float> longer(const float* values, size_t count) {
+    std::vector<float> copy(count + BEYOND);
+    std::copy_n(values, count, copy.begin());
     return copy;
 }
+
+std::vector<float> longer(const Floats& values) { return longer(values.data(), values.size()); }
 
 void remap_polar(const In& src, const Floats& radii, const Floats& cosines, const Floats& sines, double x, double y,
                  const Out& dst, int interpolation, const Border& border, const Averages* averages) {
@@ -189,79 +189,89 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
     Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::polar);
-    for (const Floats* floats : {&radii, &cosines, &sines})
-        require(is_aligned(floats->data(), 4), "values must be aligned");
-    require(radii.size() == dst.shape(0), "there must be one radius per row");
-    require(cosines.size() == dst.shape(1) && sines.size() == dst.shape(1), "there must be one direction per column");
-    const std::vector<float> all_cosines = longer(cosines), all_sines = longer(sines);
-    job.polar = {radii.data(),          all_cosines.data(),    all_sines.data(),
-                 static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
+    checked(radii, "radii", {job.target.height});
+    checked(cosines, "cosines", {job.target.width}), checked(sines, "sines", {job.target.width});
+    const std::vector<float> all_radii = longer(radii), all_cosines = longer(cosines), all_sines = longer(sines);
+    job.polar = {all_radii.data(),      all_cosines.data(),    all_sines.data(),
+                 static_cast<float>(x), static_cast<float>(y), std::max(largest(all_cosines), largest(all_sines))};
     if (averages) averages->apply(job);
     run(job);
 }
 
-void check_cells(const Cells& cells, size_t patches) {
-    for (size_t i = 0; i < cells.size(); ++i)
-        require(cells.data()[i] < static_cast<int64_t>(patches), "a cell names a patch that is not there");
+// Cells, as they are checked: a copy.
+std::vector<int32_t> cells_of(const Cells& cells, int64_t patches) {
+    const int32_t* first = checked(cells, "cells", {ANY, ANY});
+    const std::vector<int32_t> copy(first, first + cells.size());
+    for (const int32_t cell : copy) require(cell < patches, "cells must name patches that exist");
+    return copy;
 }
 
-void check_lattice(const Floats& x, const Floats& y, size_t step, const Cells& cells, const Floats& patches) {
-    require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
-    for (const Floats* floats : {&x, &y, &patches})
-        require(is_aligned(floats->data(), 4), "values must be aligned");
-    for (const Floats* nodes : {&x, &y})
-        require(nodes->ndim() == 2 && nodes->shape(0) == cells.shape(0) + 3 && nodes->shape(1) == cells.shape(1) + 3,
-                "there must be three nodes more than cells, down and across");
-    require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
-            "patches are (n, step, step, 2)");
-    check_cells(cells, patches.shape(0));
+// Nodes are three more than cells, down and across; they may be NaN, where the lattice ends.
+std::vector<int32_t> checked_lattice(const Floats& x, const Floats& y, int step, const Cells& cells,
+                                     const Floats& patches) {
+    const int64_t rows = length_of(cells, 0), columns = length_of(cells, 1);
+    count_of(cells.shape(0), "rows of cells"), count_of(cells.shape(1), "columns of cells");
+    checked(x, "x", {rows + 3, columns + 3}), checked(y, "y", {rows + 3, columns + 3});
+    checked(patches, "patches", {ANY, step, step, 2});
+    return cells_of(cells, length_of(patches, 0));
 }
 
 void find_sides_of_nodes(const Floats& x, const Floats& y, int step, const Cells& cells, const Floats& patches,
-                  const Array<float, nb::ndim<3>>& out) {
-    check_lattice(x, y, static_cast<size_t>(step), cells, patches);
-    require(out.shape(0) == cells.shape(0) && out.shape(1) == cells.shape(1) && out.shape(2) == 2,
-            "out is (cell rows, cell columns, 2)");
-    squared_sides_of_nodes(x.data(), y.data(), step, cells.data(), count_of(cells.shape(0)), count_of(cells.shape(1)),
-                     patches.data(), out.data());
+                         const FloatsOut& out) {
+    const std::vector<int32_t> which = checked_lattice(x, y, step_of(step), cells, patches);
+    float* sides = checked(out, "out", {length_of(cells, 0), length_of(cells, 1), 2});
+    squared_sides_of_nodes(x.data(), y.data(), step, which.data(), static_cast<int>(cells.shape(0)),
+                           static_cast<int>(cells.shape(1)), patches.data(), sides);
+}
+
+// The sum of weights without their signs, at most; their own sum is 1, or nodes would not be interpolated.
+float reach_of(const std::vector<float>& weights, int step) {
+    float reach = 0;
+    for (int i = 0; i < step; ++i) {
+        float sum = 0, size = 0;
+        for (int k = 0; k < 4; ++k) sum += weights[k * step + i], size += std::fabs(weights[k * step + i]);
+        require(std::fabs(sum - 1) <= 1e-5f, "weights of a pixel must have the sum 1");
+        reach = std::max(reach, size);
+    }
+    return reach;
 }
 
 void remap_lattice(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Floats& row_weights,
-                const Cells& cells, const Floats& patches, const Out& dst, int interpolation, const Border& border,
-                const Averages* averages) {
+                   const Cells& cells, const Floats& patches, const Out& dst, int interpolation, const Border& border,
+                   const Averages* averages) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
     Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::nodes);
-    require(weights.ndim() == 2 && weights.shape(0) == 4, "weights are (4, step)");
-    const size_t step = weights.shape(1);
-    require(row_weights.ndim() == 2 && row_weights.shape(0) == 4 && row_weights.shape(1) == step,
-            "weights of rows and columns differ in shape");
-    for (const Floats* floats : {&weights, &row_weights})
-        require(is_aligned(floats->data(), 4), "values must be aligned");
-    check_lattice(x, y, step, cells, patches);
-    const size_t down = (dst.shape(0) + step - 1) / step, across = (dst.shape(1) + step - 1) / step;
-    require(cells.shape(0) == down && cells.shape(1) == across, "cells do not fit dst");
-    const std::vector<float> x_nodes = longer(x), y_nodes = longer(y), across_weights = longer(weights);
+    const int step = step_of(length_of(weights, 1));
+    checked(weights, "weights", {4, step}, Values::finite);
+    checked(row_weights, "row_weights", {4, step}, Values::finite);
+    const std::vector<int32_t> given = checked_lattice(x, y, step, cells, patches);
+    const int64_t down = (int64_t{job.target.height} + step - 1) / step;
+    const int64_t across = (int64_t{job.target.width} + step - 1) / step;
+    checked(cells, "cells", {down, across});
+    const std::vector<float> x_nodes = longer(x), y_nodes = longer(y);
+    const std::vector<float> across_weights = longer(weights), down_weights = longer(row_weights);
     job.nodes = {x_nodes.data(),
                  y_nodes.data(),
                  static_cast<int>(down + 3),
                  static_cast<int>(across + 3),
-                 std::countr_zero(step),
+                 std::countr_zero(static_cast<unsigned>(step)),
                  across_weights.data(),
-                 row_weights.data(),
-                 cells.data(),
+                 down_weights.data(),
+                 given.data(),
                  patches.data(),
                  static_cast<int>(across)};
-    const std::vector<int32_t> states = states_of(job.nodes, job.source.geometry);
+    const float reach = reach_of(across_weights, step) * reach_of(down_weights, step);
+    const std::vector<int32_t> states = states_of(job.nodes, job.source.geometry, reach);
     job.nodes.cells = states.data();
     if (averages) averages->apply(job);
     run(job);
 }
 
 PackedMap* make_packed(const In& coordinates, int width, int height, int channels, bool deep, int interpolation) {
-    require(width > 0 && height > 0, "the picture is empty");
-    require(channels >= 1 && channels <= 4, "pictures have 1 to 4 channels");
+    checked<int64_t>(width, "width", 1, MAX_COUNT), checked<int64_t>(height, "height", 1, MAX_COUNT);
+    checked(channels, "channels", 1, 4);
     const Coordinates c = coordinates_of(coordinates);
     const Interpolation kind = interpolation_of(interpolation);
     nb::gil_scoped_release released;
@@ -275,15 +285,13 @@ void sample_packed(const PackedMap& map, const In& src, const Out& dst, const Bo
     const Picture picture = source_of(src);
     require(picture.width == map.width() && picture.height == map.height() && picture.channels == map.channels() &&
                 is_deep(picture.depth) == map.deep(),
-            "the map was made for another kind of picture");
+            "src must be of the size and type that the map was made for");
     const Sampled sampled(picture, map.interpolation());
     Job job = job_of(sampled, target_of(dst, picture), map.interpolation(), border, Where::packed);
-    require(job.target.width == map.columns() && job.target.height == map.rows(), "dst has another size than the map");
+    require(job.target.width == map.columns() && job.target.height == map.rows(), "dst must be of the size of the map");
     if (averages) {
-        require(coordinates.has_value(), "averages need coordinates");
-        job.coordinates = coordinates_of(*coordinates);
-        require(coordinates->shape(0) == dst.shape(0) && coordinates->shape(1) == dst.shape(1),
-                "coordinates and dst differ in size");
+        require(coordinates.has_value(), "coordinates must be given where averages are taken");
+        job.coordinates = coordinates_of(*coordinates, job.target.height, job.target.width);
         averages->apply(job);
     }
     nb::gil_scoped_release released;
@@ -292,42 +300,28 @@ void sample_packed(const PackedMap& map, const In& src, const Out& dst, const Bo
     sample(job);
 }
 
-std::vector<double> copy_of(const Doubles& values) {
-    for (size_t i = 0; i < values.size(); ++i) require(std::isfinite(values.data()[i]), "tables hold numbers");
-    return {values.data(), values.data() + values.size()};
-}
-
 AxialCamera* make_axial(const Doubles& frame, double x, double y, int width, int height, double first, double last,
                         const Doubles& radii, const Doubles& origins, double viewpoint) {
-    require(frame.ndim() == 2 && frame.shape(0) == 3 && frame.shape(1) == 3, "the frame is (3, 3)");
-    require(first < last && last - first < 2, "the table has no length");  // false for NaN
-    require(radii.ndim() == 1 && radii.size() >= 2 && radii.size() < (1u << 30), "radii are (n,), n from 2");
-    require(origins.ndim() == 2 && origins.shape(1) == 2 && origins.shape(0) != 1 && origins.size() < (1u << 30),
-            "origins are (n, 2), n 0 or from 2");
-    for (const Doubles* doubles : {&frame, &radii, &origins})
-        require(is_aligned(doubles->data(), 8), "values must be aligned");
+    const double* axes = checked(frame, "frame", {3, 3}, Values::finite);
+    require(first < last && last - first < 2, "last must exceed first, by less than 2");
+    const double* radius = checked(radii, "radii", {ANY}, Values::finite);
+    const double* origin = checked(origins, "origins", {ANY, 2}, Values::finite);
+    const int entries = count_of(radii.shape(0), "radii"), starts = count_of(origins.shape(0), "origins");
+    require(entries >= 2 && starts != 1, "radii must be two at least, and origins none or two at least");
     Axial camera{};
-    for (int i = 0; i < 3; ++i) {
-        camera.axis[i] = frame.data()[i];
-        camera.right[i] = frame.data()[3 + i];
-        camera.down[i] = frame.data()[6 + i];
-    }
+    for (int i = 0; i < 3; ++i) camera.axis[i] = axes[i], camera.right[i] = axes[3 + i], camera.down[i] = axes[6 + i];
     camera.x = x, camera.y = y, camera.x_last = width - 1.0, camera.y_last = height - 1.0;
     camera.first = first, camera.last = last, camera.viewpoint = viewpoint;
-    return new AxialCamera(camera, copy_of(radii), copy_of(origins));
+    return new AxialCamera(camera, {radius, radius + entries}, {origin, origin + 2 * int64_t{starts}});
 }
 
 void project_axial(const AxialCamera& camera, const Doubles& targets, bool is_near, const DoublesOut& pixels,
                    std::optional<DoublesOut> excess) {
-    require(targets.ndim() == 2 && targets.shape(1) == 3, "targets are (n, 3)");
-    const size_t count = targets.shape(0);
-    require(count < (size_t{1} << 39), "there are too many targets");
-    require(pixels.ndim() == 2 && pixels.shape(0) == count && pixels.shape(1) == 2, "pixels are (n, 2)");
-    require(!excess || (excess->ndim() == 1 && excess->shape(0) == count), "the excess is (n,)");
-    require(is_aligned(targets.data(), 8) && is_aligned(pixels.data(), 8), "values must be aligned");
-    require(!excess || is_aligned(excess->data(), 8), "values must be aligned");
-    const Targets all{targets.data(), static_cast<int64_t>(count), is_near, pixels.data(),
-                      excess ? excess->data() : nullptr};
+    const double* xyz = checked(targets, "targets", {ANY, 3});
+    const int64_t count = length_of(targets, 0);
+    checked<int64_t>(count, "targets", 0, int64_t{1} << 38);
+    const Targets all{xyz, count, is_near, checked(pixels, "pixels", {count, 2}),
+                      excess ? checked(*excess, "excess", {count}) : nullptr};
     nb::gil_scoped_release released;
     camera.project(all);
 }

@@ -101,9 +101,9 @@ Sampled::Sampled(const Picture& p, Interpolation interpolation) {
 
 namespace {
 
-// Whether all that Lagrange's weights make of 4 x 4 nodes lies at least 2 pixels within a side of the picture. Their
-// sum without signs is at most 25/16, so that they reach beyond the nodes by up to 9/32 of their range.
-void mark_outer(const float* nodes, const Nodes& n, int size, std::vector<int32_t>& states) {
+// Mark cells that may reach to within 2 pixels of a side of the picture, or beyond it. Weights whose sum is 1, and r
+// without their signs, reach beyond the nodes by up to (r - 1)/2 of their range: Lagrange's by 9/32.
+void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std::vector<int32_t>& states) {
     std::vector<float> least(static_cast<size_t>(n.columns)), most(least);
     for (int row = 0; row + 3 < n.rows; ++row) {
         const float* first = nodes + static_cast<ptrdiff_t>(row) * n.columns;
@@ -111,16 +111,19 @@ void mark_outer(const float* nodes, const Nodes& n, int size, std::vector<int32_
             const float* node = first + i;
             const float a = node[0], b = node[n.columns];
             const float c = node[2 * n.columns], d = node[3 * n.columns];
-            least[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d));
-            most[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d));
+            // std::min would drop NaN: 0 is added where all four are numbers, otherwise NaN.
+            const float odd = (a - a) + (b - b) + (c - c) + (d - d);
+            least[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d)) + odd;
+            most[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d)) + odd;
         }
         for (int i = 0; i < n.cell_columns; ++i) {
             const float *l = least.data() + i, *m = most.data() + i;
-            const float low = std::min(std::min(l[0], l[1]), std::min(l[2], l[3]));
-            const float high = std::max(std::max(m[0], m[1]), std::max(m[2], m[3]));
-            const float beyond = 0.3f * (high - low);
-            int32_t& state = states[static_cast<size_t>(row * n.cell_columns + i)];
-            const bool inner = low - beyond >= 2 && high + beyond <= static_cast<float>(size - 3);
+            const float odd = (l[0] - l[0]) + (l[1] - l[1]) + (l[2] - l[2]) + (l[3] - l[3]);
+            const float low = std::min(std::min(l[0], l[1]), std::min(l[2], l[3])) + odd;
+            const float high = std::max(std::max(m[0], m[1]), std::max(m[2], m[3])) + odd;
+            const float more = beyond * (high - low);
+            int32_t& state = states[static_cast<size_t>(row) * static_cast<size_t>(n.cell_columns) + static_cast<size_t>(i)];
+            const bool inner = low - more >= 2 && high + more <= static_cast<float>(size - 3);
             if (state == INNER && !inner) state = INTERPOLATED;
         }
     }
@@ -128,12 +131,13 @@ void mark_outer(const float* nodes, const Nodes& n, int size, std::vector<int32_
 
 }  // namespace
 
-std::vector<int32_t> states_of(const Nodes& n, const Geometry& g) {
+std::vector<int32_t> states_of(const Nodes& n, const Geometry& g, float reach) {
     std::vector<int32_t> states(n.cells, n.cells + static_cast<ptrdiff_t>(n.rows - 3) * n.cell_columns);
     for (int32_t& state : states)
         if (state < 0) state = INNER;
-    mark_outer(n.x, n, g.width, states);
-    mark_outer(n.y, n, g.height, states);
+    const float beyond = std::max(0.3f, 0.51f * (reach - 1));  // a little more, for what is rounded
+    mark_outer(n.x, n, g.width, beyond, states);
+    mark_outer(n.y, n, g.height, beyond, states);
     return states;
 }
 

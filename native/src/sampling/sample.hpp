@@ -34,8 +34,9 @@ Geometry geometry_of(int width, int height, int channels, int64_t row_step, Inte
 
 bool is_small(int width, int height);
 
-// The states of cells, with those marked that are inner ones.
-std::vector<int32_t> states_of(const Nodes& nodes, const Geometry& geometry);
+// The states of cells, with those marked that are inner ones. The weights of a pixel, whose sum is 1, have at most the sum
+// `reach` without their signs.
+std::vector<int32_t> states_of(const Nodes& nodes, const Geometry& geometry, float reach);
 
 // Fill the target; throws std::invalid_argument where the picture has too many elements for offsets of 31 bits.
 void sample(const Job& job);

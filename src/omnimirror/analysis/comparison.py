@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,8 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import instance
+from ..arguments import distances, instance
 from ..errors import InvalidParameter
+from ..escaping import csv_cell, json_text
 from ..files import write_text
 from ..imagers import ImagerPose
 from ..lenses import GaussianLens
@@ -97,8 +97,9 @@ class Comparison:
         """Write the table, a line per quantity and a column per sensor, numbers with 17 significant digits."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["quantity", *self.names])
-        writer.writerows([r.name, *(v if isinstance(v, str) else f"{v:.17g}" for v in r.values)] for r in self.rows)
+        writer.writerow(["quantity", *map(csv_cell, self.names)])
+        for row in self.rows:
+            writer.writerow([row.name, *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values)])
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
@@ -106,11 +107,11 @@ class Comparison:
         sensors = [
             {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
         ]
-        write_text(path, json.dumps(sensors, indent=1) + "\n")
+        write_text(path, json_text(sensors, indent=1) + "\n")
 
 
-def compare(sensors: Sequence[Sensor]) -> Comparison:
-    """Compare up to six sensors over their whole fields, for distant objects, each at its own F-number.
+def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Comparison:
+    """Compare up to six sensors over their whole fields, each at its own F-number.
 
     A sensor whose mirror is decentred or tilted, as a calibration finds it, is traced in space: what is least, largest
     or worst is so over its whole picture, at all azimuths. With a real lens, a cover or a leaning imager it is compared
@@ -120,6 +121,9 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     ----------
     sensors
         One to six; sensors of the same name get a number behind it.
+    object_distance_mm
+        Distance of the objects from the mirror, for the lengths per pixel on a plane and on a cylinder; all other rows
+        are of distant objects.
 
     Returns
     -------
@@ -146,7 +150,8 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     if not 1 <= len(sensors) <= MOST:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
     named = _told_apart(sensors)
-    studies = [_study(s) for s in named]
+    distance = float(distances("object_distance_mm", object_distance_mm))
+    studies = [replace(_study(s), object_distance_mm=distance) for s in named]
     notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if not s.is_axial]
     rows = tuple(_compared(name, studies) for name in COMPARED)
     return Comparison(tuple(s.sensor for s in studies), rows, tuple(notes))
@@ -192,6 +197,7 @@ class Study:
     """What the rows of one sensor are made from."""
 
     sensor: Sensor
+    object_distance_mm: float = np.inf
 
     @cached_property
     def own(self) -> Any:
@@ -203,6 +209,17 @@ class Study:
         """Of the aligned sensor."""
         aligned = self.sensor.aligned()
         return evaluate(aligned, np.linspace(*aligned.field_deg, NODES))
+
+    @cached_property
+    def near(self) -> Evaluation:
+        """Evaluation of the aligned sensor for objects at the distance."""
+        omega_deg = self.evaluation.omega_deg
+        return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
+
+    def object_size(self, surface: str) -> float:
+        """Return the least length per pixel, mm, on a plane or a cylinder; the larger of both directions counts."""
+        t = getattr(self.near, f"{surface}_t_mm_per_px")
+        return float(np.fmin.reduce(np.maximum(t, self.near.object_s_mm_per_px)))
 
     @cached_property
     def best(self) -> tuple[float, float]:
@@ -356,6 +373,8 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "least_aspect": ("", _of("aspect", np.min)),
     "largest_aspect": ("", _of("aspect", np.max)),
     "worst_aspect": ("low", lambda s: s.worst_aspect()),
+    "least_plane_mm_per_px": ("low", lambda s: s.object_size("plane")),
+    "least_cylinder_mm_per_px": ("low", lambda s: s.object_size("cylinder")),
     "viewpoint_spread_mm": ("low", lambda s: s.viewpoint_spread()),
     "one_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
     "focus_mm": ("", lambda s: s.evaluation.focus_mm),

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 LEAST_STEP_DEG = 1e-5  # which makes some ten million field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
-"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``."""
+"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """The columns that are told with a standard deviation."""
 
@@ -81,6 +81,9 @@ class Evaluation:
     blur_s_deg: Array
     blur_area_deg2: Array
     floored_area_deg2: Array
+    plane_t_mm_per_px: Array
+    cylinder_t_mm_per_px: Array
+    object_s_mm_per_px: Array
     sensor: Sensor
     """The sensor as evaluated, focus included."""
     object_distance_mm: float | Array
@@ -226,7 +229,7 @@ def evaluate(
     x_mm, h_px, pixels : (n,), (n,), (n, 2), optional
         Instead of field angles: distances of the mirror points from the axis, image heights, or pixels (u, v).
     object_distance_mm : scalar or (n,)
-        Distance p from the reflection point to the object.
+        Distance p from the reflection point to the object. Resolution and blur in angle are those of objects there.
     focus_mm
         Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
     merit
@@ -334,7 +337,40 @@ def _columns(study: FocusStudy) -> dict[str, Array]:
         "blur_s_deg": blur.s_deg,
         "blur_area_deg2": blur.product(),
         "floored_area_deg2": blur.floored_area(),
+        **object_sizes(blur.imaging.height, blur.imaging.width, rays.omega, images.object_distance),
     }
+
+
+PARALLEL = 1e-12
+"""Cosine below which a plane is seen edge-on: lengths per pixel on it are infinite."""
+
+
+def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) -> dict[str, Array]:
+    """Return the lengths (n,), mm per pixel, on a plane and on a cylinder through objects at a distance.
+
+    Parameters
+    ----------
+    dh, dw : (n,)
+        Resolution at that distance, px per degree.
+    omega : (n,)
+        Field angles, radians.
+    object_distance_mm : () or (n,)
+        From the mirror points; all sizes are infinite for infinite distances.
+
+    Examples
+    --------
+    >>> object_sizes(np.array([5.0]), np.array([4.0]), np.array([np.pi / 2]), np.array(100.0))["object_s_mm_per_px"]
+    array([0.43633231])
+    """
+    across = np.asarray(object_distance_mm) * (np.pi / 180)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        t = across / dh
+        cosine = np.abs(np.cos(omega))
+        return {
+            "plane_t_mm_per_px": np.where(cosine < PARALLEL, np.inf, t / cosine),
+            "cylinder_t_mm_per_px": t / np.sin(omega),
+            "object_s_mm_per_px": across / dw,
+        }
 
 
 def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:

@@ -104,50 +104,56 @@ def built_optics(
     start = Pencil(
         x, z, 2 * np.arctan(slope) + np.arctan(t), cos_gamma * root, 2 * curvature / steep + dtheta
     )  # spread = cos(gamma)/cos(beta)
-    foot, near_t, near_s, seen, passes = _outside(start, near, walls)
+    foot, near, near_t, near_s, inside, seen, passes = _outside(start, near, walls)
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near_t)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near_s)
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
     on_axis = np.real(x) == 0
     sine = np.where(on_axis, 1.0, np.sin(foot.omega))
-    magnification_t = dray / foot.rate
+    # across the ray and around the axis the object moves by so much, over its distance from the mirror point
+    across = (1 - near * inside) * foot.rate + near * foot.spread
+    around = sine + near * (foot.x - sine * inside)
+    magnification_t = dray / across
     axis_z = foot.z + np.where(on_axis, foot.spread / foot.rate, foot.x * np.cos(foot.omega) / sine)
     return NodeOptics(
         omega=foot.omega,
         ray=ray,
         magnification_t=magnification_t,
-        magnification_s=np.where(on_axis, magnification_t, ray / sine),
+        magnification_s=np.where(on_axis, magnification_t, ray / np.where(on_axis, 1.0, around)),
         vergence_t=-(z + q_t * cosine) if telecentric else 1 / (w + q_t * cosine),
         vergence_s=-(z + q_s * cosine) if telecentric else 1 / (w + q_s * cosine),
         viewpoint_z=axis_z,
         domega_dx=np.where(passes, foot.rate, -1.0),
         cos_incidence=cos_gamma,
         seen=seen,
+        near=near,
     )
 
 
-def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any, Any, Any, Any]:
-    """Rays outside the wall; 1/distance at which pencils of objects begin, as the mirror sees them; whether mirror
-    points see what is outside, and whether the wall lets them out."""
+def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any, Any, Any, Any, Any, Any]:
+    """Return rays outside the wall, and 1/distance of objects: from the mirror, and at which their pencils begin as the
+    mirror sees them; how much farther objects are from the mirror than from where the rays begin; whether mirror points
+    see what is outside, and whether the wall lets them out."""
     if walls is None:
         near = near(start.omega) if callable(near) else near
-        return start, near, near, True, True
+        return start, near, near, near, 0.0, True, True
     passed = through_sides(start, walls.sides, walls.indices)
     near = near(passed.foot.omega) if callable(near) else near
     behind = near / (1 - near * passed.inside)
     near_t, near_s = seen_inside(passed.refractions, behind)
+    inside = passed.inside - passed.reach
     outside = _let_out(passed) & walls.fits & (np.real(near * passed.inside) < 1)
     if walls.ends is None:
-        return passed.foot, near_t, near_s, True, outside
+        return passed.foot, near, near_t, near_s, inside, True, outside
     height = np.real(start.z - (walls.sides[0].radius - start.x) / np.tan(start.omega))
     base, cap = (np.real(end) for end in walls.ends)
     if walls.indices[1] != 1.0:
         seen = height > base
-        return passed.foot, near_t, near_s, seen, outside | ~seen
+        return passed.foot, near, near_t, near_s, inside, seen, outside | ~seen
     crosses = (height > base) & (height < cap)
     foot = Pencil(*(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True)))
     near_t, near_s = (np.where(crosses, new, near) for new in (near_t, near_s))
-    return foot, near_t, near_s, True, outside | ~crosses
+    return foot, near, near_t, near_s, np.where(crosses, inside, 0.0), True, outside | ~crosses
 
 
 def as_rim(o: NodeOptics) -> NodeOptics:

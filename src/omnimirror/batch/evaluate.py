@@ -18,7 +18,7 @@ from ..housing import Housing
 from ..imagers import Imager
 from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
 from ..mirrors.conics import conic_profile
-from ..native import backend
+from ..native import backend, kernel_array
 from ..numerics.lazy import cached_property
 from ..sensor import Sensor
 from .bases import Family
@@ -95,7 +95,7 @@ class Designs:
 
     def __post_init__(self) -> None:
         self._check_built()
-        c = np.ascontiguousarray(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
+        c = kernel_array(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
         if c.ndim != 2 or c.shape[1] != self.family.terms:
             raise InvalidParameter(
                 f"coefficients have shape {c.shape}; {self.family.name} with {self.family.terms} terms needs "
@@ -331,7 +331,7 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
     near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))
     backend.kernels.evaluate_designs(
-        d.coefficients, numbers, basis, np.ascontiguousarray(u), d.family.has_conic, d.mode == "paper",
+        d.coefficients, numbers, basis, kernel_array(u), d.family.has_conic, d.mode == "paper",
         d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
         d.least_omega_deg * DEGREE, FOCUS_SEARCH, *_of_lens(d), *_of_walls(d), columns, results,
     )  # fmt: skip

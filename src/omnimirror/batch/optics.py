@@ -34,9 +34,10 @@ class NodeOptics(NamedTuple):
     ray: Array
     """tan(theta) of the lens's viewing angle (Eq. 5); x under a telecentric lens."""
     magnification_t: Array
-    """Tangential angular magnification d ray / d Omega: Dh per radian and unit of the ray coordinate (Eqs. 8, 9)."""
+    """Tangential angular magnification, d ray per radian of object as seen from the mirror point at its distance: Dh
+    per radian and unit of the ray coordinate (Eqs. 8, 9)."""
     magnification_s: Array
-    """Sagittal angular magnification ray / sin(Omega): Dw in the same units (Eq. 10)."""
+    """Sagittal angular magnification ray / (sin(Omega) + x/p): Dw in the same units (Eq. 10)."""
     vergence_t: Array
     """1/L_t (Eq. 34); -L_t under a telecentric lens."""
     vergence_s: Array
@@ -49,6 +50,8 @@ class NodeOptics(NamedTuple):
     """Cosine of the angle of incidence gamma (Eq. 3); above 0 where the lens sees the mirror's front."""
     seen: Any = True
     """Whether what is outside is seen there at all; not by way of the base of a tube before another medium."""
+    near: Any = 0.0
+    """1 over the distance of the objects from the mirror points, 1/mm."""
 
 
 class Look(NamedTuple):
@@ -97,13 +100,15 @@ def node_optics(
     return NodeOptics(
         omega=omega,
         ray=x / w,
-        magnification_t=front / (w * w * domega_dx),
-        magnification_s=rho * steep / (w * sine),
+        # the object moves by p domega_dx + cos(gamma)/cos(beta) across the ray, and by x + p sin(Omega) around the axis
+        magnification_t=front / (w * w * (domega_dx + near * front / rho)),
+        magnification_s=rho * steep / (w * (sine + near * rho * steep)),
         vergence_t=1 / (w * (1 + q_t / rho)),
         vergence_s=1 / (w * (1 + q_s / rho)),
         viewpoint_z=z + (w * (1 - slope * slope) - 2 * slope * x) / sine,
         domega_dx=domega_dx,
         cos_incidence=cos_gamma,
+        near=near,
     )
 
 
@@ -118,13 +123,14 @@ def telecentric_optics(
     return NodeOptics(
         omega=omega,
         ray=x + 0 * slope,
-        magnification_t=1 / domega_dx,
-        magnification_s=steep / (2 * slope_over_x),
+        magnification_t=1 / (domega_dx + near),
+        magnification_s=1 / (2 * slope_over_x / steep + near),
         vergence_t=-(z + 1 / (domega_dx + near)),
         vergence_s=-(z + 1 / (2 * slope_over_x / steep + near)),
         viewpoint_z=z + (1 - slope * slope) / (2 * slope_over_x),
         domega_dx=domega_dx,
         cos_incidence=1 / np.sqrt(steep),
+        near=near,
     )
 
 

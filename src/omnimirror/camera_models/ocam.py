@@ -6,12 +6,13 @@ frame whose third axis points from the scene to the camera. In our camera frame 
 ahead) the centre of a mirror's picture looks back past the lens and that of a fisheye ahead, so
 ``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not say which of the two it is.
 
-The file's inverse polynomial is a fit, good to some tenth of a pixel: it is checked for form and then
-left aside, and projection solves the direct polynomial itself.
+The file's inverse polynomial is a fit, good to some tenth of a pixel: it is compared with the direct polynomial and
+then ignored, and projection solves the direct polynomial itself.
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,13 +21,14 @@ from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, po
 from numpy.typing import NDArray
 
 from ..arguments import file_name, finite, float_of, shown
-from ..errors import InvalidParameter, OmnimirrorError, SpecError, shortened
+from ..errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
 from ..files import read_text
 from ..frames import Mount
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from ..parameters import Uncertainty
 from .base import Optics
+from .consistency import doubts, inverse_doubts
 from .distortion import SLOWEST
 from .radial import Law, Place, RadialModel
 
@@ -207,19 +209,27 @@ def load_ocam(
     InvalidParameter
         For an unknown ``optics`` or a rim that is no radius.
 
+    Warns
+    -----
+    OmnimirrorWarning
+        The numbers of the file contradict each other; the message gives the magnitude.
+
     Examples
     --------
     >>> import tempfile, omnimirror as om
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with open(f"{folder}/calib_results.txt", "w") as file:
-    ...         _ = file.write("3 -260.0 0.0 0.0011\\n2 100.0 50.0\\n299.2 402.7\\n1.0 0.0 0.0\\n600 800\\n")
+    ...     made = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), f"{folder}/calib_results.txt")
     ...     camera = om.load_ocam(f"{folder}/calib_results.txt")
     >>> camera.image_size
     (800, 600)
     """
     path = file_name("path", path)
     text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
-    return parse_ocam(text, str(path), optics, mount, rim_radius_px)
+    model, inverse = parse_polynomials(text, str(path))
+    camera = _placed(model, optics, mount, rim_radius_px)
+    for doubt in (*inverse_doubts(camera, inverse), *doubts(camera)):
+        warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
+    return camera
 
 
 def parse_ocam(
@@ -237,9 +247,19 @@ def parse_ocam(
     >>> parse_ocam(text).centre_px
     (319.5, 239.5)
     """
+    model, _ = parse_polynomials(text, source)
+    return _placed(model, optics, mount, rim_radius_px)
+
+
+def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None) -> OCam:
+    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
+
+
+def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
+    """Parse a ``calib_results.txt`` into a mirror camera with the direct polynomial, and the inverse polynomial."""
     lines = _Lines(text, source)
     direct = lines.polynomial("the direct polynomial")
-    lines.polynomial("the inverse polynomial")
+    inverse = lines.polynomial("the inverse polynomial")
     row, column = lines.numbers("the centre (row and column)", 2)
     c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
     height, width = lines.numbers("the image size (height and width)", 2)
@@ -247,10 +267,9 @@ def parse_ocam(
         raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
     size = (int(width), int(height))
     try:
-        model = OCam(direct, (column, row), size, (c, d, e))
+        return OCam(direct, (column, row), size, (c, d, e)), inverse
     except OmnimirrorError as problem:
         raise SpecError(f"{lines.source}: {problem}") from None
-    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
 
 
 class _Lines:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import difflib
-import os
 import re
-import signal
 import sys
-import threading
 import time
 import traceback
+from contextlib import suppress
 from importlib import import_module
-from types import FrameType
 from typing import Any
 
 import click
 
 from .. import __version__
 from ..errors import InvalidParameter, OmnimirrorError, one_line
-from .streams import be_quiet, forget_output, prepare
+from .process import Terminated, process_state, stopped_code
+from .streams import be_quiet, forget_output
 
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
@@ -114,24 +112,36 @@ def app() -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Entry point: every error ends as one sentence and a non-zero exit code."""
-    os.environ.setdefault(
-        "OPENBLAS_NUM_THREADS", "1"
-    )  # see omnimirror.frames.turned; commands have threads of their own
+    """Run a command; every error ends as one sentence on standard error and a non-zero exit code.
+
+    The process is left as it was: signal handlers, environment, warning filters and streams are restored.
+
+    Parameters
+    ----------
+    args
+        Words of the command line; those of the program by default.
+
+    Raises
+    ------
+    SystemExit
+        The command has failed, or was stopped by a signal.
+    """
     began = time.perf_counter()
     is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))
-    is_server = bool(SERVERS & set(words))  # which has an ending of its own
-    prepare(is_quiet=not is_debugged and not is_server)
+    is_server = bool(SERVERS & set(words))
+    with process_state(is_quiet=not is_debugged and not is_server):
+        _run(words, is_debugged, is_verbose, began)
+
+
+def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) -> None:
     try:
-        if not is_server and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, _terminate)
         app.main(args=words, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
         if is_verbose:
             click.echo(_spent(time.perf_counter() - began), err=True)
-    except Terminated:  # before the command has begun, or after its end
-        click.echo("omnimirror: stopped", err=True)
-        sys.exit(128 + signal.SIGTERM)
+    except KeyboardInterrupt:  # before the command has begun, or after its end
+        _say("stopped")
+        sys.exit(stopped_code())
     except BrokenPipeError:  # the reader (head, less) has seen enough
         forget_output()
         sys.exit(0)
@@ -142,8 +152,13 @@ def main(args: list[str] | None = None) -> None:
             click.echo(str(e), err=True)
             sys.exit(2)
         sentence, code = explained(e)
-        click.echo(f"omnimirror: {one_line(sentence)}", err=True)
+        _say(one_line(sentence))
         sys.exit(code)
+
+
+def _say(sentence: str) -> None:
+    with suppress(OSError):  # the terminal was closed, which is what SIGHUP tells
+        click.echo(f"omnimirror: {sentence}", err=True)
 
 
 def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
@@ -167,19 +182,11 @@ def _spent(seconds: float) -> str:
     return f"{seconds:.2f} s, {time.process_time():.2f} s of processor time; {by}, samplers: {backend.name}"
 
 
-class Terminated(KeyboardInterrupt):
-    """SIGTERM, of containers and service managers, which ends commands as Ctrl-C does: what is done is kept."""
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated
-
-
 def explained(error: Exception) -> tuple[str, int]:
     """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
     match error:
-        case click.exceptions.Abort():
-            return "stopped", 128 + (signal.SIGTERM if isinstance(error.__cause__, Terminated) else signal.SIGINT)
+        case click.exceptions.Abort() | Exception(__cause__=KeyboardInterrupt()):  # Python wraps some of __set_name__
+            return "stopped", stopped_code()
         case click.UsageError():
             where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
             return f"{error.format_message().rstrip('.')}{where}", 2

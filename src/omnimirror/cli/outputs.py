@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from ..escaping import terminal_text
 from ..files import is_same_file, is_standard_output
 from ..media.progress import FrameProgress
 from ..quantities import QUANTITIES
@@ -150,6 +151,10 @@ class Terminal(Console):
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Render a string, such as a cell of a table, without control sequences."""
+        return super().render_str(terminal_text(text), **options)
+
 
 def output_console() -> Console:
     """The terminal as it is; a pipe or a file gets lines as long as they need to be.
@@ -163,13 +168,14 @@ def output_console() -> Console:
 
 def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
     """Print a line that is not wrapped, parts of it in a style: ``say("Wrote ", ("a.csv", "bold"))``."""
-    (console or output_console()).print(Text.assemble(*parts), soft_wrap=True)
+    plain = [terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1]) for part in parts]
+    (console or output_console()).print(Text.assemble(*plain), soft_wrap=True)
 
 
 def remark(text: str) -> None:
     """Say on standard error what happened by the way, unless nothing is to be said."""
     if not is_quiet():
-        click.echo(text, err=True)
+        click.echo(terminal_text(text), err=True)
 
 
 def say_written(*paths: Path | None, console: Console | None = None) -> None:
@@ -214,6 +220,11 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
     for numbers in zip(*cells, strict=True):
         stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
     stream.flush()
+
+
+def notice(sentence: object) -> None:
+    """Print a sentence about the course of a command on standard error, even where ``--quiet`` is given."""
+    click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
 
 
 @contextmanager

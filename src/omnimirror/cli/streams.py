@@ -9,10 +9,13 @@ import os
 import sys
 import unicodedata
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TextIO
 
 import click
+
+from ..errors import OmnimirrorWarning
 
 _QUIET = "omnimirror.quiet"
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
@@ -28,45 +31,76 @@ class Closed(io.TextIOBase):
         raise OSError(errno.EBADF, "it is closed", "standard output")
 
 
-def prepare(is_quiet: bool) -> None:
-    """Make the streams usable: open, able to show any name, and ours alone.
+@contextmanager
+def prepared(is_quiet: bool) -> Iterator[None]:
+    """Make the streams usable within the block: open, able to show any name, and free of what libraries print.
 
     Parameters
     ----------
     is_quiet
-        Keep warnings of Python, and what libraries in C say by themselves, off standard error: our own sentence
-        says what is wrong with a file.
+        Suppress warnings of Python except :class:`OmnimirrorWarning`, and messages of libraries in C, since the error
+        message of the command describes what is wrong with a file.
     """
     for number in range(3):  # or a file that is opened next would become standard output
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
+    before = sys.stdout, sys.stderr
     if sys.stdout is None:
         sys.stdout = Closed()
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     codecs.register_error("omnimirror", _spelled)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="omnimirror")
+    if is_quiet and not sys.warnoptions:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", OmnimirrorWarning)
     if is_quiet:
-        if not sys.warnoptions:
-            warnings.simplefilter("ignore")
-        sys.stderr = _ours_alone(sys.stderr)
+        warnings.showwarning = _show_warning  # restored with the filters
+    with ExitStack() as restored:
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper) and stream.errors is not None:
+                restored.callback(stream.reconfigure, errors=stream.errors)
+                stream.reconfigure(errors="omnimirror")
+        if is_quiet:
+            sys.stderr = restored.enter_context(_ours_alone(sys.stderr))
+        try:
+            yield
+        finally:
+            sys.stdout, sys.stderr = before
 
 
-def _ours_alone(stream: TextIO) -> TextIO:
-    """Standard error on a descriptor of its own; what else is said on number 2 is thrown away."""
-    with suppress(OSError, ValueError):  # a stream of a test has no descriptor
-        if stream.fileno() == 2:
-            stream.flush()
-            own = open(os.dup(2), "w", 1, encoding=stream.encoding, errors="omnimirror")  # noqa: SIM115
-            nothing = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nothing, 2)
-            os.close(nothing)
-            return own
-    return stream
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as one line on standard error."""
+    click.echo(f"Warning: {message}", err=True)
+
+
+@contextmanager
+def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
+    """Standard error on a descriptor of its own; what libraries print on number 2 within the block is discarded."""
+    try:
+        is_standard = stream.fileno() == 2
+    except (OSError, ValueError):  # a stream of a test has no descriptor
+        is_standard = False
+    if not is_standard:
+        yield stream
+        return
+    stream.flush()
+    with open(os.dup(2), "w", 1, encoding=stream.encoding, errors="omnimirror") as own, _discarded(2):
+        yield own
+
+
+@contextmanager
+def _discarded(number: int) -> Iterator[None]:
+    """Discard what is written to a descriptor within the block."""
+    kept, nothing = os.dup(number), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, number)
+        yield
+    finally:
+        os.dup2(kept, number)
+        os.close(kept)
+        os.close(nothing)
 
 
 def _spelled(error: UnicodeError) -> tuple[str, int]:
@@ -86,11 +120,9 @@ def _plain(character: str) -> str:
 
 
 def forget_output() -> None:
-    """Let nothing more be written to standard output: its reader has gone."""
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    with suppress(OSError, ValueError, AttributeError):
-        os.dup2(nothing, sys.stdout.fileno())
-    os.close(nothing)
+    """Discard what waits to be written to standard output: its reader has gone."""
+    with suppress(OSError, ValueError, AttributeError), _discarded(sys.stdout.fileno()):
+        sys.stdout.flush()
 
 
 def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:

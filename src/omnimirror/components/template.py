@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import tomli_w
-
 from ..arguments import checked, instance
+from ..escaping import toml_string
 from ..imagers import ImagerPose
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, Mirror, Secondary
@@ -46,7 +45,7 @@ def sensor_template(name: str = "sensor") -> str:
     instance("name", name, str, "a name")
     return f'''# A sensor: a curved mirror seen by a camera on its axis. Lengths in mm unless the name says otherwise.
 format = 1
-{tomli_w.dumps({"name": name.encode("utf-8", "replace").decode()}).strip()}
+name = {toml_string(name)}
 notes = """
 What this sensor is, and where its numbers come from."""
 
@@ -124,7 +123,7 @@ def _thermal() -> str:
     """The commented table of what temperature moves."""
     thermal = Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium")
     given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
-    lines = [f"# {name} = {tomli_w.dumps({'v': v})[4:].strip()}" for name, v in given.items()]
+    lines = [f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()]
     return "\n".join(["# [thermal]  # what it is made of, for other temperatures", *lines])
 
 

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ..analysis.section import lens_height
+from ..escaping import label, plot_text
 from ..quantities import QUANTITIES
 from ..sensor import Sensor
 from .curves import hidden_bands, value_limits
@@ -118,7 +119,7 @@ def picture_sheet(names: Sequence[str], circles: Sequence[NDArray[Any]], panoram
 def _show(ax: Axes, picture: NDArray[Any], name: str) -> None:
     bare(ax)
     ax.imshow(picture, interpolation="antialiased")
-    ax.set_title(name)
+    ax.set_title(plot_text(name))
 
 
 def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Sequence[Sequence[bool]]) -> Figure:
@@ -137,7 +138,16 @@ def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Seq
         for j, name in enumerate(header):
             at = left + (j + 1) * width
             fitting = int(width * PAGE / 0.062)  # letters
-            ax.text(at, -0.8, fill(name, fitting), ha="right", va="baseline", weight="bold", linespacing=1.1)
+            ax.text(
+                at,
+                -0.8,
+                fill(label(name), fitting),
+                parse_math=False,
+                ha="right",
+                va="baseline",
+                weight="bold",
+                linespacing=1.1,
+            )
         for i, (title, unit, *cells) in enumerate(lines):
             if i % 2 == 0:
                 ax.axhspan(i - 0.5, i + 0.5, color="#F5F7F8", linewidth=0)

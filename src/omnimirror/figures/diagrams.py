@@ -12,6 +12,7 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ..analysis.evaluation import evaluate
+from ..escaping import plot_text
 from ..housing import Dome, Housing
 from ..sensor import Sensor
 from .style import GREY, INK, PAGE, PALE, PALETTE, bare, new_figure, panel_title, styled
@@ -114,7 +115,12 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         for z in (-m, 0.0):
             ax.plot([1.65 * M, 1.82 * M], [z, z], color=GREY, linewidth=0.4)
         equations = "tan β = dz/dx     γ = β + θ     Ω = 2β + θ\ntan θ = x/(m + z)     z$_v$ = z + x/tan Ω"
-        ax.set_title(f"{sensor.name}, Ω = {omega_deg:g}°\n{equations}", fontsize=6.5, fontweight="normal", loc="center")
+        ax.set_title(
+            f"{plot_text(sensor.name)}, Ω = {omega_deg:g}°\n{equations}",
+            fontsize=6.5,
+            fontweight="normal",
+            loc="center",
+        )
     return figure
 
 
@@ -206,7 +212,8 @@ def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0
         _angle(ax, T, 1.2 * M, low, high, "ε")
         ax.text(T[0] - 0.9 * M, T[1] - 0.05 * M, f"ε = {abs(epsilon):.2f}°", size=7, ha="right")
         _angle(ax, V, 0.5 * M, -90, -90 + omega_deg, "Ω")
-        words = f"{sensor.name}: V$_0$ = {viewpoint_z_mm / M:.3f} M, object at {distance:g} M, Ω = {omega_deg:g}°"
+        name = plot_text(sensor.name)
+        words = f"{name}: V$_0$ = {viewpoint_z_mm / M:.3f} M, object at {distance:g} M, Ω = {omega_deg:g}°"
         ax.set_title(words, fontsize=6.5, fontweight="normal")
     return figure
 

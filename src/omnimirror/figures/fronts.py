@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
+from ..escaping import plot_text
 from .labels import spread
 from .style import GREY, INK, PAGE, PALETTE, new_figure
 
@@ -74,6 +75,7 @@ def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: l
     box = ax.get_window_extent()
     turn = (box.x0 + RIGHT * box.width) / point
     heights = spread(shown[:, 1], 1.25 * TEXT, box.y0 / point, box.y1 / point)
+    texts = [plot_text(name) for name in names]
     for i, y in enumerate(heights):
         side = 1 if shown[i, 0] <= turn else -1
         along = side * (shown[:, 0] - shown[i, 0])
@@ -81,7 +83,7 @@ def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: l
         reach = float(along[beside].max(initial=0.0))
         is_far = abs(y - shown[i, 1]) > 1.5 * TEXT
         ax.annotate(
-            names[i], places[i], xytext=(side * (reach + BESIDE), y - shown[i, 1]), textcoords="offset points",
+            texts[i], places[i], xytext=(side * (reach + BESIDE), y - shown[i, 1]), textcoords="offset points",
             size=TEXT, color=colours[i], ha="left" if side > 0 else "right", va="center",
             arrowprops=LEADER | {"relpos": (0.5 - side / 2, 0.5)} if is_far else None,
         )  # fmt: skip

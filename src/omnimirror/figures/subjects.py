@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.evaluation import Evaluation, evaluate, field_angles
 from ..errors import InvalidParameter
+from ..escaping import plot_text
 from ..lenses import BlurMode
 from ..numerics.lazy import cached_property
 from ..sensor import Sensor
@@ -64,7 +65,8 @@ class Subject:
 
     @property
     def name(self) -> str:
-        return self.sensor.name
+        """Name of the sensor, as a label of a figure."""
+        return plot_text(self.sensor.name)
 
     @property
     def objects(self) -> str:

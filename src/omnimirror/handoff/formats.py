@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from ..arguments import WrongKind, file_name, shown
 from ..errors import InvalidParameter, OmnimirrorError
+from ..escaping import c_comment, file_stem, line_comment, python_docstring, visible
 from ..files import is_stream, replacing
 from ..numerics.registry import Registry
 
@@ -180,7 +180,7 @@ def _targets(known: Formats[T], name: str, path: Path, names: list[str] | None) 
         return {kind: tuple(path.with_name(path.stem + ending) for ending in endings)}
     if names is None:
         raise InvalidParameter(f"{path} is a folder; say which formats go there, of {', '.join(known)}")
-    stem = re.sub(r"[^\w.+-]+", "-", name).strip("-.") or "camera"
+    stem = file_stem(name, "camera")
     return {kind: tuple(path / f"{stem}-{kind}{ending}" for ending in known[kind].endings) for kind in names}
 
 
@@ -209,7 +209,48 @@ def _check_packages(packages: dict[str, Collection[str]]) -> None:
             )
 
 
+class Code(str):
+    """Text that is source code of the target language already."""
+
+
+COMMENTS: dict[str, Callable[[str], str]] = {".py": python_docstring, ".sh": line_comment}
+"""Escaping of text in the comments of scripts, by the suffix of the script; :func:`c_comment` for all others."""
+
+
 def filled(script: str, **values: object) -> str:
-    """A script of the folder ``scripts`` with its ``${names}`` filled in, all of them."""
+    """Fill in all ``${names}`` of a script in the folder ``scripts``.
+
+    Text is escaped for a comment (in Python, for a docstring). Numbers and :class:`Code` are inserted unchanged.
+
+    Examples
+    --------
+    >>> filled("view.hlsl.in", view='a\\n#error', camera="b", table="c", width=4, height=3, source_width=2,
+    ...     source_height=1).splitlines()[0]
+    '// a #error, of the pictures of b.'
+    """
     text = (Path(__file__).parent / "scripts" / script).read_text(encoding="utf-8")
-    return Template(text).substitute({name: str(value) for name, value in values.items()})
+    escape = COMMENTS.get(Path(script).with_suffix("").suffix, c_comment)
+    plain = (int, float, Code)
+    return Template(text).substitute({k: str(v) if isinstance(v, plain) else escape(str(v)) for k, v in values.items()})
+
+
+def write_script(path: Path, text: str) -> None:
+    """Write a script in UTF-8; names of files that are not UTF-8 keep their bytes."""
+    path.write_text(text, encoding="utf-8", errors="surrogateescape")
+
+
+def quotable(path: Path) -> str:
+    """Return the name of a file for an include directive of C, in which nothing can be escaped.
+
+    Raises
+    ------
+    InvalidParameter
+        The name holds a quotation mark, a backslash, ``??`` or a control character.
+    """
+    name = path.name
+    if visible(name) != name or any(word in name for word in ('"', "\\", "??")):
+        raise InvalidParameter(
+            f"the file name must not contain quotation marks, backslashes, '??' or control characters for an #include "
+            f"directive; got {shown(name)}"
+        )
+    return name

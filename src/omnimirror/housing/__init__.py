@@ -3,7 +3,7 @@
 from .base import Envelope, HousingPart
 from .materials import MATERIALS, Material, index_of
 from .parts import GAP_SHARE, LENS_AT_RIMS, CameraBody, Housing, Rim, Rod
-from .walls import CLEARANCE_MM, SHELLS, Dome, FlatWindow, Shell, Tube
+from .walls import CLEARANCE_MM, SHELLS, Dome, FlatWindow, Shell, Tube, wall_words
 
 __all__ = [
     "CLEARANCE_MM",
@@ -23,4 +23,5 @@ __all__ = [
     "Shell",
     "Tube",
     "index_of",
+    "wall_words",
 ]

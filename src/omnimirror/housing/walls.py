@@ -109,6 +109,26 @@ class ClearWall(HousingPart):
         return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
 
 
+def wall_words(shell: ClearWall) -> str:
+    """Return the material of a wall and of the medium outside, by name where they have one.
+
+    >>> wall_words(Tube(material="polycarbonate", medium="water"))
+    'polycarbonate, n = 1.5855, in water, n = 1.3331'
+    >>> wall_words(Tube())
+    'n = 1.49'
+    """
+    named = f"{_name(shell.material)}, " if shell.material else ""
+    words = f"{named}n = {shell.index:g}"
+    if shell.outer_index == 1.0:
+        return words
+    medium = f"{_name(shell.medium)}, " if shell.medium else "a medium of "
+    return f"{words}, in {medium}n = {shell.outer_index:g}"
+
+
+def _name(material: str) -> str:
+    return material.replace("_", " ")
+
+
 @dataclass(frozen=True)
 class Tube(ClearWall):
     """A clear tube about the axis, with opaque discs in it: in the plane of the lens, and at the mirror's back.

@@ -158,10 +158,19 @@ class Lens(ABC):
     def image_of(self, points: Array, directions: Array) -> Array:
         """Image points (n, 2) mm of rays from the mirror, given by points and directions (n, 3) on them."""
 
-    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
-        """Natural vignetting (n,) at image points (n, 2) mm, against the axis, of an even light.
+    def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the edges of the lens, by name; below 0 where these block them.
 
-        What arrives by way of points (n, 2) of the unit disk of the aperture; of its centre by default.
+        Rays are given by points and directions (n, 3) on them, in the frame of the lens's reference point. The stop is
+        not among the edges: rays are sampled within it. An ideal lens has no others.
+        """
+        return {}
+
+    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
+        """Return the relative illumination (n,) at image points (n, 2) mm under a uniform radiance, against the axis.
+
+        With points (n, 2) of the unit disk of the aperture, return the natural falloff (cos^4) of light by way of
+        these, without the vignetting that :meth:`clearances` describes.
         """
         tangent = np.zeros_like(image) if pupil is None else pupil / (2 * self.image_f_number())
         return cos4(tangent)

@@ -60,6 +60,13 @@ class FieldNodes(NamedTuple):
     """(n,) by how much images of the shortest wavelength are higher than those of the middle one."""
     long: Array
     """(n,) the same of the longest."""
+    stop_t: Array
+    """(n,) half width in the meridian of the pupil without vignetting, over that on the axis."""
+    stop_s: Array
+    stop_shift: Array
+    """(n,) distance of its middle from the chief ray, over its radius on the axis."""
+    openness: Array
+    """(n,) share of its area that vignetting leaves."""
 
 
 class LensValues(NamedTuple):
@@ -75,9 +82,12 @@ class LensValues(NamedTuple):
     illumination: Array
     own_t: Array
     own_s: Array
+    stop_t: Array
+    stop_s: Array
+    openness: Array
 
 
-ODD = ("height", "shift_t", "short", "long")
+ODD = ("height", "shift_t", "short", "long", "stop_shift")
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,10 @@ class LensField:
     nodes
         Four or more.
     name
-        Of the lens, for errors.
+        Name of the lens in errors.
+    at_fold, at_end
+        Advice in the errors for image heights that stop growing at an angle, which replaces ``{angle}``, and for angles
+        past the end of the field.
 
     Raises
     ------
@@ -149,8 +162,8 @@ class LensField:
         Image heights that do not grow outwards.
     """
 
-    def __init__(self, nodes: FieldNodes, name: str) -> None:
-        self.nodes, self.name = nodes, name
+    def __init__(self, nodes: FieldNodes, name: str, at_fold: str, at_end: str) -> None:
+        self.nodes, self.name, self.at_end = nodes, name, at_end
         self.end = float(nodes.tangent[-1])
         places = tuple(nodes.pupil.tolist())
         self.entrance_pupil = MovingPupil(places[0], tuple(nodes.tangent.tolist()), places)
@@ -162,7 +175,8 @@ class LensField:
         if falls.any():
             angle = float(np.degrees(np.arctan(checked[int(np.argmax(falls))])))
             raise InvalidParameter(
-                f"{name}: image heights stop growing at {angle:.4g} deg from the axis; they are valid if they grow"
+                f"{name}: image heights must grow with the viewing angle; they stop growing at {angle:.4g} deg from "
+                f"the axis; {at_fold.format(angle=f'{angle:.4g}')}"
             )
         self._heights = self._odd(checked)[:, 0]
         self._tangents = checked
@@ -173,8 +187,8 @@ class LensField:
         if past.any():
             last, asked = (float(np.degrees(np.arctan(v))) for v in (self.end, np.max(tangent)))
             raise InvalidParameter(
-                f"{self.name} is known to {last:.4g} deg from its axis, and the mirror reaches {asked:.4g} deg; a "
-                "smaller or more distant mirror is valid, or a lens of a wider field"
+                f"{self.name} ends at {last:.4g} deg from its axis, and the mirror reaches {asked:.4g} deg; use a "
+                f"smaller or more distant mirror, or {self.at_end}"
             )
 
     def at(self, tangent: Array) -> LensValues:

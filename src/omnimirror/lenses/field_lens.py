@@ -76,18 +76,18 @@ class FieldLens(GaussianLens):
         return np.maximum(found.own_t, 0.0), np.maximum(found.own_s, 0.0)
 
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
-        """Relative illumination, vignetting included; the same for all of the aperture."""
-        return self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1]))).illumination
+        found = self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1])))
+        return found.illumination if pupil is None else found.illumination / found.openness
 
     # -- rays ---------------------------------------------------------------------------------------------
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         slopes = np.zeros((1, 2)) if chief is None else chief
         tangent = np.hypot(slopes[:, 0], slopes[:, 1])
-        found, shift = self.field.at(tangent), self.field.odd(tangent)["shift_t"]
+        found, shift = self.field.at(tangent), self.field.odd(tangent)["stop_shift"]
         t, s = axes(slopes)
-        along = shift + found.width_t * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, t))
-        across = found.width_s * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, s))
+        along = shift + found.stop_t * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, t))
+        across = found.stop_s * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, s))
         places = self.aperture_radius * (along[:, None] * t + across[:, None] * s)
         depth = np.broadcast_to(found.pupil, len(places))
         return np.concatenate([places, depth[:, None]], axis=1)
@@ -96,7 +96,7 @@ class FieldLens(GaussianLens):
         slopes = np.zeros((1, 2)) if chief is None else chief
         found = self.field.at(np.hypot(slopes[:, 0], slopes[:, 1]))
         motion = np.zeros((max(len(slopes), len(pupil)), 2, 3))
-        for axis, width in zip(axes(slopes), (found.width_t, found.width_s), strict=True):
+        for axis, width in zip(axes(slopes), (found.stop_t, found.stop_s), strict=True):
             motion[:, :, :2] += (self.aperture_radius * width[:, None, None]) * axis[:, :, None] * axis[:, None, :]
         return motion
 
@@ -132,7 +132,7 @@ class FieldLens(GaussianLens):
         """
         tangent = self.field.tangent_of(np.array([height_mm]))
         found, cos = self.field.at(tangent), (1 + tangent[0] ** 2) ** -0.5
-        wide_t, wide_s = (2 * self.aperture_radius * width[0] for width in (found.width_t, found.width_s))
+        wide_t, wide_s = (2 * self.aperture_radius * width[0] for width in (found.stop_t, found.stop_s))
         return float(found.scale_t[0] / (wide_t * cos**3)), float(found.scale_s[0] / (wide_s * cos))
 
     def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:

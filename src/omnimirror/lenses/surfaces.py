@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -123,11 +123,17 @@ class SurfaceLens(FieldLens):
             raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
         if self.index[-1] != 1.0:
             raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
-        focal = self._paraxial.focal_length
-        if not (np.isfinite(focal) and focal > 0):
-            raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
-        self._check_focus()
-        _ = self.field
+        with np.errstate(all="ignore"):  # what overflows is rejected
+            focal = self._paraxial.focal_length
+            if not (np.isfinite(focal) and focal > 0):
+                raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
+            if not np.isfinite(self._paraxial.entrance_pupil):
+                raise InvalidParameter(
+                    f"the entrance pupil must be at a finite distance; surface {self.stop_surface:g}, the stop, is in "
+                    "the focal plane of the surfaces in front of it"
+                )
+            self._check_focus()
+            _ = self.field
 
     @classmethod
     def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:
@@ -165,7 +171,7 @@ class SurfaceLens(FieldLens):
 
     @cached_property
     def _paraxial(self) -> Paraxial:
-        return _traced_of(self).paraxial
+        return _sequence_of(self).paraxial()
 
     @property
     def focal_length_mm(self) -> float:  # type: ignore[override]  # a field of other lenses
@@ -179,7 +185,7 @@ class SurfaceLens(FieldLens):
     @property
     def imager_mm(self) -> float:
         """From the first surface to the imager, mm."""
-        return float(sum(self.thickness_mm[:-1]) + _traced_of(self).traced.to_imager)
+        return float(sum(self.thickness_mm[:-1]) + _traced_of(self).to_imager)
 
     @property
     def pupil_from_principal(self) -> float:
@@ -215,7 +221,7 @@ class SurfaceLens(FieldLens):
         index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
         other = replace(self, index=tuple(index.tolist()), index_short=None, index_long=None, wavelengths_nm=None)
         a, b, c, d = other._paraxial.back
-        to_imager = _traced_of(self).traced.to_imager
+        to_imager = _traced_of(self).to_imager
         focal = other._paraxial.focal_length
         return replace(
             other,
@@ -228,6 +234,12 @@ class SurfaceLens(FieldLens):
     def image_of(self, points: Array, directions: Array) -> Array:
         """By tracing the rays through every surface; NaN for those that do not get through."""
         return self._landed_from(points, directions).image.reshape(directions[..., :2].shape)
+
+    def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at every surface with a clear aperture (``clear_mm``)."""
+        radii = self._landed_from(points, directions).radii.reshape(-1, *directions.shape[:-1])
+        limits = enumerate(self.clear_mm or (), start=1)
+        return {f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0}
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
         """By tracing the rays through every surface; NaN for those that do not get through."""
@@ -256,38 +268,36 @@ class SurfaceLens(FieldLens):
 
     def _landed(self, places: Array, slopes: Array) -> Landed:
         """Where rays land by places (n, 2) in the plane of the first vertex and slopes towards the mirror."""
-        traced = _traced_of(self).traced
+        traced = _traced_of(self)
         return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
 
 
-class _TracedLens(NamedTuple):
-    """A lens ready for rays."""
-
-    paraxial: Paraxial
-    traced: Traced
-
-
 @lru_cache(maxsize=64)
-def _traced_of(lens: SurfaceLens) -> _TracedLens:
-    sequence = _sequence_of(lens)
-    paraxial = sequence.paraxial()
+def _traced_of(lens: SurfaceLens) -> Traced:
+    """Return the lens with its imager, pupil and stop."""
+    sequence, paraxial = _sequence_of(lens), lens._paraxial
     a, b, c, d = paraxial.back
     distance = lens.focus_distance_mm
     to_imager = -(a * distance + b) / (c * distance + d)
     radius = paraxial.focal_length / lens.f_number / 2
     traced = Traced(sequence, to_imager, -paraxial.entrance_pupil, radius, np.inf, distance)
-    return _TracedLens(paraxial, traced._replace(stop_radius=stop_radius(traced)))
+    return traced._replace(stop_radius=stop_radius(traced))
 
 
 @lru_cache(maxsize=64)
 def _field_of(lens: SurfaceLens) -> LensField:
     """The functions of a lens's field, as focused."""
-    traced = _traced_of(lens).traced
+    traced = _traced_of(lens)
     end = field_end(traced, float(np.tan(np.radians(lens.field_max_deg))))
     outer = None
     if lens.index_short is not None and lens.index_long is not None:
         outer = np.array([1.0, *lens.index_short]), np.array([1.0, *lens.index_long])
-    return LensField(traced_field(traced, end, outer), "the lens's field")
+    return LensField(
+        traced_field(traced, end, outer),
+        "the lens's field",
+        at_fold="set field_max_deg below {angle}",
+        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+    )
 
 
 def _sequence_of(lens: SurfaceLens) -> Sequence:

@@ -173,6 +173,22 @@ class TabulatedLens(FieldLens):
             lateral_colour_long_mm=None,
         )
 
+    def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the front of the barrel, if there is one.
+
+        A pane between lens and mirror shifts rays along the axis by what it does to the chief rays.
+        """
+        if self.barrel_diameter_mm is None:
+            return {}
+        slopes = directions[..., :2] / directions[..., 2:]
+        square = (slopes**2).sum(axis=-1)
+        n = self.window_index
+        nearer = self.window_mm * (1 - 1 / np.sqrt(n**2 + (n**2 - 1) * square))
+        depth = self.barrel_mm + nearer - points[..., 2]
+        radius = self.barrel_diameter_mm / 2
+        across = points[..., :2] + depth[..., None] * slopes
+        return {"barrel": (radius**2 - (across**2).sum(axis=-1)) / (2 * radius)}
+
     def _at_table(self) -> float:
         """How far (mm) the imager stands from where it stood for the table."""
         assert self.table_focus_mm is not None
@@ -209,8 +225,15 @@ def _field_of(lens: TabulatedLens) -> LensField:
         tangent, height, pupil, vergence_t, vergence_s, scale_t, scale_s,
         left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
         column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
+        np.ones_like(tangent), np.ones_like(tangent), nothing, left.area,
     )  # fmt: skip
-    return LensField(_through_window(nodes, lens.window_mm, lens.window_index), "the lens's table")
+    nodes = _through_window(nodes, lens.window_mm, lens.window_index)
+    return LensField(
+        nodes,
+        "the lens's table",
+        at_fold="correct image_height_mm, or omit the rows from {angle} deg on",
+        at_end="add rows of larger field_deg",
+    )
 
 
 def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldNodes:
@@ -232,6 +255,7 @@ def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldN
         vergence_t=nodes.vergence_t / wider,
         scale_t=nodes.scale_t * wider,
         width_t=nodes.width_t * wider,
+        stop_t=nodes.stop_t * wider,
     )
 
 

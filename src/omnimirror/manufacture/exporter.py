@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -14,11 +13,13 @@ from typing import Any, NamedTuple
 
 from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
+from ..escaping import file_stem
 from ..files import replacing
 from ..housing import Housing
 from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
 from .body import Body
+from .changes import changes_of
 from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words
 from .drawings.tables import DataFile, sag_text
@@ -26,7 +27,7 @@ from .formats.gridsag import write_grid_sag
 from .formats.sag_tables import table_points
 from .formats.zmx import write_zmx
 from .lathe import Tool, write_tool_path
-from .parts import Part, parts_of
+from .parts import Part, housed, parts_of
 from .workshop import Workshop
 
 SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # in names of files
@@ -80,10 +81,15 @@ class Plan:
     @property
     def stem(self) -> str:
         """What the names of files begin with."""
-        return re.sub(r"[^\w.+-]+", "-", self.sensor.name).strip("-.") or "sensor"
+        return file_stem(self.sensor.name, "sensor")
 
-    def data_file(self, part: Part) -> DataFile:
-        """The sag table of a mirror, as it is written beside the drawing."""
+    writes_table: bool = False
+    """Whether the sag table is written by the same call."""
+
+    def data_file(self, part: Part) -> DataFile | None:
+        """Return the sag table of a mirror if it is written beside the drawing."""
+        if not self.writes_table:
+            return None
         name = f"{self.stem}{SECONDARY_MARK if part.is_secondary else ''}-sag.csv"
         return DataFile.of(part, name, self.step_mm, self.step_deg, self.digits)
 
@@ -134,6 +140,7 @@ def export(
     scale: float | None = None,
     tool: Tool | None = None,
     workshop: Workshop | None = None,
+    allow_changes: bool = False,
 ) -> list[Exported]:
     """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
 
@@ -152,8 +159,7 @@ def export(
     secondary_body : optional
         The same of a second mirror.
     housing : optional
-        What stands around the mirror in the drawing, by default the sensor's own, and where that says nothing a
-        transparent tube to fit. Its rims are those of the bodies.
+        Housing of the drawing, by default the sensor's own. Its rims are those of the bodies.
     chord_tolerance_um
         Of the triangles of STL and 3MF.
     step_mm, step_deg, digits
@@ -167,6 +173,8 @@ def export(
     workshop : optional
         What the drawing says beside shapes: title block, material, texture, tolerances
         (:func:`omnimirror.manufacture.load_workshop`).
+    allow_changes
+        Write the files even if bodies or housing change what the evaluated sensor sees.
 
     Returns
     -------
@@ -176,7 +184,8 @@ def export(
     Raises
     ------
     InvalidParameter
-        A format or suffix that is not known, or a parameter outside its range.
+        A format or suffix that is not known, a parameter outside its range, or bodies or a housing that change the
+        evaluated sensor: its field, its obscurations, or the size of its cover.
     OmnimirrorError
         A package of ``omnimirror[cad]`` is missing, or a file cannot be written.
 
@@ -202,7 +211,15 @@ def export(
         step_deg, digits, grid_points, sheet, scale, tool or Tool(), workshop or Workshop(),
     )  # fmt: skip
     targets = _targets(plan, path, formats)
-    _check_packages(list(dict.fromkeys(name for name, *_ in targets.values())))
+    if not allow_changes and (changes := changes_of(sensor, housed(plan.parts, housing))):
+        raise InvalidParameter(
+            f"the export parameters change the evaluated sensor {sensor.name!r}: {'; '.join(changes)}; "
+            "enter these parts in the [housing] of the sensor file and evaluate it again, or set allow_changes "
+            "(--allow-changes)"
+        )
+    names = list(dict.fromkeys(name for name, *_ in targets.values()))
+    _check_packages(names)
+    plan = replace(plan, writes_table="csv" in names)
     with TemporaryDirectory() as folder, ExitStack() as stack:
         made = {target: Path(folder) / _plain(target.name) for target in targets}
         written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
@@ -326,7 +343,7 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
         bodies = [p.body for p in plan.parts]
         plan.drawn.append(draw_sheets(
             plan.sensor, bodies[0], plan.housing, plan.sheet, plan.scale, *bodies[1:], workshop=plan.workshop,
-            data_files=[plan.data_file(p) for p in plan.parts],
+            data_files=[f for p in plan.parts if (f := plan.data_file(p))],
         ))  # fmt: skip
     (drawing,) = plan.drawn
     write_drawing(path, drawing, plan.page)

@@ -11,7 +11,6 @@ less r in Z.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..arguments import check_fields, checked, whole
 from ..errors import InvalidParameter
+from ..escaping import gcode_comment, line_comment
 from ..mirrors import Mirror
 from ..parameters import Parameter
 from .forms import steps_of
@@ -253,7 +253,7 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
     >>> from omnimirror.mirrors import Sphere
     >>> lines = format_gcode(tool_path(Sphere(50.0, 40.0)), "ball (small)").splitlines()
     >>> lines[1], lines[-5]
-    ('(omnimirror tool path of ball small)', 'G1 X0.000000 Z0.000000')
+    ('(omnimirror tool path of ball [small])', 'G1 X0.000000 Z0.000000')
     """
     tool, twice = path.tool, 2 if path.tool.x_is_diameter else 1
     inward = np.array([path.x_mm[1] - path.x_mm[0], path.z_mm[1] - path.z_mm[0]])
@@ -266,7 +266,7 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
     counted = "diameter" if tool.x_is_diameter else "radius"
     head = [
         "%",
-        f"(omnimirror tool path of {_plain(name)})",
+        f"(omnimirror tool path of {gcode_comment(name)})",
         f"(omnimirror {__version__})",
         f"(nose radius {tool.radius_mm:g} mm; X and Z of its lowest point; X is a {counted})",
         "(Z grows from the work towards the tool; 0 where the nose touches the vertex)",
@@ -282,11 +282,6 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
     ]
     way = [f"G1 {place(x, z)}" for x, z in zip(path.x_mm, path.z_mm, strict=True)]
     return "\n".join([*head, *way, f"G0 Z{top:.{digits}f}", "M5", "M30", "%"]) + "\n"
-
-
-def _plain(name: str) -> str:
-    """A name without what ends a comment or is no ASCII."""
-    return re.sub(r"[^ -~]|[();%]", "", name).strip()
 
 
 def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
@@ -307,7 +302,7 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
     ['0.000000', '0.000000', '0.000000']
     """
     head = [
-        f"# omnimirror tool path of {_plain(name)}",
+        f"# omnimirror tool path of {line_comment(name)}",
         f"# nose radius {path.tool.radius_mm:g} mm, largest distance from the mirror {path.deviation_nm:.3g} nm",
         "\t".join(("contact_mm", "tool_x_mm", "tool_z_mm")),
     ]
@@ -319,5 +314,5 @@ def write_tool_path(path: Path, mirror: Mirror, tool: Tool, name: str, digits: i
     """Write the program, or the list of points if ``listed``."""
     way = tool_path(mirror, tool, digits=digits)
     text = (format_points if listed else format_gcode)(way, name, digits)
-    path.write_text(text, encoding="ascii", newline="")
+    path.write_text(text, encoding="utf-8", newline="")
     return way

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
-from ..housing import FlatWindow, Housing, Tube
+from ..housing import Housing
 from ..lenses import GaussianLens
 from ..mirrors import Mirror
 from ..sensor import Sensor
@@ -71,22 +71,12 @@ def parts_of(sensor: Sensor, body: Body | None = None, secondary_body: Body | No
 
 
 def housed(parts: list[Part], housing: Housing | None = None) -> Sensor:
-    """The sensor of some parts with what stands around it in the drawing; the rims are those of the parts' bodies.
-
-    Without a housing it is the sensor's own, and a tube to fit where that says nothing.
-    """
+    """Return the sensor with the housing that is drawn, by default its own; the rims are those of the parts' bodies."""
     first, *second = parts
-    housing = replace(housing or drawn_housing(first.sensor), rim=first.body.rim(first.mirror))
-    if isinstance(housing.shell, FlatWindow):  # a part of what the sensor is built into
-        housing = replace(housing, shell=None)
+    housing = replace(housing or first.sensor.housing, rim=first.body.rim(first.mirror))
     if second:
         housing = replace(housing, secondary_rim=second[0].body.rim(second[0].mirror))
     return replace(first.sensor, housing=housing)
-
-
-def drawn_housing(sensor: Sensor) -> Housing:
-    """What is drawn around a sensor: its own housing, and a tube to fit where that says nothing."""
-    return Housing(shell=Tube()) if sensor.housing.is_empty else sensor.housing
 
 
 def bored(sensor: Sensor, body: Body) -> Body:

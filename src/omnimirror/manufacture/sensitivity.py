@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor import Sensor
+from ..tracing.meridian import ChiefRays
 
 Array = NDArray[np.float64]
 
@@ -124,9 +125,10 @@ def _sensitivity(
 ) -> Sensitivity:
     """Central difference of the image height over the error, at fixed field angles."""
     mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
-    x = np.linspace(0.0 if not mirror.is_pointed else EDGE * M, M, POINTS)
+    start = sensor.meridian.x_min  # before it nothing is seen: rays end at the base of a tube in water
+    x = np.linspace(start if not mirror.is_pointed else max(start, EDGE * M), M, POINTS)
     z, slope, _ = mirror.profile(x)
-    omega = sensor.meridian.trace(np.linspace(2 * EDGE * M, (1 - EDGE) * M, 501)).omega
+    omega = sensor.meridian.trace(np.linspace(start + 2 * EDGE * (M - start), M - EDGE * (M - start), 501)).omega
     ahead, behind = (_image_height_px(sensor, moved(x, z, slope, e), omega) for e in (step, -step))
     motion = np.abs(ahead - behind) / (2 * step)
     worst = int(np.argmax(motion))
@@ -139,7 +141,16 @@ def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
     w = sensor.lens.pupil.aim(meridian.x, sensor.meridian.m + meridian.z).distance
-    found = 2 * np.arctan(meridian.slope) + np.arctan2(meridian.x, w)
-    height = sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
+    beta, theta = np.arctan(meridian.slope), np.arctan2(meridian.x, w)
+    found, height = 2 * beta + theta, sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
+    if (cover := sensor.meridian.cover) is not None:  # it stays where it is, and only directions count
+        unknown = np.zeros_like(w)
+        gamma, path = beta + theta, np.hypot(meridian.x, w)
+        rays = ChiefRays(
+            meridian.x, meridian.z, meridian.slope, unknown, sensor.meridian.m, w, beta, theta, gamma, found, path
+        )
+        found = cover.left_by(rays).omega
+        seen = np.isfinite(found)
+        found, height = found[seen], height[seen]
     heights: Array = CubicSpline(found, height)(omega)
     return heights

@@ -15,28 +15,32 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import checked, row, vectors, whole
+from ..arguments import checked, number, row, vectors, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..mirrors import Mirror, SampledProfile
+from ..mirrors.measured.clouds import check_distance, check_spread
 from ..mirrors.measured.smoothing import NORMAL
 from ..numerics.lazy import cached_property
 from ..numerics.zernike import noll, terms_of, zernike_values
-from .alignment import Alignment, aligned, distances, outline_centre
+from .alignment import Alignment, aligned, distances, is_line, outline_centre
 
 Array = NDArray[np.float64]
 
 FEWEST = 200  # points
+FEWEST_OF_PROFILE = 50
 PER_TERM = 5  # points, at least
 ORDERS = (2, 4, 6, 8, 10, 12)
 ABOUT_AXIS = tuple(range(2, 42, 2))  # orders of rotational terms that are tried
 PATIENCE = 3  # orders that bring nothing end the search
 STEADY = 30.0  # condition of the terms at the points up to which they are told apart
+STEADY_OF_PROFILE = 1e4  # the same of a profile, whose terms are few
 WRONG = 6.0  # scatters that a point must be off to be wrong
 LEAST_WRONG_MM = 1e-6  # off, to be wrong: no machine measures that
 ROUNDING = 1e-14  # of sums of squares
 CELLS = 12  # sectors, and half as many rings, of points whose errors may go together
 AT_A_TIME = 8192  # points
 PROFILE_POINTS = 401
+LEAST_TERM_UM = 1e-6  # of a radius that is off, to be listed
 UM = 1e3
 
 
@@ -155,6 +159,11 @@ class FormError:
         return values.sum(axis=1), values[:, about].sum(axis=1)
 
     @property
+    def radius_mm(self) -> float | None:
+        """Radius of the sphere that fits the points; None of mirrors that are no sphere."""
+        return self.place.radius_mm
+
+    @property
     def rms_um(self) -> float:
         """Of the terms over the disk, less their mean."""
         return float(self._map[0].std())
@@ -201,22 +210,33 @@ class FormError:
 
 @checked
 def form_error(
-    mirror: Mirror, points_mm: ArrayLike, *, order: int | None = None, are_departures: bool = False
+    mirror: Mirror,
+    points_mm: ArrayLike,
+    *,
+    order: int | None = None,
+    are_departures: bool = False,
+    probe_radius_mm: float = 0.0,
 ) -> FormError:
-    """The form error of a mirror that was measured point by point.
+    """Estimate the form error of a mirror from measured points.
+
+    The rotation of a sphere about its centre is not determined by points: the axes of the machine are kept, or the
+    outline of the points is centred where it is off the axis. The radius of a sphere is estimated.
 
     Parameters
     ----------
     mirror
-        That was meant.
-    points_mm : (n, 3)
-        Points of its surface, in the axes of the machine.
+        Nominal mirror.
+    points_mm : (n, 3) or (n, 2)
+        Points of its surface, in the axes of the machine; x and z of a profile through the axis. Points along a line
+        of the x-y plane are a profile too. Of a profile only the form about the axis is estimated.
     order : optional
         Largest order of the Zernike terms that are not about the axis; by default what the points ask for, by
         Schwarz's criterion, up to 12.
     are_departures
         Whether the third numbers are no heights but departures from the mirror that was meant along its normal, away
         from the lens, as an interferometer's null test gives them; the middle of the points' outline is the axis then.
+    probe_radius_mm
+        Radius of the probe's ball, of machines that give the centres of the ball; 0 for points of the surface.
 
     Returns
     -------
@@ -226,7 +246,7 @@ def form_error(
     Raises
     ------
     OmnimirrorError
-        Fewer than 200 points, points of something else, or holes that leave terms undetermined.
+        Fewer than 200 points (50 of a profile), points of something else, or holes that leave terms undetermined.
 
     Examples
     --------
@@ -241,20 +261,42 @@ def form_error(
     >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
     [('astigmatism', 0.5)]
     """
-    points = vectors("points_mm", points_mm, 3, is_list=True)
+    try:
+        is_profile = np.shape(points_mm)[1:] == (2,)
+    except ValueError:  # rows of different lengths, which `vectors` rejects
+        is_profile = False
+    points = vectors("points_mm", points_mm, 2 if is_profile else 3, is_list=True)
     points = points[np.isfinite(points).all(axis=-1)]
+    probe_radius_mm = number("probe_radius_mm", probe_radius_mm, low=0.0, unit="mm")
     if order is not None:
         order = whole("order", order, 2, ORDERS[-1])
-    if len(points) < FEWEST:
-        raise OmnimirrorError(f"the cloud has {len(points)} points; at least {FEWEST} are valid")
+    if are_departures and (is_profile or probe_radius_mm):
+        what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
+        raise InvalidParameter(f"are_departures needs departures (x, y, departure) of the surface itself; got {what}")
+    if is_profile:
+        points = np.insert(points, 1, 0.0, axis=1)
+    if not is_profile:
+        check_distance(points, "the cloud")
+        is_profile = len(points) > 1 and is_line(points)
+    fewest, what = (FEWEST_OF_PROFILE, "profile") if is_profile else (FEWEST, "cloud")
+    if len(points) < fewest:
+        raise OmnimirrorError(f"the {what} has {len(points)} points; at least {fewest} are valid")
+    if is_profile and order is not None:
+        raise InvalidParameter(f"order = {order} needs points all over the mirror; got a profile")
+    if not is_profile:
+        check_spread(points, "the cloud")
     if are_departures:
         points = _risen(mirror, points)
-    place = aligned(mirror, points)
+        check_spread(points, "the cloud within the rim")
+    place = aligned(mirror, points, f"the {what}", probe_radius_mm)
     everything = _Heights.of(mirror, place)
+    sphere = None if place.radius_mm is None else _Sphere.of(mirror, place)
+    if sphere is not None:
+        everything = sphere.less(everything)
     part = everything.those(np.isfinite(place.distance_mm))
     inside, equations = len(part.x), _Gram.of(part)
     while True:
-        fit = equations.chosen(order)
+        fit = equations.of_profile() if place.is_profile else equations.chosen(order)
         left = part.distance - part.modelled(fit.terms, fit.values)
         far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), LEAST_WRONG_MM)
         if not far.any():
@@ -262,22 +304,77 @@ def form_error(
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
     noise, shared = _noise(part, left, len(fit.terms))
     sigmas = _sigmas(part, fit, left, noise)
-    terms = tuple(FormTerm(*t) for t in zip(fit.terms, (UM * fit.values).tolist(), (UM * sigmas).tolist(), strict=True))
-    rim = mirror.rim_radius_mm
+    amounts = {j: (UM * v, UM * s) for j, v, s in zip(fit.terms, fit.values.tolist(), sigmas.tolist(), strict=True)}
+    rim, heights = mirror.rim_radius_mm, UM * part.distance / part.up
+    if sphere is not None:
+        amounts = sphere.added_to(amounts)
+        heights = heights + UM * sphere.departure(np.hypot(part.x, part.y))
+    terms = tuple(FormTerm(j, *amounts[j]) for j in sorted(amounts))
     return FormError(
         mirror, place, terms, fit.order, inside - len(part.x), UM * noise, UM * shared,
-        part.x * rim, part.y * rim, UM * part.distance / part.up, UM * left / part.up,
+        part.x * rim, part.y * rim, heights, UM * left / part.up,
     )  # fmt: skip
 
 
 def _risen(mirror: Mirror, departures: Array) -> Array:
     """Points on the mirror, moved along its normal; a null test does not tell how far all of them have moved."""
-    points = departures - np.append(outline_centre(departures), departures[:, 2].mean())
+    points = departures - np.append(outline_centre(departures), np.median(departures[:, 2]))
     r = np.hypot(points[:, 0], points[:, 1])
     points = points[r <= mirror.rim_radius_mm]
     sag, slope, _ = mirror.profile(np.hypot(points[:, 0], points[:, 1]))
     heights = sag + points[:, 2] * np.sqrt(1 + slope**2)
     return np.column_stack([points[:, :2], heights])
+
+
+class _Sphere(NamedTuple):
+    """Sphere that fits the points of a spherical mirror; terms describe what it leaves, and its radius exactly."""
+
+    radius: float
+    sigma: float
+    nominal: float
+    rim: float
+
+    @classmethod
+    def of(cls, mirror: Mirror, place: Alignment) -> _Sphere | None:
+        """Return the fitted sphere, or None if it ends before the rim."""
+        assert place.radius_mm is not None
+        assert place.radius_sigma_mm is not None
+        rim = mirror.rim_radius_mm
+        if abs(place.radius_mm) <= rim * (1 + 1e-6):
+            return None
+        return cls(place.radius_mm, place.radius_sigma_mm, float(mirror.radius_t(0.0)), rim)
+
+    def departure(self, rho: Array, more: float = 0.0) -> Array:
+        """Return the height (n,) mm over the nominal sphere at distances (n,) in rim radii; ``more`` adds to R."""
+        return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(rho * self.rim, self.nominal)
+
+    def less(self, heights: _Heights) -> _Heights:
+        """Return distances from the fitted sphere in place of those from the nominal one."""
+        rho = np.hypot(heights.x, heights.y)
+        up = np.sqrt(np.maximum(1 - (rho * self.rim / self.radius) ** 2, 0.0))
+        distance = (heights.distance / heights.up - self.departure(np.minimum(rho, 1.0))) * up
+        return _Heights(heights.x, heights.y, distance, up)
+
+    def added_to(self, amounts: dict[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
+        """Return amounts and uncertainties (um) of terms with those of the departure of the fitted sphere."""
+        terms = _terms(0, ABOUT_AXIS[-1])
+        rho = np.sin(np.linspace(0.0, np.pi / 2, PROFILE_POINTS))
+        values = zernike_values(rho, 0 * rho, terms)
+        right = np.stack([self.departure(rho), self.departure(rho, self.sigma) - self.departure(rho)], axis=1)
+        found = UM * np.linalg.lstsq(values, right, rcond=None)[0]
+        found[0] -= found[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
+        added = dict(amounts)
+        for j, (um, sigma) in zip(terms, found.tolist(), strict=True):
+            before, spread = added.get(j, (0.0, 0.0))
+            if j in added or abs(um) > LEAST_TERM_UM:
+                added[j] = before + um, float(np.hypot(spread, sigma))
+        return added
+
+
+def _sphere_sag(x: Array, radius: float) -> Array:
+    square = x**2 / radius
+    sag: Array = square / (1 + np.sqrt(1 - square / radius))
+    return sag
 
 
 # -- the fit ---------------------------------------------------------------------------------------------
@@ -364,10 +461,23 @@ class _Gram:
         again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
         return again or best
 
-    def _best(self, orders: Iterable[tuple[int, int]]) -> _Fit | None:
+    def of_profile(self) -> _Fit:
+        """Return the fit of terms about the axis alone.
+
+        Raises
+        ------
+        OmnimirrorError
+            Terms that the points do not tell apart.
+        """
+        best = self._best(((0, n) for n in ABOUT_AXIS), STEADY_OF_PROFILE)
+        if best is None:
+            raise OmnimirrorError("the profile covers too little of the mirror to determine its form")
+        return best
+
+    def _best(self, orders: Iterable[tuple[int, int]], steady: float = STEADY) -> _Fit | None:
         found: list[tuple[float, _Fit]] = []
         for order, about_axis in orders:
-            fit = self._fit(order, about_axis)
+            fit = self._fit(order, about_axis, steady)
             if fit is None:
                 break
             found.append((self._price(fit), fit))
@@ -375,7 +485,7 @@ class _Gram:
                 break
         return min(found, key=lambda one: one[0])[1] if found else None
 
-    def _fit(self, order: int, about_axis: int) -> _Fit | None:
+    def _fit(self, order: int, about_axis: int, steady: float = STEADY) -> _Fit | None:
         """None if the points do not tell the terms apart."""
         terms = _terms(order, about_axis)
         if PER_TERM * len(terms) > self.count:
@@ -383,7 +493,7 @@ class _Gram:
         at = np.searchsorted(self.terms, terms)
         matrix = self.matrix[np.ix_(at, at)]
         sizes = np.linalg.eigvalsh(matrix)
-        if sizes[-1] > STEADY**2 * sizes[0]:
+        if sizes[-1] > steady**2 * sizes[0]:
             return None
         inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
         return _Fit(order, terms, inverse @ self.right[at], inverse)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
+from math import prod
 from pathlib import Path
 from typing import Literal
 
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..arguments import checked, file_name
 from ..errors import OmnimirrorError
-from ..files import read_text
-from ..mirrors.measured.clouds import cloud_points, grid_points
+from ..files import check_file, open_file, read_text
+from ..mirrors.measured.clouds import grid_points
+from ..mirrors.measured.point_rows import parsed_points
 
 Array = NDArray[np.float64]
 
@@ -22,30 +24,38 @@ CLOUDS = (".csv", ".txt", ".xyz", ".asc", ".pts", ".tsv")
 """Suffixes of points by the line, x, y, z."""
 MACHINES = (".x3p", ".datx", ".dat", ".opd", ".opdx", ".sur", ".plu", ".plux", ".al3d", ".zmg", ".sdf", ".nms")
 """Suffixes of grids of heights by machines; .dat is Zygo's MetroPro, or a grid sag file if it is text."""
+LARGEST_MACHINE_FILE = 256 << 20
+"""Bytes of a file, and of what is packed in it."""
+MOST_GRID_POINTS = 20_000_000
+"""Points of a grid of heights, which take about 2 GB of memory."""
 BEGINNING = 512  # bytes that tell text from numbers
 
 
 @checked
 def read_points(path: str | Path, unit: Unit = "mm") -> Array:
-    """Points of a surface (n, 3) mm from the file of a measuring machine.
+    """Read points of a surface, mm, from the file of a measuring machine.
+
+    Rows may be separated by blanks, tabs, semicolons or commas, have decimal points or commas, exponents with E or D,
+    and hold row numbers and labels. Lines before the first row are a header; if it names x, y and z, these columns are
+    taken, otherwise the first three, or two of a profile.
 
     Parameters
     ----------
     path
-        Lines of x, y, z (.csv, .txt, .xyz, ..), an OpticStudio grid sag (.dat), or what a machine wrote (ISO 25178-72
-        .x3p, Zygo .dat and .datx, Bruker .opd and others, by the package SurfaceTopography).
+        Rows of x, y, z, or of x, z of a profile (.csv, .txt, .xyz, ...), an OpticStudio grid sag (.dat), or a
+        file of a machine (ISO 25178-72 .x3p, Zygo .dat and .datx, Bruker .opd, ...; by the package SurfaceTopography).
     unit
         Of points by the line: mm, um, m or inch. The other files say theirs.
 
     Returns
     -------
-    (n, 3) array
+    (n, 3) array, or (n, 2) of a profile
         Without the places where nothing was measured.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing, is none of these, or its package is not installed.
+        The file is missing, is none of these, names another unit, or its package is not installed.
 
     Examples
     --------
@@ -59,33 +69,38 @@ def read_points(path: str | Path, unit: Unit = "mm") -> Array:
     path = file_name("path", path)
     suffix = path.suffix.lower()
     if suffix in CLOUDS:
-        return MM[unit] * cloud_points(path)
-    if suffix == ".dat" and _is_text(path):
-        return grid_points(path)
+        return MM[unit] * parsed_points(read_text(path, "points"), path, unit)
     if suffix in MACHINES:
-        return _of_machine(path)
+        try:
+            check_file(path, LARGEST_MACHINE_FILE, LARGEST_MACHINE_FILE)
+            is_grid = suffix == ".dat" and _is_text(path)
+        except OSError as e:
+            raise OmnimirrorError(f"cannot read the points {path}: {e.strerror or e}") from None
+        return grid_points(path) if is_grid else _of_machine(path)
     raise OmnimirrorError(f"{path} is no file of points that is known; valid are {', '.join((*CLOUDS, *MACHINES))}")
 
 
 def _is_text(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(BEGINNING).isascii()
-    except OSError:
-        read_text(path, "points")  # says why
-        raise
+    with open_file(path, LARGEST_MACHINE_FILE) as file:
+        return file.read(BEGINNING).isascii()
 
 
 def _of_machine(path: Path) -> Array:
+    """Read a grid of heights with SurfaceTopography; its size is checked before the heights are read."""
     if find_spec("SurfaceTopography") is None:
         raise OmnimirrorError(f"{path.suffix} files need SurfaceTopography: pip install 'omnimirror[metrology]'")
-    if not path.is_file():
-        raise OmnimirrorError(f"cannot read points {path}: there is no such file")
-    from SurfaceTopography import read_topography
+    from SurfaceTopography.IO import open_topography
 
     try:
-        grid = read_topography(str(path)).to_unit("mm")
-        x, y, z = grid.positions_and_heights()
+        with open_topography(str(path)) as reader:
+            count = prod(map(int, reader.default_channel.nb_grid_pts))
+            if count > MOST_GRID_POINTS:
+                raise OmnimirrorError(
+                    f"{path} must not have more than {MOST_GRID_POINTS} points; got {count}; reduce its resolution"
+                )
+            x, y, z = reader.topography().to_unit("mm").positions_and_heights()
+    except OmnimirrorError:
+        raise
     except Exception as e:  # it names no common kind of its own
         raise OmnimirrorError(
             f"{path} cannot be read: {str(e).splitlines()[0] if str(e) else type(e).__name__}"

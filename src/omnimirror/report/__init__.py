@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from ..analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
 from ..analysis.meridional.focus import best_focus
 from ..arguments import checked
 from ..dewarp import Dewarper, screens, views
+from ..escaping import html_text, shell_word
 from ..figures import FIGURES, draw, render
 from ..files import write_text
 from ..media import write_image
@@ -102,13 +102,13 @@ def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
     return page_html(
         sensor.name,
         "sensor",
-        heading=escape(sensor.name),
-        lead=escape(lead),
+        heading=html_text(sensor.name),
+        lead=html_text(lead),
         numbers=_numbers(result),
         pictures=_pictures(folder),
         figures=_figures(sensor, tell),
         table=_table(result),
-        commands=escape(_commands(sensor.name)),
+        commands=html_text(_commands(sensor.name)),
     )
 
 
@@ -130,7 +130,7 @@ def _numbers(result: Evaluation) -> str:
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
         "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
     }
-    return "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in entries.items())
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
 
 
 def _pictures(folder: Path) -> str:
@@ -162,7 +162,8 @@ def _figures(sensor: Sensor, tell: Told) -> str:
 
 def _table(result: Evaluation) -> str:
     head = "".join(
-        f'<th title="{escape(explained(q))}">{q.heading}<small>{q.unit or "&nbsp;"}</small></th>'
+        f'<th title="{html_text(explained(q))}">{html_text(q.heading)}'
+        f"<small>{html_text(q.unit) or '&nbsp;'}</small></th>"
         for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
     )
     cells = result.texts(COLUMNS_SHOWN).values()
@@ -171,12 +172,13 @@ def _table(result: Evaluation) -> str:
 
 
 def _commands(name: str) -> str:
-    dewarp = f"omnimirror dewarp circle.png --sensor {name} --interpolation cubic --black"
+    sensor = shell_word(name)
+    dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
     width, height = VIEW.size
     return "\n".join(
         [
-            f"omnimirror demo {name} --out .",
-            f"omnimirror evaluate {name} --csv evaluation.csv",
+            f"omnimirror demo {sensor} --out .",
+            f"omnimirror evaluate {sensor} --csv evaluation.csv",
             f"{dewarp} --view panorama -o panorama.png",
             f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png",
         ]

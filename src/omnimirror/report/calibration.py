@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import checked
 from ..calibrate.estimation.results import Calibration
+from ..escaping import html_text
 from ..figures import render, save_figure
 from ..figures.calibration import (
     coverage_map,
@@ -165,19 +165,19 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
     return page_html(
         heading,
         "calibration",
-        heading=escape(heading),
-        lead=escape(_lead(calibration)),
+        heading=html_text(heading),
+        lead=html_text(_lead(calibration)),
         numbers=_numbers(calibration),
-        notes="".join(f"<p>{escape(note)}</p>" for note in calibration.notes),
+        notes="".join(f"<p>{html_text(note)}</p>" for note in calibration.notes),
         coverage=drawn.pop("coverage"),
-        advice="".join(f"<p>{escape(sentence)}</p>" for sentence in calibration.advice),
+        advice="".join(f"<p>{html_text(sentence)}</p>" for sentence in calibration.advice),
         residuals="".join(drawn.values()),
         candidates=_candidates(calibration),
         parameters=_parameters(calibration),
-        free="".join(f"<p>Not determined: {escape(str(c))}</p>" for c in calibration.free),
+        free="".join(f"<p>Not determined: {html_text(str(c))}</p>" for c in calibration.free),
         pictures=_pictures(calibration),
         outliers=_outliers(calibration),
-        command=escape(command or "omnimirror calibrate"),
+        command=html_text(command or "omnimirror calibrate"),
     )
 
 
@@ -197,7 +197,7 @@ def _numbers(calibration: Calibration) -> str:
         "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
         "Took": f"{calibration.seconds:.1f} s",
     }
-    return "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in entries.items())
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
 
 
 def _candidates(calibration: Calibration) -> str:
@@ -240,9 +240,9 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table whose first column, and last where it has no heading, holds words."""
     words = {0, len(headings) - 1} if not headings[-1] else {0}
     styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
-    head = "".join(f"<th{style}>{escape(h)}</th>" for h, style in zip(headings, styles, strict=True))
+    head = "".join(f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True))
     lines = []
     for row in rows:
-        first, *others = (f"{style}>{escape(c)}" for c, style in zip(row, styles, strict=True))
+        first, *others = (f"{style}>{html_text(c)}" for c, style in zip(row, styles, strict=True))
         lines.append(f"<tr><th{first}</th>{''.join(f'<td{cell}</td>' for cell in others)}</tr>")
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"

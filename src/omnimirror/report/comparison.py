@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ from ..arguments import checked
 from ..dewarp import Dewarper, views
 from ..dewarp.camera_field import field_of
 from ..errors import InvalidParameter
+from ..escaping import html_text, shell_command
 from ..figures import picture_sheet, render, side_by_side, table_sheet
 from ..files import write_text
 from ..media import write_image
@@ -104,7 +104,7 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
     return page_html(
         title,
         "comparison",
-        heading=escape(title),
+        heading=html_text(title),
         count=len(comparison.sensors),
         table=_table(comparison),
         curves=figure_html(
@@ -116,7 +116,7 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
         ),
         circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
         panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
-        command=escape(f"omnimirror compare {' '.join(comparison.names)} -o comparison.html"),
+        command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
     )
 
 
@@ -138,15 +138,15 @@ def _in_place(comparison: Comparison) -> list[Sensor]:
 
 
 def _table(comparison: Comparison) -> str:
-    names = "".join(f"<th>{escape(n)}</th>" for n in comparison.names)
+    names = "".join(f"<th>{html_text(n)}</th>" for n in comparison.names)
     rows = []
     for row in comparison.rows:
         cells = "".join(
-            f'<td class="best">{escape(text)}</td>' if best else f"<td>{escape(text)}</td>"
+            f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>"
             for text, best in zip(row.texts, row.best, strict=True)
         )
         q = row.quantity
-        head = f'<th title="{escape(q.meaning)}">{escape(q.title)} <small>{escape(q.unit)}</small></th>'
+        head = f'<th title="{html_text(q.meaning)}">{html_text(q.title)} <small>{html_text(q.unit)}</small></th>'
         rows.append(f"<tr>{head}{cells}</tr>")
     return f"<table><thead><tr><th></th>{names}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 
 from ..arguments import checked, file_name
 from ..errors import InvalidParameter
+from ..escaping import html_text, shell_word
 from ..figures.style import render, styled
 from ..files import write_text
 from ..manufacture.drawings.tables import centring_code, form_code
@@ -118,7 +118,7 @@ def tolerances_html(report: ToleranceReport) -> str:
     return page_html(
         f"Tolerances of {name}",
         "tolerances",
-        heading=f"Tolerances of {escape(name)}",
+        heading=f"Tolerances of {html_text(name)}",
         lead=_lead(order),
         numbers=_numbers(order),
         errors=_table(
@@ -129,9 +129,9 @@ def tolerances_html(report: ToleranceReport) -> str:
         judged=_judged(order),
         tornado=figure_html(bars, "svg+xml", "How far each error alone moves the picture at its tolerance.", "plot"),
         curves=figure_html(shares, "svg+xml", f"Of {order.tally.trials} sensors built so.", "plot"),
-        command=escape(
-            f"omnimirror tolerance {name} tolerances.toml --trials {report.tally.trials} --seed {report.seed}{wanted} "
-            "--report order.html"
+        command=html_text(
+            f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.tally.trials} "
+            f"--seed {report.seed}{wanted} --report order.html"
         ),
     )
 
@@ -155,7 +155,7 @@ def _numbers(order: _Order) -> str:
     }
     if found is not None:
         numbers["if all were scaled alike"] = f"{found.price_of_equal:.4g}"
-    return "".join(f"<div><dt>{escape(k)}</dt><dd>{escape(v)}</dd></div>" for k, v in numbers.items())
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items())
 
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -222,11 +222,11 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = []
     for row in rows:
         if len(row) == 1:
-            body.append(f'<tr><th colspan="{len(head)}"><strong>{escape(row[0].lstrip("*"))}</strong></th></tr>')
+            body.append(f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>')
             continue
         words, _, small = row[0].partition("|")
-        first = escape(words) + (f" <small>{escape(small)}</small>" if small else "")
-        cells = "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
+        first = html_text(words) + (f" <small>{html_text(small)}</small>" if small else "")
+        cells = "".join(f"<td>{html_text(cell)}</td>" for cell in row[1:])
         body.append(f"<tr><th>{first}</th>{cells}</tr>")
-    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    names = "".join(f"<th>{html_text(name)}</th>" for name in head)
     return f"<table><thead><tr>{names}</tr></thead><tbody>{''.join(body)}</tbody></table>"

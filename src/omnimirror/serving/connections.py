@@ -8,11 +8,15 @@ from typing import Any
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 HEAD_S = 10.0
 """How long the head of a request may take."""
 STUCK_S = 60.0
 """How long a full buffer may wait for its reader."""
+IDLE_S = 1800.0
+"""How long a WebSocket may be open without a message in either direction."""
+GOING_AWAY, NOT_TEXT = 1001, 1007
 MOST = 256
 """Connections at once."""
 SPARE_FILES = 64
@@ -34,7 +38,7 @@ class Connection(H11Protocol):
         super().connection_made(transport)
         self._wait_for_head()
         if len(self.connections) > most_connections():
-            waiting = [c for c in self.connections if isinstance(c, Connection) and c.is_silent]
+            waiting = [c for c in self.connections if isinstance(c, Connection | Socket) and c.is_silent]
             longest = min(waiting, key=lambda c: c.since, default=self)
             self.connections.discard(longest)  # it goes a moment later, and is not to be chosen again until then
             longest.transport.abort()
@@ -69,7 +73,7 @@ class Connection(H11Protocol):
     @property
     def since(self) -> float:
         """When it was last known to want something."""
-        return self._head.when() if self._head is not None else 0.0
+        return self._head.when() - HEAD_S if self._head is not None else 0.0
 
     def _wait_for_head(self) -> None:
         self._head = self.loop.call_later(HEAD_S, self._give_up)
@@ -82,6 +86,59 @@ class Connection(H11Protocol):
     def _give_up(self) -> None:
         if self.is_silent:
             self.transport.abort()
+
+
+class Socket(WebSocketsSansIOProtocol):
+    """WebSocket that is closed when it has been idle for long; among too many connections the first idle one goes."""
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self.since = self.loop.time()
+        self._is_new = True
+        self._idle = self.loop.call_later(IDLE_S, self._check_idle)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._idle.cancel()
+        self.connections.add(self)  # which may have been chosen to go, and is removed here
+        super().connection_lost(exc)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether no message has passed yet, or none of late."""
+        return self._is_new or self.loop.time() - self.since > HEAD_S
+
+    def send_receive_event_to_app(self) -> None:
+        self._pass_message()
+        if self.curr_msg_data_type == "text":
+            try:
+                b"".join(self.frames).decode()
+            except UnicodeDecodeError:  # the base class would log a traceback
+                self._end(NOT_TEXT, "text must be UTF-8")
+                return
+        super().send_receive_event_to_app()
+
+    async def send(self, message: Any) -> None:
+        if message["type"] == "websocket.send":
+            self._pass_message()
+        await super().send(message)
+
+    def _pass_message(self) -> None:
+        self.since, self._is_new = self.loop.time(), False
+
+    def _check_idle(self) -> None:
+        left_s = self.since + IDLE_S - self.loop.time()
+        if left_s > 0:
+            self._idle = self.loop.call_later(left_s, self._check_idle)
+        elif not self.close_sent:
+            self._end(GOING_AWAY, "no message for long")
+
+    def _end(self, code: int, reason: str) -> None:
+        self.frames = []
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+        self.conn.send_close(code, reason)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self.transport.close()
 
 
 @cache

@@ -6,19 +6,24 @@ import asyncio
 import logging
 import signal
 import socket
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from ..errors import OmnimirrorError
 from .access import is_loopback
-from .connections import Connection
+from .connections import Connection, Socket
 from .limits import LARGEST_MESSAGE
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 """Where a server listens that does not say where."""
+HANGUP: Any = getattr(signal, "SIGHUP", None)
+"""None on Windows."""
 QUEUE = 256
 """Connections that wait to be accepted."""
 AT_A_TIME = 8
@@ -36,6 +41,28 @@ class Server(uvicorn.Server):
     """
 
     interrupted = False
+
+    hung_up = False
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """End at SIGHUP too, of a closed terminal, unless it is ignored; like the others it is raised again then."""
+        before = signal.getsignal(HANGUP) if HANGUP is not None else None
+        if threading.current_thread() is not threading.main_thread() or before in (None, signal.SIG_IGN):
+            with super().capture_signals():
+                yield
+            return
+        signal.signal(HANGUP, self._hang_up)
+        try:
+            with super().capture_signals():
+                yield
+        finally:
+            signal.signal(HANGUP, before)
+        if self.hung_up:
+            signal.raise_signal(HANGUP)
+
+    def _hang_up(self, sig: int, frame: FrameType | None) -> None:
+        self.hung_up = self.should_exit = True
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         self.interrupted |= sig == signal.SIGINT
@@ -78,7 +105,7 @@ def configured(app: ASGIApp, log_level: str = "warning") -> uvicorn.Config:
         app,
         log_level=log_level,
         http=Connection,
-        ws="websockets-sansio",
+        ws=Socket,
         ws_max_size=LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # pictures are coded already, and would be once more for every page that watches
         backlog=AT_A_TIME,

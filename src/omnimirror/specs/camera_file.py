@@ -14,8 +14,9 @@ import tomli_w
 from pydantic import Field, create_model
 
 from ..arguments import checked, file_name, instance
-from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
+from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
 from ..errors import OmnimirrorError, SpecError
+from ..escaping import line_comment
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
 from ..sensor import Sensor
@@ -68,7 +69,8 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     True
     """
     path, absent = find("sensor file, camera file", name_or_path)
-    return parse_camera(read_text(path, "camera file", SpecError, absent), str(path), path.parent)
+    text = read_text(path, "camera file", SpecError, absent)
+    return load_ocam(path) if is_ocam_text(text) else parse_camera(text, str(path), path.parent)
 
 
 @checked
@@ -178,7 +180,7 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
     instance("camera", camera, kinds, f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}")
     instance("notes", notes, str, "text")
-    comment = "".join(f"# {line}\n" for line in notes.splitlines())
+    comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
     return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
 
 

@@ -13,6 +13,7 @@ from starlette.types import ASGIApp
 from .. import __version__
 from ..errors import OmnimirrorError
 from ..serving.access import Guard, policy_of
+from ..serving.bodies import refuse_invalid_bodies
 from ..serving.limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
 from .bench.routes import add_bench
 from .calibrate.routes import add_calibrate
@@ -46,6 +47,8 @@ def api(studio: Studio) -> FastAPI:
         title="omnimirror studio", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,
         responses=REFUSALS,
     )  # fmt: skip
+
+    refuse_invalid_bodies(app)
 
     @app.exception_handler(OmnimirrorError)
     async def refused(request: Request, error: OmnimirrorError) -> Response:

@@ -9,9 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TypeVar
 
-from pydantic import ValidationError
-
-from ..errors import InvalidParameter
+from ..serving.bodies import InvalidMessage, message_from
 from .messages import Message
 
 M = TypeVar("M", bound=Message)
@@ -30,19 +28,18 @@ def framed(header: Message, *parts: bytes) -> bytes:
 
 
 def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
-    """The message and the bytes after it, of a message that came.
+    """Parse the message before the bytes, and return both.
 
     Raises
     ------
-    InvalidParameter
-        It is none.
+    InvalidMessage
+        The message is not valid.
 
     >>> from .bench.messages import Trouble
     >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)
     (Trouble(path=(), sentence='no'), b'abcd')
     """
-    try:
-        (length,) = struct.unpack_from("<I", data)
-        return kind.model_validate_json(data[4 : 4 + length]), data[4 + length :]
-    except (struct.error, ValidationError):
-        raise InvalidParameter("what was sent is no question with a file behind it") from None
+    if len(data) < 4:
+        raise InvalidMessage("the body must be the length of a JSON message, the message and a file")
+    (length,) = struct.unpack_from("<I", data)
+    return message_from(data[4 : 4 + length], kind), data[4 + length :]

@@ -16,6 +16,12 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class ClientMessage(Message):
+    """Message of a client; its numbers are finite."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 class Problem(Message):
     """Why something was refused, in a sentence."""
 

@@ -22,4 +22,4 @@ REFUSED: dict[str, Any] = {
     "model": Problem,
     "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
-REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 408, 413, 503, 507), REFUSED)
+REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 408, 413, 422, 503, 507), REFUSED)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..escaping import plot_text, visible
 from ..figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from .sensitivity import ErrorEffect
 from .trials.compensation import CALIBRATIONS
@@ -49,7 +50,7 @@ def tornado(rows: Sequence[ErrorEffect]) -> Figure:
         sizes = [min(row.merits[name], 2 * widest) for row in ranked]
         words = "as built" if depth == "none" else f"after a calibration: {depth}"
         ax.barh(places, np.maximum(sizes, SMALLEST * widest), height, color=colour, label=words)
-    ax.set_yticks(places, [f"{row.name}  ±{row.tolerance:.3g}" for row in ranked])
+    ax.set_yticks(places, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
     ax.set(xscale="log", xlabel="largest motion of the picture, px")
     ax.set_xlim(SMALLEST * widest, 1.3 * widest)
     ax.invert_yaxis()
@@ -106,7 +107,7 @@ def _kept(ax: Axes, tally: Tally, name: str) -> None:
     kept = 1 - tally.lost / tally.trials - shares if is_least(name) else shares
     ax.plot(values, 100 * kept, color=INK)
     ax.axvline(tally.limits[name], color=GREY, linewidth=0.8, linestyle=":")
-    ax.set_xlabel(textwrap.fill(name, NAME_LETTERS))
+    ax.set_xlabel(textwrap.fill(visible(name), NAME_LETTERS), parse_math=False)
     ax.set_title("sensors above it, %" if is_least(name) else "sensors under it, %")
 
 
@@ -146,4 +147,5 @@ def variance_chart(found: VarianceShares) -> Figure:
 
 
 def _told(name: str, found: VarianceShares) -> str:
-    return f"{name} ({len(found.groups[name])})" if name in found.groups else name
+    words = plot_text(name)
+    return f"{words} ({len(found.groups[name])})" if name in found.groups else words

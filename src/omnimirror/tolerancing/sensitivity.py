@@ -75,11 +75,16 @@ def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, flo
                 name,
                 size,
                 worst,
-                merit_rates(judge, name, STEP * size, tolerances) if size else {},
+                _rates(judge, name, STEP * size, tolerances) if size else {},
                 {merit: _alone(judge, tolerances, name, merit, limit) for merit, limit in limits.items()},
             )
         )
     return rows
+
+
+def _rates(judge: Judge, name: str, step: float, tolerances: Tolerances) -> dict[str, Rates]:
+    with np.errstate(all="ignore"):  # a step beyond the mirror loses every ray: NaN
+        return merit_rates(judge, name, step, tolerances)
 
 
 def _worst(merit: str, values: Array) -> float:

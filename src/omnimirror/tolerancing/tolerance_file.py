@@ -15,6 +15,7 @@ from ..arguments import check_fields, checked, choice, file_name
 from ..design.criteria.limits import LIMITABLE
 from ..design.criteria.requirement_file import LimitTable, limit_of
 from ..errors import SpecError
+from ..escaping import line_comment
 from ..files import parse_json, parse_toml, read_text
 from ..metrology.readers import Unit
 from ..mirrors.form import LARGEST_ORDER, MirrorForm
@@ -266,7 +267,9 @@ def _errors(
     for i, table in enumerate(tables):
         entry = validated(ErrorTable, f"error.{i}", table, where)
         where.wrap((f"error.{i}", "name"), partial(is_new, entry.name))
-        errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
+        errors[entry.name] = where.wrap(
+            (f"error.{i}", "tolerance"), partial(ErrorBound, entry.tolerance, entry.distribution)
+        )
         prices[entry.name] = entry.price
         if entry.widest is not None:
             if entry.widest < entry.tolerance:
@@ -290,7 +293,8 @@ def _add_figures(
             if name in errors:
                 raise where.error((f"figure.{i}",), f"{name} has a tolerance already; leave it out, or its order")
             where.wrap((f"figure.{i}",), partial(check_name, name, errors_of(sensor)))
-            errors[name], prices[name] = ErrorBound(bound, "normal"), price
+            errors[name] = where.wrap((f"figure.{i}",), partial(ErrorBound, bound, "normal"))
+            prices[name] = price
 
 
 def _add_measured(
@@ -316,7 +320,8 @@ def _add_measured(
         read = partial(measured_form, sensor.mirror, folder / entry.file, entry.unit)
         forms[entry.name] = where.wrap((f"measured.{i}", "file"), read)
         name = measured(entry.name)
-        errors[name], prices[name] = ErrorBound(entry.tolerance, entry.distribution), entry.price
+        bound = partial(ErrorBound, entry.tolerance, entry.distribution)
+        errors[name], prices[name] = where.wrap((f"measured.{i}", "tolerance"), bound), entry.price
     return forms
 
 
@@ -381,7 +386,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     blur = float(
         Judge.of(sensor).judged({next(iter(errors_of(sensor))): np.zeros(1)})[0, merit_names().index("blur_px")]
     )
-    lines = [HEAD.format(name=sensor.name, grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
+    lines = [HEAD.format(name=line_comment(sensor.name), grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
     for kind in errors_of(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue

@@ -20,24 +20,26 @@ Array = NDArray[np.float64]
 
 BLOCK = 8192
 """Trials that are drawn at a time: each block has random numbers of its own, whoever computes it, and when."""
+SMALLEST_BOUND, LARGEST_BOUND = 1e-50, 1e6
+"""Range of a tolerance other than 0, in any unit: squares of finite differences neither vanish nor overflow."""
 LEAST_SHARE = 2.0**-54  # no share is 0, which some distributions send to infinity
 
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """Within what an error stays.
+    """Tolerance of one error: half-width and distribution.
 
     Parameters
     ----------
     value
-        Plus or minus, in the error's unit; 0 for none.
+        Plus or minus, in the error's unit: 0 for none, or 1e-50 to 1e6.
     distribution
-        Within it.
+        Shape of the distribution within it.
 
     Raises
     ------
     InvalidParameter
-        A value below 0, or a word that is no distribution.
+        A value out of range, or an unknown distribution.
 
     Examples
     --------
@@ -51,8 +53,11 @@ class ErrorBound:
     def __post_init__(self) -> None:
         check_fields(self)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        if not 0 <= number("tolerance", self.value) < np.inf:
-            raise InvalidParameter(f"tolerance = {self.value:g} is valid from 0")
+        value = number("tolerance", self.value)
+        if value != 0 and not SMALLEST_BOUND <= value <= LARGEST_BOUND:
+            raise InvalidParameter(
+                f"tolerance must be 0, or between {SMALLEST_BOUND:g} and {LARGEST_BOUND:g}; got {value:g}"
+            )
 
 
 @dataclass(frozen=True)

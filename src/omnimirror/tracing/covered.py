@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..housing import Shell, Tube
 from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
-from ..native import backend
+from ..native import backend, kernel_array
 from ..numerics.lazy import cached_property
 from .covers import Cover
 from .meridian import Meridian
@@ -146,9 +146,9 @@ class CoveredMirror:
         left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
         return left_at, outwards
 
-    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
-        """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
-        return self.mirror.beyond_edge_mm(points, seen_at)
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the rim; see :meth:`PosedMirror.clearances`."""
+        return self.mirror.clearances(seen_at, points, to_pupils, to_targets)
 
     # -- out through the wall ----------------------------------------------------------------------
 
@@ -259,7 +259,7 @@ class CoveredMirror:
         backend.kernels.find_covered(
             (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
             said_to_kernels(self.shell), self.ends_mm, (MAX_STEPS, LONGEST_STEP, SETTLED),
-            (np.ascontiguousarray(pupils.xyz), pupils.distant), (np.ascontiguousarray(targets.xyz), targets.distant),
+            (kernel_array(pupils.xyz), pupils.distant), (kernel_array(targets.xyz), targets.distant),
             xy, settled.view(np.uint8),
         )  # fmt: skip
         return xy, settled

@@ -19,9 +19,9 @@ from ..mirrors import Mirror, Secondary
 from ..numerics.lazy import cached_property
 from ..numerics.roots import NEWTON_CLOSE
 from . import space
-from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK, Ends, Specular, Surface
+from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, Ends, Specular, Surface
 from .space import Reflections
-from .two_mirrors import PROFILE, TwoMirrorMeridian
+from .two_mirrors import TwoMirrorMeridian, clearances
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -65,14 +65,23 @@ class FoldedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3) of the lens's side on both mirrors, out into the world."""
-        start, towards = self.off_secondary(origins, directions)
-        found = space.trace(self.mirror, start, towards)
-        unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-        valid = found.valid & self._is_clear(unit * OVER, start, found.points, found.directions)
+        found, seen_at = self.unobstructed(origins, directions), self.seen_at(origins, directions)
+        with np.errstate(all="ignore"):
+            to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+            edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+        valid = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
         points, outgoing, normals = (
             np.where(valid[:, None], a, np.nan) for a in (found.points, found.directions, found.normals)
         )
         return Reflections(points, outgoing, normals, valid)
+
+    def unobstructed(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3) on both mirrors without regard to bore, camera and secondary in their way."""
+        return space.trace(self.mirror, *self.off_secondary(origins, directions))
+
+    def seen_at(self, origins: Array, directions: Array) -> Array:
+        """Return the points (n, 3) of the secondary, in the unfolded frame, that rays of the lens's side meet."""
+        return self.over(self.off_secondary(origins, directions)[0])
 
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
         """Where rays (n, 3), (n, 3) of the lens's side leave the secondary, and whereto, in the world's frame."""
@@ -84,43 +93,18 @@ class FoldedMirror:
         there: Array = (points - self._vertex) * OVER + self._vertex
         return there
 
-    def _is_clear(self, from_lens: Array, second: Array, first: Array, outgoing: Array) -> Mask:
-        """Whether rays (n,) pass bore and camera on their way between both mirrors, and the secondary outside."""
-        bore, lens = self.secondary.bore_radius_mm, self.secondary.lens_height(self.mirror_distance_mm)
-        edge = float(self.mirror.sag(min(bore, self.mirror.rim_radius_mm)))
-        with np.errstate(all="ignore"):  # what is not finite is not clear
-            clear = self._at_camera(first, second) >= bore * (1 - RIM_SLACK)
-            if lens > edge:
-                at_bore = second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens
-                clear &= np.hypot(*at_bore[:, :2].T) <= bore * (1 + RIM_SLACK)
-            clear &= np.isfinite(outgoing).all(axis=1)
-            clear[clear] = self._passes_outside(first[clear], outgoing[clear])
-        return np.asarray(clear)
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at the edges of both mirrors, at the bore and past the secondary.
 
-    def _at_camera(self, first: Array, second: Array) -> Array:
-        """Distance (...,) from the axis at which rays between both mirrors pass the bore or the camera's front."""
-        lens = self.secondary.lens_height(self.mirror_distance_mm)
-        step = first - second
-        share = (np.minimum(first[..., 2], lens) - second[..., 2]) / step[..., 2]
-        passing = second + share[..., None] * step
-        return np.hypot(passing[..., 0], passing[..., 1])
-
-    def _passes_outside(self, points: Array, outgoing: Array) -> Mask:
-        """Whether rays (n,) from the primary into the world pass the secondary."""
-        x = np.linspace(0.0, self.secondary.mirror.rim_radius_mm, PROFILE)
-        heights = self.secondary.height(x)
-        p, d = points[:, :2], outgoing[:, :2]
-        low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
-        nearest = np.clip(-(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high))
-        passes = np.hypot(*(p + nearest[:, None] * d).T) >= x[-1]  # the cylinder around it
-        passes |= (low <= 0) & (high <= 0)
-        close = np.flatnonzero(~passes)
-        for begin in range(0, len(close), CHUNK):
-            part = close[begin : begin + CHUNK]
-            along = (heights - points[part, 2:]) / outgoing[part, 2:]
-            radius = np.hypot(*(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2))
-            passes[part] = ((along <= 0) | (radius >= x * (1 - RIM_SLACK))).all(axis=1)
-        return np.asarray(passes)
+        Parameters
+        ----------
+        seen_at, to_pupils : (n, 3) arrays
+            Points of the secondary, and directions from there to the lens, both in the unfolded frame.
+        points, to_targets : (n, 3) arrays
+            Points of the primary, and directions from there to the object.
+        """
+        second, from_lens = self.over(seen_at), -to_pupils * OVER
+        return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
 
     # -- where an entrance pupil sees a target --------------------------------------------------------------
 
@@ -218,8 +202,8 @@ class FoldedMirror:
         steepness = [np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)]
         misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
         reflects = np.logical_and.reduce([*faces_both, *(miss <= REFLECTS for miss in misses)])
-        valid = reflects & (self.beyond_edge_mm(met, second.points + self._vertex) <= 0)
-        valid &= self._is_clear(-to_pupils * OVER, seen_at, met, to_targets)
+        edges = self.clearances(second.points + self._vertex, met, to_pupils, to_targets)
+        valid = np.logical_and.reduce([reflects, *(edge >= 0 for edge in edges.values())])
         blank = np.where(reflects, 1.0, np.nan)
         return Specular(
             met, first.normals * blank[:, None], to_pupils * blank[:, None], to_targets * blank[:, None],
@@ -264,14 +248,6 @@ class FoldedMirror:
         """Objects (n, 3) at distances (n,) mm from their points of the primary, on the rays of those found."""
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
-
-    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
-        """How far (...,) points of the primary, or those of the secondary, lie beyond their rims or inside the bore."""
-        pairs = ((points, self.mirror), (seen_at, self.secondary.mirror))
-        excess = [np.hypot(p[..., 0], p[..., 1]) - m.rim_radius_mm * (1 + RIM_SLACK) for p, m in pairs]
-        second = self.over(seen_at)
-        bore = self.secondary.bore_radius_mm * (1 - RIM_SLACK) - self._at_camera(points, second)
-        return np.maximum(bore, np.maximum(*excess))
 
 
 def _leg(end: Ends, surface: Surface) -> tuple[Array, Array, Array]:

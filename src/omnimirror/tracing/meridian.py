@@ -191,6 +191,12 @@ class Meridian:
         """Where on the mirror the field begins, mm from the axis."""
         return self._first_outside(0.0)
 
+    @property
+    def middle_hidden_by(self) -> str:
+        """Part that ends the rays from before :attr:`x_min`."""
+        assert self.cover is not None, "without a cover a single mirror is seen from its axis on"
+        return f"{self.cover.shell.KIND}'s base"
+
     def _first_outside(self, start: float) -> float:
         """Where it begins if the mirror shows something from ``start`` on."""
         if self.cover is None:

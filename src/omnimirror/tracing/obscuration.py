@@ -19,6 +19,7 @@ from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, R
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from .covers import Cover
+from .edges import past_circle
 from .meridian import ChiefRays, Meridian
 
 Array = NDArray[np.float64]
@@ -51,52 +52,50 @@ def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
 
 
 class Disc(NamedTuple):
-    """An opaque disc square to the axis, and which rays it stops: those that descend to the lens's side, or rise."""
+    """Opaque disc perpendicular to the axis, and the rays that it blocks: descending to the lens's side, or rising."""
 
     part: str
     height_mm: float
     radius_mm: float
     stops_rising: bool = False
 
-    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
-        """By how much (n,), mm, chief rays pass it on their way into the world; ``shift_mm`` is the mirror's."""
-        way = -1.0 if self.stops_rising else 1.0
-        cosine = way * np.cos(rays.reflected)
-        distance = rays.x * cosine + way * (rays.z + shift_mm - self.height_mm) * np.sin(rays.reflected)
-        return np.where(cosine > 0, disc_clearance(distance, cosine, self.radius_mm), np.inf)
-
-    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
-        """Which rays (n, 3), (n, 3) it stops, and where (n, 2), mm from the axis, they cross its plane."""
+    def crossing(self, points: Array, directions: Array) -> tuple[Array, Mask]:
+        """Return where (n, 2), mm, rays (n, 3), (n, 3) cross its plane, and whether they do so from its open side."""
         along = directions[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = (self.height_mm - points[:, 2]) / along
             across: Array = points[:, :2] + steps[:, None] * directions[:, :2]
             towards = along > 0 if self.stops_rising else along < 0
-            meets: Mask = towards & (steps > 0) & ((across**2).sum(axis=1) < self.radius_mm**2)
-        return meets, across
+            meets: Mask = towards & (steps > 0)
+        return across, meets
+
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        across, meets = self.crossing(points, directions)
+        with np.errstate(invalid="ignore"):
+            return np.where(meets, past_circle(across, self.radius_mm), np.inf)
+
+    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+        """Return which rays (n, 3), (n, 3) it blocks, and where (n, 2), mm, they cross its plane."""
+        return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
 
 
 class WindowFrame(NamedTuple):
-    """What is opaque around a window: it stops rays that descend outside of the clear opening."""
+    """Opaque surround of a window: it blocks rays that descend outside the clear opening."""
 
     part: str
     height_mm: float
     radius_mm: float
 
-    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
-        """By how much (n,), mm, chief rays pass within it on their way into the world."""
-        cosine = np.cos(rays.reflected)
-        distance = rays.x * cosine + (rays.z + shift_mm - self.height_mm) * np.sin(rays.reflected)
-        return np.where(cosine > 0, self.radius_mm * cosine - distance, np.inf)
-
-    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
-        """Which rays (n, 3), (n, 3) it stops, and where (n, 2), mm from the axis, they cross its plane."""
-        passing, across = Disc(self.part, self.height_mm, self.radius_mm).met_by(points, directions)
-        return (directions[:, 2] < 0) & (points[:, 2] > self.height_mm) & ~passing, across
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        across, meets = Disc(self.part, self.height_mm, self.radius_mm).crossing(points, directions)
+        with np.errstate(invalid="ignore"):
+            return np.where(meets, -past_circle(across, self.radius_mm), np.inf)
 
 
 class TaperedRod(NamedTuple):
-    """A rod, which may taper: a piece of a cone about the axis."""
+    """A rod, which may taper: a frustum about the axis."""
 
     foot_mm: float
     top_mm: float
@@ -110,39 +109,37 @@ class TaperedRod(NamedTuple):
 
     @property
     def taper(self) -> float:
-        """By how much its radius grows with height, mm/mm."""
+        """Change of its radius with height, mm/mm."""
         return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
 
-    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
-        """By how much (n,), mm, chief rays pass it between lens and mirror.
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that pass above or below it.
 
-        Ray and rod are straight there, so they are nearest at the foot, or at the mirror. On their way out rays are
-        farther from the axis at any height.
+        Between foot and top the difference of squares ``r^2 - radius^2`` is a quadratic in the distance t along the
+        ray: its minimum lies at its vertex or where the ray enters or leaves the rod's heights.
         """
-        z, narrowing = rays.z + shift_mm, np.tan(rays.theta)
-        top = np.where(np.real(z) < self.top_mm, z, self.top_mm)  # what is beyond the mirror's surface hides nothing
-        ends = (self.ends[0], (top, self.top_radius_mm + self.taper * (top - self.top_mm)))
-        passes = [rays.x - narrowing * (z - height) - radius for height, radius in ends]
-        clearance: Array = np.min(passes, axis=0)
-        return clearance
+        (x, y, z), (dx, dy, dz) = points.T, directions.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.sort([(h - z) / dz for h in (self.foot_mm, self.top_mm)], axis=0)
+            level = dz == 0
+            between = (z >= self.foot_mm) & (z <= self.top_mm)
+            first = np.where(level, np.where(between, 0.0, np.inf), np.maximum(ends[0], 0.0))
+            last = np.where(level, np.where(between, np.inf, -np.inf), ends[1])
+            radius, widening = self.foot_radius_mm + self.taper * (z - self.foot_mm), self.taper * dz
+            a = dx**2 + dy**2 - widening**2
+            b = x * dx + y * dy - radius * widening
+            nearest = np.where(a > 0, np.clip(-b / a, first, last), first)
+            squares = [
+                (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2 for t in (first, nearest, last)
+            ]
+            least = np.fmin.reduce(squares)
+            clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
+            return np.where(first <= last, clearance, np.inf)
 
     def met_by(self, points: Array, directions: Array) -> Mask:
-        """Which rays (n, 3), (n, 3) meet it, on its side or its ends, or begin in it: a mirror out of place may."""
-        (x, y, z), (dx, dy, dz) = points.T, directions.T
-        radius, widening = self.foot_radius_mm + self.taper * (z - self.foot_mm), self.taper * dz
-        a = dx**2 + dy**2 - widening**2
-        b = x * dx + y * dy - radius * widening
-        beside = x**2 + y**2 - radius**2
-        disc = b**2 - a * beside
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = (-b - np.sqrt(np.maximum(disc, 0))) / a
-            at = z + t * dz
-            meets: Mask = (disc > 0) & (t > 0) & (at >= self.foot_mm) & (at <= self.top_mm)
-            meets |= (beside < 0) & (z > self.foot_mm) & (z < self.top_mm)
-            for height, end in self.ends:
-                t = (height - z) / dz
-                meets |= (t >= 0) & ((x + t * dx) ** 2 + (y + t * dy) ** 2 < end**2)
-        return meets
+        """Return which rays (n, 3), (n, 3) it blocks, also those that start inside it."""
+        blocked: Mask = self.clearance(points, directions) < 0
+        return blocked
 
 
 @dataclass(frozen=True)
@@ -205,43 +202,59 @@ class Obstructions:
         """Diameter of the ring about the lens that is made out on the camera's front."""
         return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
 
-    def clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
-        """By how much (n,), mm, chief rays of the meridian pass each part; below 0 where it hides what they see.
-
-        ``shift_mm`` is how far the mirror sits from where it is meant to be along the axis.
-        """
-        found = {} if self.rod is None else {"rod": self.rod.clearance(rays, shift_mm)}
-        found |= {disc.part: disc.clearance(rays, shift_mm) for disc in self.discs}
-        return found if self.rim is None else found | {"rim": self.rim.clearance(rays, 0.0)}
-
-    def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
-        """Which rays (n,) off the mirror each part stops, on their way out or between lens and mirror.
+    def clearances(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays off the mirror at each part; below 0 where the part blocks them.
 
         Parameters
         ----------
         points, directions : (n, 3) arrays
-            Where rays leave the mirror (or the lens, past it), mm, and whereto, in the camera frame.
+            Points on the mirror, mm, and directions of the rays into the world, in the camera frame.
         towards_lens : (n, 3) array
-            Directions from there back to the lens.
+            Directions from these points to the lens, or to the second mirror in which the lens sees them.
         pose
-            Where the mirror really sits.
+            Pose of the mirror.
         """
-        found = {disc.part: disc.met_by(points, directions)[0] for disc in self.discs}
+        found = {}
         if self.rod is not None:
-            found["rod"] = self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+            ways = (self.rod.clearance(points, way) for way in (directions, towards_lens))
+            found["rod"] = np.fmin.reduce([*ways])
+        found |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
         if self.rim is not None:
-            found["rim"] = self.meets_rim(points, directions, pose)
+            found["rim"] = self._past_rim(self.rim, points, directions, pose)
         return found
 
+    def meridian_clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of chief rays of the meridian at each part.
+
+        ``shift_mm`` is the displacement of the mirror along the axis.
+        """
+        x, z, theta, reflected = np.atleast_1d(rays.x, rays.z + shift_mm, rays.theta, rays.reflected)
+        nothing = np.zeros_like(x)
+        points, outwards, back = (
+            np.stack([across, nothing, along], axis=-1)
+            for across, along in ((x, z), (np.sin(reflected), -np.cos(reflected)), (-np.sin(theta), -np.cos(theta)))
+        )
+        found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
+        return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
+
+    def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
+        """Return which rays (n,) off the mirror each part blocks; parameters as of :meth:`clearances`."""
+        return {part: found < 0 for part, found in self.clearances(points, directions, towards_lens, pose).items()}
+
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
-        """Which rays (n, 3), (n, 3) meet the rim's edge: rising from the mirror, or on their way past it."""
+        """Return which rays (n, 3), (n, 3) the edge of the rim blocks: rising from the mirror, or passing beside it."""
         if self.rim is None:
             return np.zeros(len(points), dtype=bool)
-        meets, across = self.rim.met_by(pose.to_mirror(points), pose.turned_to_mirror(directions))
-        edge = self.housing.rim or Rim()
+        blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
+        return blocked
+
+    def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
+        """Return the clearance (n,), mm, at the ring about the mirror, whose inner edge is that of the mirror."""
+        across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
+        inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):
-            outside: Mask = meets & (np.hypot(*across.T) > self.rim.radius_mm - edge.width_mm)
-        return outside
+            clearance = np.maximum(past_circle(across, rim.radius_mm), -past_circle(across, inner))
+            return np.where(meets, clearance, np.inf)
 
     def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
         """Which rays (n,) off the mirror end at what stands before it, the camera or the rod."""
@@ -352,7 +365,7 @@ def hidden_parts(
     """
 
     def clearances(x: Array) -> dict[str, Array]:
-        found = obstructions.clearances(meridian.trace(x), shift_mm)
+        found = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
         return {"anything": np.min([*found.values()], axis=0)} if merged and found else found
 
     def clearance(part: str, x: Array) -> Array:
@@ -379,9 +392,11 @@ def obscured_rings(
 
 
 def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
-    """What two mirrors hide of their own field."""
+    """Return the ring before the first mirror point that sees the world."""
     start = meridian.trace(np.array([meridian.x_min]))
-    return Obscuration("secondary, bore", (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0]))
+    return Obscuration(
+        meridian.middle_hidden_by, (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0])
+    )
 
 
 def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:

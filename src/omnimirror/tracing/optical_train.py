@@ -21,19 +21,22 @@ from .folded import FoldedMirror
 from .obscuration import Obstructions
 from .posed import PosedMirror
 from .reflection import Ends, Specular
+from .space import Reflections
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 PUPIL_STEPS = 12  # each takes what is left to a hundredth or less
 PUPIL_CLOSE = 1e-13
+MIRROR_EDGES = ("mirror", "secondary mirror")
 
 
 @dataclass(frozen=True)
 class OpticalTrain:
     """What light passes between the world and the imager.
 
-    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``cover`` is what stands around the
-    mirror where light passes a tube or a dome, None without one.
+    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions`` is the housing, None
+    without one.
 
     >>> import omnimirror as om
     >>> train = om.load_sensor("paper-spherical").optical_train
@@ -48,7 +51,7 @@ class OpticalTrain:
     pose: MirrorPose
     form: MirrorForm
     secondary: Secondary | None = None
-    cover: Obstructions | None = None
+    obstructions: Obstructions | None = None
 
     @cached_property
     def posed_mirror(self) -> PosedMirror | FoldedMirror:
@@ -60,10 +63,9 @@ class OpticalTrain:
     @cached_property
     def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
         """The mirror as it is seen from outside: through the tube or the dome, if there is one."""
-        mirror, cover = self.posed_mirror, self.cover
-        if cover is None:
+        mirror, cover = self.posed_mirror, self.obstructions
+        if cover is None or cover.housing.shell is None:
             return mirror
-        assert cover.housing.shell is not None
         assert isinstance(mirror, PosedMirror)
         ends = cover.envelope.base_mm, cover.envelope.back_mm
         return CoveredMirror(mirror, cover.housing.shell, ends, self.mirror_distance_mm, self.lens.pupil)
@@ -79,6 +81,70 @@ class OpticalTrain:
         """The middle (3,) of the lens's entrance pupil, as rays near the axis see it."""
         offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
         return offset
+
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at every edge between object and imager; below 0 where it blocks them.
+
+        The one description of what limits light: the edges of mirrors and lens, bore, barrel, camera, rod, rims, lids
+        and window frame. The stop itself is the unit disk in which rays are sampled.
+
+        Parameters
+        ----------
+        seen_at, to_pupils : (n, 3) arrays
+            Points that the lens looks at, on the mirror or on a second one, and directions from there to the lens.
+        points, to_targets : (n, 3) arrays
+            Points on the mirror, and directions of the rays off it into the world.
+        """
+        with np.errstate(all="ignore"):
+            found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
+            found |= self.lens.clearances(seen_at - self.lens_offset, -to_pupils)
+            return found | self._housing_clearances(seen_at, points, to_pupils, to_targets)
+
+    def _housing_clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
+        if self.obstructions is None:
+            return {}
+        mirror, towards_lens = self.posed_mirror, to_pupils
+        if isinstance(mirror, FoldedMirror):
+            towards_lens = mirror.over(seen_at) - points
+        return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
+
+    def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
+        """Reflect rays (n, 3), (n, 3) of the lens's side as if nothing obstructed them, with their clearances (n,).
+
+        Obstructions are the parts of the housing and those of two mirrors; the edges of the mirrors and of the lens are
+        left out.
+        """
+        mirror, own = self.posed_mirror, {}
+        to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        with np.errstate(all="ignore"):
+            if isinstance(mirror, FoldedMirror):
+                found, seen_at = mirror.unobstructed(origins, directions), mirror.seen_at(origins, directions)
+                own = mirror.clearances(seen_at, found.points, to_pupils, found.directions)
+                own = {part: edge for part, edge in own.items() if part not in MIRROR_EDGES}
+            else:
+                found = mirror.trace(origins, directions)
+                seen_at = found.points
+            return found, own | self._housing_clearances(seen_at, found.points, to_pupils, found.directions)
+
+    def passes_lens(self, origins: Array, directions: Array) -> Mask:
+        """Return which rays (n, 3), (n, 3) of the lens's side the edges of the lens let through."""
+        with np.errstate(all="ignore"):
+            edges = self.lens.clearances(origins - self.lens_offset, directions)
+        passed = np.ones(len(origins), dtype=bool)
+        for edge in edges.values():
+            passed &= edge >= 0
+        return passed
+
+    def passes(self, origins: Array, directions: Array, found: Reflections) -> Mask:
+        """Return which rays (n, 3), (n, 3) of the lens's side, which the mirror reflects as found, get through."""
+        to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        mirror = self.posed_mirror
+        seen_at = mirror.seen_at(origins, directions) if isinstance(mirror, FoldedMirror) else found.points
+        edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+        passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from.

@@ -11,6 +11,7 @@ from ..mirrors import Mirror
 from ..mirrors.form import NO_FORM, MirrorForm
 from ..mirrors.pose import MirrorPose
 from . import reflection
+from .edges import past_circle
 from .reflection import RIM_SLACK, Ends, Specular, Surface
 from .space import Reflections, reflect, trace
 
@@ -93,11 +94,10 @@ class PosedMirror:
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
 
-    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
-        """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays by way of points (n, 3) at the rim; the other arrays are not used."""
         inside = self.pose.to_mirror(points)
-        beyond: Array = np.hypot(inside[..., 0], inside[..., 1]) - self.mirror.rim_radius_mm * (1 + RIM_SLACK)
-        return beyond
+        return {"mirror": -past_circle(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))}
 
     def inside(self, ends: Ends) -> Ends:
         """Ends of the camera frame, in the mirror's own."""

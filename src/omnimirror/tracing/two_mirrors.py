@@ -7,19 +7,83 @@ The secondary's own frame has its vertex as origin and its z away from the lens,
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import NotOneToOne, SelfObstruction
-from ..mirrors import Secondary
+from ..mirrors import Mirror, Secondary
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
+from .edges import past_circle
 from .meridian import NODES, Array, ChiefRays, Meridian, checked
+from .reflection.limits import RIM_SLACK
 
 PROFILE = 129  # points of the secondary's profile past which rays must pass
+CHUNK = 1 << 12
+NEAR_EDGE = 0.5  # of the secondary's radius: rays farther from it are not compared with its profile
+
+
+def clearances(
+    mirror: Mirror,
+    secondary: Secondary,
+    mirror_distance_mm: float,
+    from_lens: Array,
+    second: Array,
+    first: Array,
+    outgoing: Array,
+    slack: float = RIM_SLACK,
+) -> dict[str, Array]:
+    """Return the clearance (n,), mm, of rays at the edges of two mirrors, at bore and camera, and past the secondary.
+
+    Parameters
+    ----------
+    mirror, secondary
+        The primary, and the mirror in which the lens sees it.
+    mirror_distance_mm
+        Path from the lens to the primary by way of the secondary.
+    from_lens, second, first, outgoing : (n, 3) arrays
+        Directions from the lens, points of the secondary and of the primary, mm, and directions into the world, all in
+        the frame of the primary.
+    slack
+        Relative tolerance of every edge, by which rays that touch it pass.
+    """
+    bore, lens = secondary.bore_radius_mm, secondary.lens_height(mirror_distance_mm)
+    share = (np.minimum(first[:, 2], lens) - second[:, 2]) / (first[:, 2] - second[:, 2])
+    at_camera = (second + share[:, None] * (first - second))[:, :2]
+    found = {
+        "mirror": -past_circle(first[:, :2], mirror.rim_radius_mm * (1 + slack)),
+        "secondary mirror": -past_circle(second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)),
+        "bore or camera": past_circle(at_camera, bore * (1 - slack)),
+        "secondary": _past_secondary(secondary, first, outgoing, slack),
+    }
+    edge = float(mirror.sag(min(bore, mirror.rim_radius_mm)))
+    if lens > edge:
+        at_bore = (second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens)[:, :2]
+        found["bore"] = -past_circle(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
+    return found
+
+
+def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack: float) -> Array:
+    """Return the clearance (n,), mm, of rays from the primary into the world at the secondary.
+
+    Far from it, the distance from the cylinder about it is returned; closer, the least over its profile.
+    """
+    x = np.linspace(0.0, secondary.mirror.rim_radius_mm, PROFILE)
+    heights = secondary.height(x)
+    p, d = points[:, :2], outgoing[:, :2]
+    low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
+    nearest = np.clip(-(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high))
+    clearance: Array = np.hypot(*(p + nearest[:, None] * d).T) - x[-1]
+    clearance[(low <= 0) & (high <= 0)] = np.inf
+    close = np.flatnonzero(~(clearance > NEAR_EDGE * x[-1]))
+    for begin in range(0, len(close), CHUNK):
+        part = close[begin : begin + CHUNK]
+        along = (heights - points[part, 2:]) / outgoing[part, 2:]
+        radius = np.hypot(*(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2))
+        clearance[part] = np.where(along <= 0, np.inf, radius - x * (1 - slack)).min(axis=1)
+    return clearance
 
 
 @dataclass(frozen=True)
@@ -87,7 +151,7 @@ class TwoMirrorMeridian(Meridian):
         self._check_shows_all(rays)
         checked(rays)
         self._check_bore(rays)
-        start = max(self._first_clear(x, self._past_camera), self._first_clear(x, self._past_secondary))
+        start = self._first_past_mirrors(x)
         if start >= rim:
             raise SelfObstruction(
                 f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
@@ -95,31 +159,43 @@ class TwoMirrorMeridian(Meridian):
             )
         return self._first_outside(start)
 
-    def _first_clear(self, x: Array, clearance: Callable[[ChiefRays], Array]) -> float:
-        """Least mirror point from which a clearance (n,), mm, is kept to the rim; the rim if nowhere."""
+    def _first_past_mirrors(self, x: Array) -> float:
+        """Return the first of mirror points (n,), mm, from which the rays pass bore, camera and secondary."""
+        return max(self._first_clear(x, part) for part in ("bore or camera", "secondary"))
+
+    @property
+    def middle_hidden_by(self) -> str:
+        x = np.linspace(float(self.x_from_first([0.0])[0]), self.mirror.rim_radius_mm, NODES)
+        mirrors_alone = self.cover is None or self.x_min <= self._first_past_mirrors(x)
+        return "secondary, bore" if mirrors_alone else super().middle_hidden_by
+
+    def _first_clear(self, x: Array, part: str) -> float:
+        """Return the least mirror point from which rays pass a part, up to the rim; the rim if nowhere."""
         from scipy.optimize import brentq
 
-        blocked = np.flatnonzero(clearance(self._rays(x)) < 0)
+        def clearance(x: Array) -> Array:
+            return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
+
+        blocked = np.flatnonzero(clearance(x) < 0)
         if not blocked.size:
             return float(x[0])
         last = int(blocked[-1])
         if last == len(x) - 1:
             return float(x[-1])
-        return float(brentq(lambda x: clearance(self._rays(np.array([x])))[0], x[last], x[last + 1], xtol=1e-12))
+        return float(brentq(lambda x: clearance(np.array([x]))[0], x[last], x[last + 1], xtol=1e-12))
 
-    def _past_camera(self, rays: ChiefRays) -> Array:
-        """How far (n,), mm, rays between the mirrors pass the bore, or the camera before the mirror."""
-        lens = self.secondary.lens_height(self.m)
-        at = np.minimum(rays.z, lens)
-        return rays.x - (rays.z - at) * np.tan(rays.theta) - self.secondary.bore_radius_mm
+    def _clearances(self, rays: ChiefRays) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of chief rays, as :func:`clearances` does of rays in space."""
+        second = rays.first
 
-    def _past_secondary(self, rays: ChiefRays) -> Array:
-        """How far (n,), mm, rays from the object pass the secondary; inf for those that rise towards the mirror."""
-        x = np.linspace(0.0, self.secondary.mirror.rim_radius_mm, PROFILE)
-        with np.errstate(over="ignore"):
-            along = rays.x[:, None] + (rays.z[:, None] - self.secondary.height(x)) * np.tan(rays.reflected)[:, None]
-        clear: Array = (along - x).min(axis=1)
-        return np.where(rays.reflected < np.pi / 2, clear, np.inf)
+        def flat(across: Array, along: Array) -> Array:
+            return np.stack([across, np.zeros_like(across), along], axis=-1)
+
+        points, seen_at = flat(rays.x, rays.z), flat(second.x, -self.secondary.distance_mm - second.z)
+        from_lens = flat(np.sin(second.theta), -np.cos(second.theta))
+        outwards = flat(np.sin(rays.reflected), -np.cos(rays.reflected))
+        with np.errstate(all="ignore"):
+            return clearances(self.mirror, self.secondary, self.m, from_lens, seen_at, points, outwards, 0.0)
 
     # -- what cannot be used ---------------------------------------------------------------------
 

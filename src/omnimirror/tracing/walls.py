@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter
 from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
-from ..native import backend
+from ..native import backend, kernel_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,30 +44,6 @@ def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
     n, cos_i = refractive_index, np.cos(angle)
     cos_t = np.sqrt(np.maximum(1 - (np.sin(angle) / n) ** 2, 0.0))
     return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
-
-
-def tube_transmission(omega_deg: ArrayLike, refractive_index: float) -> Array:
-    """Share of unpolarised light (n,) that passes the tube's wall in the meridian, all reflections added.
-
-    Fresnel's formulas at an incidence of 90 deg - Omega on the wall; (1 - R)/(1 + R) for each polarisation
-    sums the reflections between both sides.
-
-    >>> tube_transmission([90.0, 135.0], 1.5).round(4)  # 12/13 straight through
-    array([0.9231, 0.9073])
-    """
-    return wall_transmission(np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float))), refractive_index)
-
-
-def tube_shift_mm(omega_deg: ArrayLike, wall_mm: float, refractive_index: float) -> Array:
-    """How far the tube's wall moves rays (n,) sideways in the meridian, mm; their direction stays.
-
-    >>> tube_shift_mm([90.0, 135.0], 3.0, 1.5).round(3)
-    array([0.   , 0.987])
-    """
-    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
-    sin = np.sin(incidence)
-    shift: Array = wall_mm * sin * (1 - np.cos(incidence) / np.sqrt(refractive_index**2 - sin**2))
-    return shift
 
 
 class Passage(NamedTuple):
@@ -155,7 +131,7 @@ def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
 
 def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
     """The same as :func:`way_out_in_numpy`, to the last digits."""
-    points, directions = (np.ascontiguousarray(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
+    points, directions = (kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
     count = len(points)
     vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
     backend.kernels.leave_wall(said_to_kernels(shell), points, directions, vectors, numbers, flags.view(np.uint8))

@@ -18,12 +18,24 @@ PITCH = 5.2e-3
 WAVE = 587.5618e-6  # mm
 
 
-@pytest.fixture(scope="module")
-def sensor(tmp_path_factory):
-    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
-    path.write_text(own.zmx())
+CLEAR = {1: 1.75, 6: 1.55}  # mm, radii of surfaces that vignette
+
+
+def sensor_of(folder, clear):
+    path = folder / "triplet.zmx"
+    path.write_text(own.zmx(per_surface={i: [f"  CLAP 0 {radius} 0"] for i, radius in clear.items()}))
     lens = SurfaceLens.from_file(path, focus_distance_mm=own.FOCUS)
     return om.Sensor(Sphere(A, RIM), lens, om.load_sensor("paper-spherical").imager, mirror_distance_mm=M)
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory):
+    return sensor_of(tmp_path_factory.mktemp("lens"), {})
+
+
+@pytest.fixture(scope="module")
+def vignetted(tmp_path_factory):
+    return sensor_of(tmp_path_factory.mktemp("cut"), CLEAR)
 
 
 class Rays:
@@ -41,12 +53,13 @@ class Rays:
         self.light = cos / normal[:, 2]  # through an area across the axis
         path = (p * d).sum(axis=1)
         d = d + 2 * cos[:, None] * normal
-        vertex = 0.0
+        vertex, self.reach = 0.0, {}
         for i, radius in enumerate(own.RADII):
             to = p - np.array([0.0, 0.0, vertex + radius])
             along = (to * d).sum(axis=1)
             step = -along - np.sign(radius) * np.sqrt(along**2 - (to**2).sum(axis=1) + radius**2)
             p, path = p + step[:, None] * d, path + n[i] * step
+            self.reach[i + 1] = np.hypot(*p[:, :2].T)
             if i + 1 == own.STOP:
                 self.stop = p[:, :2]
             normal = (np.array([0.0, 0.0, vertex + radius]) - p) / radius
@@ -58,7 +71,7 @@ class Rays:
         self.image, self.cosines, self.path = (p + step[:, None] * d)[:, :2], d[:, :2], path + step
 
 
-def added_waves(sensor, omega_deg, side=161, grid=41, width_px=12.0):
+def added_waves(omega_deg, clear=None, side=161, grid=41, width_px=12.0):
     """Density (grid, grid) per px^2 about the chief ray's image, the sum of plane waves, one for each ray.
 
     A ray of flux w in a solid angle q has the amplitude sqrt(w/q); all of the light is lambda^2 sum(w).
@@ -88,6 +101,9 @@ def added_waves(sensor, omega_deg, side=161, grid=41, width_px=12.0):
     solid = np.abs(by_u[..., 0] * by_v[..., 1] - by_u[..., 1] * by_v[..., 0]).ravel()
     inside = np.hypot(*rays.stop.T) <= radius
     assert inside.reshape(side, side)[[0, -1]].sum() == 0
+    whole = inside.sum()
+    for surface, most in (clear or {}).items():
+        inside &= rays.reach[surface] <= most
     light = rays.light * inside
     x = np.linspace(-width_px / 2, width_px / 2, grid)
     k = 2 * np.pi / WAVE
@@ -98,7 +114,7 @@ def added_waves(sensor, omega_deg, side=161, grid=41, width_px=12.0):
         np.exp(-1j * k * PITCH * np.outer(c - c0, x)) for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True)
     )
     wave = np.einsum("n,nt,ns->st", amplitude[inside], t[inside], s[inside], optimize=True)
-    return x, np.abs(wave) ** 2 / (WAVE**2 * light.sum()) * PITCH**2, inside.sum()
+    return x, np.abs(wave) ** 2 / (WAVE**2 * light.sum()) * PITCH**2, inside.sum(), inside.sum() / whole
 
 
 def stop_radius(to_imager):
@@ -116,13 +132,28 @@ def stop_radius(to_imager):
 
 @pytest.mark.parametrize("omega", [0.0, 60.0, 110.0])
 def test_the_psf_is_that_of_waves_added_up_through_the_glass(sensor, omega):
-    x, truth, rays = added_waves(sensor, omega)
+    x, truth, rays, _ = added_waves(omega)
     assert rays > 10000
     found = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
     np.testing.assert_allclose(found.offset_px, x, atol=1e-9)
     # cosines at the imager are taken to be proportional to places in the pupil
     np.testing.assert_allclose(found.density, truth, atol=0.03 * truth.max())
     assert truth.max() < 0.7 * found.ideal_peak  # there is an aberration to be seen
+
+
+@pytest.mark.parametrize("omega", [80.0, 120.0])
+def test_the_mtf_of_a_vignetting_lens_is_that_of_waves_added_up(vignetted, omega):
+    """By the transform of the line spread of waves through glass, mirror and the clear apertures of two surfaces."""
+    nu = np.array([0.1, 0.2, 0.4])
+    width, grid = 120.0, 801
+    x, truth, _, filled = added_waves(omega, CLEAR, side=241, grid=grid, width_px=width)
+    found = om.mtf(vignetted, [omega], cycles_per_px=nu, wavelength_nm=WAVE * 1e6, pixel=False)
+    for axis, mtf in ((0, found.tangential[0]), (1, found.sagittal[0])):
+        line = truth.sum(axis=axis) * (width / (grid - 1)) ** 2
+        transform = np.abs(np.exp(-2j * np.pi * np.outer(nu, x)) @ line) / line.sum()
+        np.testing.assert_allclose(mtf, transform, atol=0.02)
+    assert om.spots(vignetted, [omega]).filled[0] == pytest.approx(filled, abs=0.02)
+    assert filled < (0.995 if omega == 80.0 else 0.97)
 
 
 def test_the_mtf_is_the_transform_of_the_psf(sensor):

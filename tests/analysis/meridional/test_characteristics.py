@@ -10,12 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import omnimirror as om
+from omnimirror.analysis.meridional.coddington import virtual_images
 from omnimirror.analysis.meridional.viewpoints import viewpoint_angle_error
 from omnimirror.analysis.section import image_curves
 from omnimirror.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import Cone, Hyperboloid, Paraboloid, Sphere
+from omnimirror.mirrors import Cone, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from omnimirror.tracing.meridian import trace_chief_rays
 from tests.conftest import M
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
@@ -67,6 +69,15 @@ def test_solid_angle_adds_up_to_the_field(sensor):
     per_ring = 2 * np.pi * r.h_px * r.dh_domega_px_per_deg / r.area_px2  # square degrees per degree of Omega
     total = np.trapezoid(per_ring[1:], r.omega_deg[1:])
     assert total == pytest.approx(2 * np.pi * (1 - np.cos(np.radians(135))) * (180 / np.pi) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("distance", [np.inf, 300.0, 25.0])
+def test_what_is_seen_along_the_axis_is_imaged_on_the_axis(distance):
+    """At 25 mm a concave mirror of 50 mm images to infinity, which is on the axis too."""
+    for mirror in (Sphere(50.0, 44.0), EvenPolynomial((-0.01,), 5.0)):
+        rays = trace_chief_rays(mirror, 180.0, [0.0])
+        images = virtual_images(rays, distance)
+        assert (images.x_t.tolist(), images.x_s.tolist()) == ([0.0], [0.0])
 
 
 def test_viewpoint_is_where_two_points_of_the_ray_line_up_with_the_axis():
@@ -191,6 +202,11 @@ def test_object_distances_may_differ_by_row():
         ({"omega_deg": [1.0], "x_mm": [1.0]}, InvalidParameter, "omega_deg and x_mm were given together"),
         ({"omega_deg": [1.0], "object_distance_mm": 0.0}, InvalidParameter, "object_distance_mm = 0"),
         ({"omega_deg": [1.0], "object_distance_mm": -5.0}, InvalidParameter, "object_distance_mm = -5"),
+        (
+            {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
+            InvalidParameter,
+            "object_distance_mm = -5 is not a distance; it is valid above 0",
+        ),
         ({"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]}, InvalidParameter, "2 values for 1 field angles"),
         ({"omega_deg": [1.0], "focus_mm": 11.0}, InvalidParameter, "focus_distance_mm = 11 is not beyond"),
         ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode = 'rough'"),

@@ -9,12 +9,12 @@ import pytest
 
 import omnimirror as om
 from omnimirror.analysis.meridional.coddington import virtual_images
-from omnimirror.analysis.meridional.focus import FocusStudy, focus_function
+from omnimirror.analysis.meridional.focus import FocusStudy, _around, focus_function
 from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
 from omnimirror.components.apertures import best_apertures
 from omnimirror.design import RimRay, generated_mirror
 from omnimirror.errors import InvalidParameter
-from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.lenses import Orthographic, Perspective, SurfaceLens
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.numerics.minimisation import lowest
 from omnimirror.specs import bundled_sensors
@@ -133,6 +133,21 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
         np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
 
 
+@pytest.mark.parametrize("merit", FOCUS_MERITS)
+def test_what_is_searched_has_the_blur_of_a_real_lens_in_it(merit):
+    """At the focus where the lens is: elsewhere its field breathes, which the search leaves to its last step."""
+    columns = (0.0, 1 / 6.0, 0.0), (0.5, 2.0, 0.0), (1.0, 1.5168, 1.0)
+    sensor = replace(SPH, lens=SurfaceLens(4.0, 215.0, *columns, 1, field_max_deg=20.0))
+    omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
+    assert min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5  # so that squares and cubes differ
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
+    middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
+    (found,) = focus_function(study, FOCUS_MERITS[merit], middle, 1e-4)(np.zeros(1))[0]
+    wanted = FOCUS_MERITS[merit].value(study.at(sensor.lens.focus_distance_mm))
+    assert found == pytest.approx(wanted if merit.startswith("mean") else wanted**2, rel=1e-10)
+
+
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
 def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
     for ask in (
@@ -169,6 +184,28 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
 def test_what_cannot_be_focused_by_is_refused(kwargs, message):
     with pytest.raises(InvalidParameter, match=message):
         om.best_focus(SPH, **kwargs)
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "expected"),
+    [
+        ([10.0, 20.0], (9.5, 20.5)),  # 5 % of the range on both sides
+        ([10.0], (9.5, 10.5)),  # 5 % of the value where there is no range
+        ([3.0, 23.0, np.nan], (2.0, 24.0)),
+        ([2.1, 22.1], (2.0, 23.1)),  # not below the least
+        ([-50.0, 12.0], (2.0, 12.5)),  # what comes before the first counts as the first
+        ([10.0, 29.9], (9.005, 30.0)),  # not above the most
+        ([10.0, 20.0, 30.0, 99.0], (9.5, 20.5)),  # what comes after the last is left out
+        ([40.0, 99.0], (28.5, 30.0)),  # unless there is nothing else
+    ],
+)
+def test_focus_is_searched_around_the_images(coordinates, expected):
+    assert _around(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
+
+
+def test_without_images_there_is_no_best_focus():
+    with pytest.raises(InvalidParameter, match="there are no virtual images, so there is no best focus"):
+        _around(np.array([np.nan]), 2.0, 30.0)
 
 
 def test_one_angle_is_focused_between_its_images():

@@ -13,6 +13,7 @@ import pytest
 import omnimirror as om
 from omnimirror.calibrate.estimation.bundle.adjustment import adjust
 from omnimirror.calibrate.estimation.bundle.board_shape import BoardShape
+from omnimirror.calibrate.estimation.bundle.linearisation import Linearised, as_placed, without_slides
 from omnimirror.calibrate.estimation.bundle.observations import Motion, Sighting, rotation_of
 from omnimirror.calibrate.estimation.covariance import uncertainty
 from omnimirror.camera_models import Unified
@@ -60,6 +61,31 @@ def test_points_somewhere_on_known_lines_give_the_camera():
     found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
+
+
+def test_points_are_placed_where_their_targets_stand():
+    """Residuals vanish with the true motion, and are those of the camera's own frame without one."""
+    points = room(20)
+    way = Motion(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
+    pixels = TRUTH.image(way(points)).pixels
+    moved = Sighting("moved", pixels, points, way)
+    assert np.abs(as_placed(TRUTH, [moved]).residuals).max() < 1e-9
+    still = as_placed(TRUTH, [replace(moved, motion=None)])
+    np.testing.assert_allclose(np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
+def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
+    """Whatever the pixels per millimetre of sliding; a line that is imaged end-on hides nothing."""
+    slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
+    both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
+    found = without_slides(
+        Linearised(both, np.ones(3, bool), both[:, :, None] * [1.0, -2.0], np.tile(both[:, :, None], 6), slides)
+    )
+    left = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]])
+    np.testing.assert_allclose(found.residuals, left, atol=1e-14)
+    np.testing.assert_allclose(found.d_shared, left[:, :, None] * [1.0, -2.0], atol=1e-14)
+    np.testing.assert_allclose(found.d_motion, np.tile(left[:, :, None], 6), atol=1e-14)
 
 
 def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 from dataclasses import replace
 
 import cv2
@@ -10,8 +11,10 @@ import pytest
 import yaml
 
 import omnimirror as om
-from omnimirror.calibrate.formats import Reading, read_cameras
+from omnimirror.calibrate.formats import Reading, colmap, read_cameras
+from omnimirror.calibrate.formats.base import CameraFile
 from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
+from omnimirror.errors import SpecError
 from omnimirror.frames import Mount
 from tests.calibrate.formats.examples import SIZE, C, F, seen
 
@@ -198,8 +201,37 @@ def test_colmaps_cameras_have_pixel_centres_at_a_half(tmp_path):
     fx, fy, cx, cy, *ks = map(float, line[4:])
     assert (cx, cy) == (C[0] + 0.5, C[1] + 0.5)
     om.convert(FISHEYE, tmp_path / "cameras.bin")
-    data = np.frombuffer((tmp_path / "cameras.bin").read_bytes()[32:], dtype="<f8")
-    assert data.tolist() == [fx, fy, cx, cy, *ks]
+    data = (tmp_path / "cameras.bin").read_bytes()
+    assert struct.unpack("<QIiQQ", data[:32]) == (1, 1, 5, 1024, 768)  # cameras; id, model and size of the first
+    assert np.frombuffer(data[32:], dtype="<f8").tolist() == [fx, fy, cx, cy, *ks]
+
+
+def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
+    """Written down here as its documentation says: several cameras of several models."""
+    first = struct.pack("<IiQQ4d", 7, 1, 640, 480, 500.0, 501.0, 320.5, 240.5)
+    second = struct.pack("<IiQQ8d", 9, 5, 1024, 768, 300.0, 301.0, 512.5, 384.5, 0.1, 0.2, 0.3, 0.4)
+
+    def read(name, data):
+        return colmap.read(CameraFile(name, data), Reading(name))
+
+    found = read("cameras.bin", struct.pack("<Q", 2) + first + second)
+    assert [stored.name for stored in found] == ["7", "9"]
+    assert [stored.camera.image_size for stored in found] == [(640, 480), (1024, 768)]
+    assert found[1].camera.centre_px == (512.0, 384.0)
+    with pytest.raises(SpecError, match=r"cameras\.bin camera 2: there is no model 99; valid are 0 to 17"):
+        read("cameras.bin", struct.pack("<Q", 2) + first + struct.pack("<IiQQ", 1, 99, 4, 4))
+    with pytest.raises(SpecError, match=r"cameras\.bin ends in the middle of a camera"):
+        read("cameras.bin", struct.pack("<Q", 2) + first + second[:-1])
+    for line, said in (
+        (f"{'x' * 50} PINHOLE 640", f"a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here '{'x' * 40}'"),
+        ("1 PINHOLE 640 480", "PINHOLE has 0 parameters; it is valid with 4: fx fy cx cy"),
+        ("1 FOV 640 480 1 1 1 1 1", "no model of ours has the formula of FOV; valid are SIMPLE_PINHOLE"),
+        ("one PINHOLE 640 480", "a camera's id and what follows its model are numbers"),
+    ):
+        with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
+            read("cameras.txt", f"# a comment\n{line}\n".encode())
+    with pytest.raises(SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"):
+        read("cameras.txt", b"# a comment\n")
 
 
 @pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])

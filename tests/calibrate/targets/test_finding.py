@@ -228,3 +228,12 @@ def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
     assert found[2].reason == "it shows the mirror image of the board that the others show: it was flipped"
+
+
+def test_pictures_of_too_many_pixels_are_a_reason_and_take_no_memory():
+    huge = np.broadcast_to(np.uint8(128), (20_000, 20_000))
+    (found,) = om.find_boards([huge], BOARD)
+    assert found.reason == (
+        "a picture in which a board is searched for must not have more than 128 megapixels; got 20000 x 20000 px; "
+        "reduce it"
+    )

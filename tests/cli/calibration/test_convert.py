@@ -50,3 +50,16 @@ def test_python_and_the_command_line_write_the_same_file(tmp_path):
     options = ["--to", "kalibr-ds", "--tolerance-px", 20, "--distance-mm", "700,inf", "--flip"]
     assert omnimirror("convert", "paper-spherical", "b.yaml", *options, cwd=tmp_path).returncode == 0
     assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
+
+
+def test_contradictions_in_a_file_are_printed(tmp_path):
+    """As notes of a conversion, and as warnings on standard error where the file is used."""
+    om.convert(om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)), tmp_path / "a.txt", to="ocamcalib")
+    text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
+    (tmp_path / "a.txt").write_text(text)
+    sentence = "the centre (380, 515) lies 186 px from the middle of the image of 1024x768; with its coordinates"
+    out = omnimirror("convert", "a.txt", "b.toml", cwd=tmp_path)
+    assert f"Note: {sentence}" in out.stdout
+    out = omnimirror("evaluate", "a.txt", cwd=tmp_path)
+    assert out.returncode == 0
+    assert f"Warning: a.txt: {sentence}" in out.stderr

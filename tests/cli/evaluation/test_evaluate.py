@@ -15,7 +15,8 @@ from tests.commands import fails, omnimirror
 HEADER = """
 omega_deg x_mm z_mm beta_deg theta_deg gamma_deg h_px dh_domega_px_per_deg width_px_per_deg area_px2
 aspect viewpoint_z_mm radius_t_mm radius_s_mm q_t_mm q_s_mm image_t_x_mm image_t_z_mm image_s_x_mm
-image_s_z_mm distance_t_mm distance_s_mm blur_t_px blur_s_px blur_t_deg blur_s_deg blur_area_deg2
+image_s_z_mm distance_t_mm distance_s_mm blur_t_px blur_s_px blur_t_deg blur_s_deg blur_area_deg2 plane_t_mm_per_px
+cylinder_t_mm_per_px object_s_mm_per_px
 """.split()  # noqa: SIM905 - as the requirement spells it
 
 

@@ -218,7 +218,7 @@ def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "x", None, True, [1.0]])
 def test_a_limit_that_is_no_number_is_refused(value):
-    with pytest.raises(InvalidParameter):
+    with pytest.raises(InvalidParameter, match=r"at_most.* of total_blur_px|total_blur_px says neither at_most nor"):
         Limit("total_blur_px", at_most=value)
 
 

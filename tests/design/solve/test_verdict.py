@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.design.solve.verdict import Judgement, _limit_row
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -42,8 +44,8 @@ def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
     near, far = (om.evaluate(SPHERE, np.linspace(20, 130, 2001), object_distance_mm=d) for d in (500.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
     assert rows["total_blur_px"].reached == pytest.approx(np.hypot(worst, far.airy_px), rel=1e-4)
-    part = om.evaluate(SPHERE, np.linspace(30, 90, 2001))
-    finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min()
+    parts = [om.evaluate(SPHERE, np.linspace(30, 90, 2001), object_distance_mm=d) for d in (500.0, np.inf)]
+    finest = min(np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min() for part in parts)
     assert rows["resolution_px_per_deg, 30 to 90 deg"].reached == pytest.approx(finest, rel=1e-4)
 
 
@@ -53,11 +55,38 @@ def test_a_limit_is_met_from_what_is_reached_on(name):
     sensor = om.load_sensor(name)
     wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(omega_min_deg=30, omega_max_deg=100)
     (found,) = om.judge(wanted, sensor).limits
-    for share, is_met in ((1.001, True), (0.999, False)):
+    for share, is_met in ((1.001, True), (1 - 1e-7, True), (1 - 1e-5, False), (0.999, False)):  # 1e-6 is rounding
         moved = replace(wanted, limits=(om.Limit("total_blur_px", found.reached * share),))
         (row,) = om.judge(moved, sensor).limits
         assert row.is_met == is_met
         assert row.margin == pytest.approx(found.reached * (share - 1), rel=1e-6)
+
+
+@pytest.mark.parametrize(("at_least", "at_most"), [(0.0, None), (None, 0.0), (0.0, 0.0)])
+def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
+    """Nothing is relative to 0: rounding and shortfall count from one unit."""
+    side = -1.0 if at_most is None else 1.0
+    for missed, is_met in ((5e-7, True), (5e-6, False)):
+        row = Judgement("motion_px", "px", at_least, at_most, side * missed)
+        assert row.is_met == is_met
+        assert row.shortfall == pytest.approx(missed)
+    assert Judgement("motion_px", "px", at_least, at_most, 0.0).shortfall == 0.0
+
+
+@pytest.mark.parametrize("largest", [True, False])
+@pytest.mark.parametrize("worst", [5.0, -5.0, 0.0])
+def test_of_object_distances_that_tie_the_smallest_angle_is_named(largest, worst):
+    """Within 2e-5 of the worst value, whichever distance comes first; a value without an angle names none."""
+    side = 1.0 if largest else -1.0
+    of = SimpleNamespace(unit="px", extreme=lambda field, _: field)
+    ends = {"at_most": 9.0, "at_least": None} if largest else {"at_most": None, "at_least": -9.0}
+    limit = SimpleNamespace(name="blur", omega_deg=None, of=of, **ends)
+    omega, near = np.array([10.0, 20.0, 30.0]), 1e-5 * abs(worst) * side
+    fields = [((worst - 1e-3 * side, 0), omega), ((worst - near, 1), omega), ((worst, 2), omega)]
+    for order in (fields, fields[::-1]):
+        row = _limit_row(limit, order, ())
+        assert (row.reached, row.omega_deg) == (worst, 20.0)
+    assert _limit_row(limit, [((worst, None), omega)], ()).omega_deg is None
 
 
 def test_a_design_and_its_sensor_get_the_same_verdict():
@@ -90,11 +119,48 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
 def test_the_first_of_equally_bad_angles_is_named():
     """A resolution that is the same at all angles but for rounding: the one that comes first."""
     sensor = om.load_sensor("exact-equidistant")
-    wanted = replace(WANTED, limits=(om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100)),))
+    limit = om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100))
+    wanted = replace(WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf))
     (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
     assert row.omega_deg == 40.0
     values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg
     assert row.reached == pytest.approx(values.min(), rel=1e-9)
+
+
+def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
+    wanted, sensor = (
+        replace(WANTED, limits=(om.Limit("total_blur_px", at_least=1.0),)),
+        om.load_sensor("paper-equidistant"),
+    )
+    found, same, other = (om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000}))
+    assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
+    assert found == same != other
+    assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
+    for angles in (1, 100_001):
+        with pytest.raises(InvalidParameter, match=f"angles = {angles} is not"):
+            om.judge(WANTED, SPHERE, angles=angles)
+
+
+@pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
+def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
+    """So far lens and focus are settled; the image is scaled by the pixels."""
+    largest = WANTED.largest_image_px
+    pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
+    moved = replace(SPHERE, imager=replace(SPHERE.imager, pixel_pitch_um=pitch))
+    row = rows_of(om.judge(WANTED, moved))["image_radius_px"]
+    assert row.margin == pytest.approx(-past_px, abs=1e-6)
+    assert row.is_met == is_met
+
+
+@pytest.mark.parametrize(("name", "is_blur"), [("total_blur_px", True), ("aspect", False)])
+def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_blur):
+    airy = om.evaluate(SPHERE, [90.0]).airy_px
+    for share in (0.9, 1.1):
+        (row,) = om.judge(replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE).limits
+        said = [remark for remark in row.remarks if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")]
+        assert len(said) == (is_blur and share < 1)
+    (row,) = om.judge(replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE).limits
+    assert not any("Airy" in remark for remark in row.remarks)
 
 
 def test_what_cannot_be_judged_is_said():

@@ -120,8 +120,8 @@ def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, ins
     assert np.abs(taken - expected).max() < (1.6 if interpolation == "linear" else 2.2)
 
 
-def test_instructions_agree_to_the_last_bit():
-    """The plain kernels state in ordinary arithmetic what the vector kernels do."""
+def test_instructions_agree_within_one_grey_level():
+    """Compare the vector kernels with the plain kernels, which use ordinary arithmetic."""
     before = MODULE.instructions()
     for channels in (1, 2, 3, 4):
         picture, coordinates = photograph(channels=channels), spiral((230, 170))
@@ -312,8 +312,66 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.remap_lattice(picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0),
         lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
-        with pytest.raises((ValueError, TypeError)):
+        with pytest.raises(
+            (ValueError, TypeError),
+            match=r"picture|coordinates|cell|weights|interpolation|pixels|radius|radii|src|must",
+        ):
             call()
+
+
+@pytest.mark.parametrize("interpolation", [0, 1, 2])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
+    """Where float32 has gaps of 1 and 2 pixels, whole places show their pixel and those beyond the last one none."""
+    width = 2**24 + 5
+    picture = np.zeros((16, width, 1), dtype)  # of which few pages are touched
+    beyond = width + 1, width + 3, 2.0**30
+    places = np.array([[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32)
+    last = [int(x) for x in places[0, 1:5]]
+    picture[0, last, 0] = [11, 12, 13, 14]
+    out = np.empty((1, 8, 1), dtype)
+    MODULE.remap(picture, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99)
+    assert out[0, 1:5, 0].tolist() == [11, 12, 13, 14]
+    assert out[0, 5:, 0].tolist() == [99] * 3
+
+
+@pytest.mark.parametrize("interpolation", [0, 1, 2])
+@pytest.mark.parametrize("at", [0, 24, 48, -1])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e30, 3e38])
+def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
+    """Cells that such a node has a part in may show anything, others show what they would without it."""
+    picture, step = photograph(size=(400, 300)), 16
+    shape = 4 + 3, 8 + 3
+    x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
+    cells, patches = np.full((4, 8), -1, np.int32), np.empty((0, step, step, 2), np.float32)
+    weights = node_weights(step)
+    whole, odd = np.empty((2, 64, 128, 3), np.uint8)
+    MODULE.remap_lattice(picture, x, y, weights, weights, cells, patches, whole, interpolation, 0)
+    x.reshape(-1)[at] = value
+    MODULE.remap_lattice(picture, x, y, weights, weights, cells, patches, odd, interpolation, 0)
+    row, column = np.unravel_index(np.arange(x.size)[at], shape)
+    near = np.zeros((4, 8), bool)
+    near[max(row - 3, 0) : row + 1, max(column - 3, 0) : column + 1] = True
+    is_near = np.repeat(np.repeat(near, step, axis=0), step, axis=1)
+    assert np.abs(odd[~is_near].astype(int) - whole[~is_near]).max() <= 1
+    if np.isnan(value):
+        assert not odd[is_near].any()
+
+
+def test_weights_that_interpolate_nothing_are_refused():
+    picture, step = photograph(size=(400, 300)), 16
+    x, y = np.full((2, 7, 11), 150, np.float32)
+    cells, patches, good = np.full((4, 8), -1, np.int32), np.empty((0, step, step, 2), np.float32), node_weights(step)
+    out = np.empty((64, 128, 3), np.uint8)
+    for value, where in ((1e6, good > 2), (0.01, good > 0.5), (np.nan, good > 0.5), (-np.inf, good < 0)):
+        wrong = np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
+        for weights in ((wrong, good), (good, wrong)):
+            with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
+                MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
+    far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(step, axis=1)  # of sum 1, but far from Lagrange's
+    x, y = np.meshgrid(*(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7))))
+    MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
+    assert (out == 7).all()
 
 
 @pytest.mark.parametrize("count", few([0, 1, 7, 8, 9, 511, 513, 1030], 0, 9, 513))
@@ -350,7 +408,7 @@ def test_tables_that_do_not_fit_are_refused():
         lambda: good.project(np.zeros((3, 3)), False, np.zeros((3, 2)), np.zeros(2)),
         lambda: good.project(np.zeros((3, 2)), False, np.zeros((3, 2)), None),
     ):
-        with pytest.raises(ValueError):  # noqa: PT011 - what it says is for those who work on the module
+        with pytest.raises(ValueError, match=r"table|origins|radii|targets|pixels|excess|last"):
             wrong()
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.dewarp.maps.halving import halved_pixels
+from omnimirror.dewarp.maps.polar import PolarMap
 from omnimirror.dewarp.yuv.planes import SITINGS
 from omnimirror.errors import InvalidParameter
 from tests.everyday import few
@@ -48,6 +49,17 @@ def exact(camera, screen, columns, rows):
 
 def parts_of(view):
     return [(p.left, p.top, p.view) for p in view.parts] if isinstance(view, om.screens.Mosaic) else [(0, 0, view)]
+
+
+def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
+    """At the inner and at the outer end of the field; others are between, by the offset of the view's samples."""
+    radii = np.array([np.nan, 10.0, 12.0, 14.0, 20.0, np.nan, np.nan, np.nan])
+    circles = PolarMap((31.0, 30.0), radii, np.linspace(0.0, 0.7, 8), (64, 64))
+    halved = circles.halved((0.5, 0.0), (0.25, 0.75))
+    np.testing.assert_array_equal(halved.radii, [5.0, 6.75, 10.0, np.nan])
+    np.testing.assert_allclose(halved.angles, 0.1 * np.array([0.25, 2.25, 4.25, 6.25]), rtol=1e-12)
+    assert halved.centre == (15.25, 15.0)
+    assert halved.source_size == (32, 32)
 
 
 @pytest.mark.parametrize(

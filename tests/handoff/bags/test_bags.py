@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 import omnimirror as om
@@ -269,23 +269,65 @@ def test_both_storages_are_read_and_written(sensor, pictures, tmp_path, storage,
     assert {p.name for p in tmp_path.iterdir()} == {"ride", "straight"}
 
 
-def test_a_bag_of_ros_1_is_read(sensor, pictures, tmp_path):
-    store = get_typestore(Stores.ROS1_NOETIC)
+@pytest.fixture(scope="module")
+def ride_of_ros_1(pictures, tmp_path_factory):
+    """A bag of ROS 1 with images and a topic whose type no type store contains."""
+    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path_factory.mktemp("bags") / "ride.bag"
+    store.register(get_types_from_msg("uint8 a", "my_msgs/msg/Odd"))
     of = store.types
-    with Writer1(tmp_path / "ride.bag") as writer:
+    with Writer1(path) as writer:
         connection = writer.add_connection(TOPIC, "sensor_msgs/msg/Image", typestore=store)
+        other = writer.add_connection("/where", "my_msgs/msg/Odd", typestore=store, latching=1)
         for seq, (stamp_ns, picture) in enumerate(zip(STAMPS, pictures, strict=True)):
             time = of["builtin_interfaces/msg/Time"](*divmod(stamp_ns - 7, 10**9))
             head = of["std_msgs/msg/Header"](seq, time, "omni_optical_frame")
             message = of["sensor_msgs/msg/Image"](head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, picture.ravel())
             writer.write(connection, stamp_ns, store.serialize_ros1(message, message.__msgtype__))
-    om.dewarp_bag(tmp_path / "ride.bag", tmp_path / "out.db3", camera=sensor, views=VIEWS)
-    messages = read(tmp_path / "out.db3")["/rover/cam/front/image_rect"]
+            writer.write(other, stamp_ns, bytes([seq]))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".db3", ".bag"])
+def test_a_bag_of_ros_1_is_read(sensor, pictures, ride_of_ros_1, tmp_path, suffix):
+    om.dewarp_bag(ride_of_ros_1, tmp_path / f"out{suffix}", camera=sensor, views=VIEWS)
+    messages = read(tmp_path / f"out{suffix}")["/rover/cam/front/image_rect"]
     dewarp = om.Dewarper(sensor, VIEWS["front"], keep_map=True)
     assert [s for s, _ in messages] == list(STAMPS)
     assert all(np.array_equal(values(m), dewarp(p)) for (_, m), p in zip(messages, pictures, strict=True))
-    with pytest.raises(InvalidParameter, match="is a bag of ROS 1, whose messages ROS 2 reads only converted"):
-        om.dewarp_bag(tmp_path / "ride.bag", tmp_path / "out.db3", camera=sensor, keep_topics=["*"])
+
+
+def test_a_bag_of_ros_1_equals_that_of_ros_2(sensor, ride, tmp_path):
+    """Images, camera_info and transforms of both versions, read by rosbags."""
+    for name in ("out.mcap", "out.bag"):
+        om.dewarp_bag(ride, tmp_path / name, camera=sensor, views=VIEWS)
+    new, old = read(tmp_path / "out.mcap"), read(tmp_path / "out.bag")
+    assert set(old) == set(new)
+    for topic in new:
+        assert [stamp for stamp, _ in old[topic]] == [stamp for stamp, _ in new[topic]]
+    (_, a), (_, b) = new["/rover/cam/front/camera_info"][0], old["/rover/cam/front/camera_info"][0]
+    assert np.array_equal(a.k, b.K)
+    assert np.array_equal(a.p, b.P)
+    assert (a.header.frame_id, a.header.stamp.nanosec) == (b.header.frame_id, b.header.stamp.nanosec)
+    pairs = zip(new["/tf_static"][0][1].transforms, old["/tf_static"][0][1].transforms, strict=True)
+    assert all(np.array_equal(matrix_of(a), matrix_of(b)) for a, b in pairs)
+    with AnyReader([tmp_path / "out.bag"]) as reader:
+        assert {c.topic: c.ext.latching for c in reader.connections}["/tf_static"] == 1
+
+
+def test_topics_of_ros_1_are_kept_in_ros_1(sensor, ride, ride_of_ros_1, tmp_path):
+    done = om.dewarp_bag(ride_of_ros_1, tmp_path / "out.bag", camera=sensor, views=VIEWS, keep_topics=["/where"])
+    assert done.passed == 3
+    with AnyReader([tmp_path / "out.bag"]) as reader:
+        (kept,) = (c for c in reader.connections if c.topic == "/where")
+        assert (kept.msgtype, kept.msgdef.data.strip(), kept.ext.latching) == ("my_msgs/msg/Odd", "uint8 a", 1)
+        assert [(s, bytes(d)) for _, s, d in reader.messages(connections=[kept])] == [
+            (stamp, bytes([i])) for i, stamp in enumerate(STAMPS)
+        ]
+    with pytest.raises(InvalidParameter, match=r"out.db3 is a bag of ROS 2, and .* messages of ROS 1; write .bag"):
+        om.dewarp_bag(ride_of_ros_1, tmp_path / "out.db3", camera=sensor, keep_topics=["*"])
+    with pytest.raises(InvalidParameter, match=r"two.bag is a bag of ROS 1, and .* of ROS 2; write .mcap or .db3"):
+        om.dewarp_bag(ride, tmp_path / "two.bag", camera=sensor, topic=TOPIC, keep_topics=["/where"])
+    assert {p.name for p in tmp_path.iterdir()} == {"out.bag"}
 
 
 def test_other_topics_pass_through_byte_by_byte(sensor, ride, tmp_path):
@@ -383,10 +425,8 @@ def test_a_bag_that_is_cut_short_is_one_sentence(sensor, pictures, tmp_path, sto
 def test_the_recording_itself_is_not_written_over_and_no_folder_is(sensor, ride, tmp_path):
     with pytest.raises(InvalidParameter, match="is the recording to straighten"):
         om.dewarp_bag(single(ride), single(ride), camera=sensor)
-    with pytest.raises(MediaError, match="is there already"):
+    with pytest.raises(MediaError, match="exists; recordings in folders are not overwritten"):
         om.dewarp_bag(ride, tmp_path, camera=sensor)
-    with pytest.raises(MediaError, match="is a bag of ROS 1, which is read and not written"):
-        om.dewarp_bag(ride, tmp_path / "out.bag", camera=sensor)
 
 
 # -- the command -----------------------------------------------------------------------------------

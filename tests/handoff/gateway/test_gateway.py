@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,9 +21,11 @@ import cv2
 import httpx
 import numpy as np
 import pytest
+from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, OutsideField
+from omnimirror.handoff.gateway import gateway as gateway_module
 from omnimirror.handoff.gateway import outlets, routes
 from omnimirror.handoff.gateway.coders import Chunk
 from omnimirror.handoff.gateway.gateway import Gateway
@@ -38,7 +40,7 @@ from tests.commands import fails
 from tests.everyday import few
 from tests.media.live.test_live import HEAD, free_port, paced
 from tests.media.live.test_live import server as streaming
-from tests.serving import served
+from tests.serving import in_a_loop, served
 
 SIDE = 256
 VIEWS = {
@@ -163,8 +165,8 @@ def test_a_view_that_nobody_watches_is_not_drawn(gateway):
 
 
 def test_the_source_is_let_go_when_nobody_watches_for_a_while(gateway, monkeypatch):
-    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.LINGER_S", 0.0)
-    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.CHECK_EVERY_S", 0.05)
+    monkeypatch.setattr(gateway_module, "LINGER_S", 0.0)
+    monkeypatch.setattr(gateway_module, "CHECK_EVERY_S", 0.05)
     with served(create_app(gateway, None)) as address:
         for _ in range(2):  # and read again for who comes later
             assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200
@@ -360,6 +362,79 @@ def test_more_than_can_be_served_are_turned_away(gateway, monkeypatch):
         assert (answer.status_code, answer.json()["detail"]) == (503, "1 are watching already, and no more can")
 
 
+def test_clients_that_come_at_once_are_counted_before_their_streams_begin(gateway, monkeypatch):
+    """Of five that ask in the same moment two are admitted, and their seats are free again afterwards."""
+    monkeypatch.setattr(routes, "MOST_WATCHERS", 2)
+
+    async def statuses(address: str) -> list[int]:
+        async with AsyncExitStack() as opened, httpx.AsyncClient(timeout=300) as client:
+            asked = [client.stream("GET", f"{address}{name}.ts") for name in ("front", "eye", "around", "front", "eye")]
+            answers = await asyncio.gather(*(opened.enter_async_context(one) for one in asked))
+            return [answer.status_code for answer in answers]
+
+    with served(create_app(gateway, None)) as address:
+        for _ in range(2):
+            assert sorted(in_a_loop(statuses(address))) == [200, 200, 503, 503, 503]
+            until(lambda: not any(view.watchers for view in gateway.views.values()))
+
+
+@pytest.mark.parametrize("token", ["\u00fcber", "\u65e5\u672c", "two words", "line\nbreak", "tab\t"])
+def test_a_token_that_headers_cannot_carry_is_refused_at_the_start(film, camera, token):
+    with pytest.raises(om.errors.InvalidParameter, match="token must consist of ASCII letters") as refused:
+        om.serve_views(str(film), VIEWS, camera=camera, token=token)
+    assert token not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"pan_deg": 1e308}, "pan_deg must be less than or equal to 360; got 1e+308"),
+        ({"pan_deg": -360.5}, "pan_deg must be greater than or equal to -360; got -360.5"),
+        ({"tilt_deg": 1e9}, "tilt_deg must be less than or equal to 90; got 1000000000.0"),
+        ({"tilt_deg": -91}, "tilt_deg must be greater than or equal to -90; got -91"),
+        ({"roll_deg": 1e5}, "roll_deg must be less than or equal to 360; got 100000.0"),
+        ({"hfov_deg": 180}, "hfov_deg must be less than 180; got 180"),
+        ({"hfov_deg": -1e9, "relative": True}, "hfov_deg must be greater than -180; got -1000000000.0"),
+        ({"zoom": 0}, "zoom must be greater than 0; got 0"),
+        ({"zoom": 1e300}, "zoom must be less than or equal to 1000000; got 1e+300"),
+        ({"pan_deg": "nan"}, "pan_deg = 'nan' is not a number"),
+        ({"zoom": True}, "zoom = True is not a number"),
+    ],
+)
+def test_steering_is_range_checked(gateway, asked, sentence):
+    with TestClient(create_app(gateway, None), base_url="http://127.0.0.1") as client:
+        before = client.get("/api/views/eye").json()
+        answer = client.post("/api/views/eye", json=asked)
+        assert (answer.status_code, answer.json()["detail"]) == (422, sentence)
+        assert client.get("/api/views/eye").json() == before
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "[NaN]", '{"pan_deg": Infinity}', '{"pan_deg": 1e999}', '{"zoom": ' + "9" * 5000 + "}", "[" * 99999,
+        '{"zoom": 1, "zoom": 2}', '"\\ud800"', "{",
+    ],
+)  # fmt: skip
+def test_bodies_that_are_no_json_are_refused(gateway, body):
+    with TestClient(create_app(gateway, None), base_url="http://127.0.0.1") as client:
+        answer = client.post("/api/views/eye", content=body, headers={"content-type": "application/json"})
+        assert answer.status_code == 422
+        assert answer.json()["detail"].startswith("the body must ")
+        assert client.get(f"/front/{'9' * 5000}.ts").status_code in (404, 422)
+
+
+def test_steps_lead_around_and_not_over_the_top(gateway):
+    with TestClient(create_app(gateway, None), base_url="http://127.0.0.1") as client:
+        step = {"pan_deg": 90, "relative": True}
+        pans = [client.post("/api/views/eye", json=step).json()["pan_deg"] for _ in range(9)]
+        assert all(abs(pan) <= 360 for pan in pans)
+        assert {pan % 360 for pan in pans} == {(pans[0] + turn) % 360 for turn in (0, 90, 180, 270)}
+        answers = [client.post("/api/views/eye", json={"tilt_deg": -89, "relative": True}) for _ in range(2)]
+        assert answers[1].status_code == 400
+        assert answers[1].json()["detail"].startswith("tilt_deg must be from -90 to 90")
+
+
 def test_a_watcher_that_is_slow_goes_on_with_a_key_frame():
     async def watch():
         outlet = outlets.TransportOutlet((64, 48), lambda: None)
@@ -403,8 +478,7 @@ def command(film, camera, folder, *more):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"),
-    few([(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)], (signal.SIGTERM, -signal.SIGTERM)),
+    ("number", "code"), few([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], (signal.SIGTERM, 143))
 )
 def test_the_command_serves_until_it_is_told_to_end(film, camera, tmp_path, number, code):
     with command(film, camera, tmp_path) as (process, address):

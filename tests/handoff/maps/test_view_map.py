@@ -12,7 +12,8 @@ from omnimirror.dewarp.screens import parts_of
 from omnimirror.dewarp.viewpoints import centre_of_projection
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount
-from omnimirror.handoff.maps.bending import ends_of
+from omnimirror.handoff.maps import bending
+from omnimirror.handoff.maps.bending import bent_pixels, ends_of
 from omnimirror.mirrors.pose import MirrorPose
 from tests.everyday import few
 
@@ -101,6 +102,65 @@ def test_what_lies_below_is_bent_back_too(width, distance_mm):
     np.testing.assert_allclose(looked_at, rays.directions, atol=1e-7)
 
 
+FLAT = {
+    "distant": om.screens.Plane((60, 40), pan_deg=140.0, tilt_deg=-20.0, roll_deg=10.0, hfov_deg=80.0),
+    "near": om.screens.Plane((60, 40), distance_mm=400.0, hfov_deg=80.0),
+    "upright": om.screens.Plane((40, 60), pan_deg=-70.0, hfov_deg=50.0),
+    "part of a cylinder": om.screens.Cylinder((60, 40), -20.0, 25.0, pan_deg=30.0, span_deg=120.0),
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_rays_that_miss_a_view_end_nowhere(name):
+    """Rays are drawn to places in and around the view by its own formula, and turned round."""
+    view = FLAT[name]
+    width, height = view.size
+    at = [
+        np.concatenate(
+            [[-0.5 + 1e-3, -0.5 - 1e-3, side - 0.5 - 1e-3, side - 0.5 + 1e-3], np.linspace(-5, side + 5, 31)]
+        )
+        for side in (width, height)
+    ]
+    u, v = (a.ravel() for a in np.meshgrid(*at))
+    origins = np.random.default_rng(4).uniform(-20.0, 20.0, (len(u), 3))
+    directions = view.targets_at(u, v).reshape(-1, 3) - (0.0 if view.is_distant else origins)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+    assert 0.3 < inside.mean() < 0.9
+    expected = np.where(inside[:, None], np.stack([u, v], axis=-1), np.nan)
+    np.testing.assert_allclose(ends_of(view, origins, directions), expected, atol=1e-6)
+    assert np.isnan(ends_of(view, origins, -directions)).all()
+    assert ends_of(view, origins[:0], directions[:0]).shape == (0, 2)
+
+
+@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3)])
+def test_rays_along_the_axes_of_the_frame_end_where_they_point(axis):
+    x, y, z = axis
+    view = om.screens.Plane((41, 31), pan_deg=-np.degrees(np.arctan2(y, x)), tilt_deg=90.0 * z, hfov_deg=60.0)
+    ends = ends_of(view, np.zeros((2, 3)), np.stack([axis, -axis]))
+    np.testing.assert_allclose(ends, [[20.0, 15.0], [np.nan, np.nan]], atol=1e-6)
+
+
+@pytest.mark.parametrize("distance_mm", [np.inf, 900.0])
+def test_rays_on_both_sides_of_a_seam_end_at_their_own_side(distance_mm):
+    view = om.screens.Cylinder((90, 40), -40.0, 30.0, distance_mm=distance_mm)
+    u, v = (a.ravel() for a in np.meshgrid([-0.499, -0.3, 0.0, 0.2, 45.0, 88.8, 89.0, 89.3, 89.499], [0.0, 20.0, 39.0]))
+    origins = np.random.default_rng(4).uniform(-20.0, 20.0, (len(u), 3))
+    directions = view.targets_at(u, v).reshape(-1, 3) - (0.0 if view.is_distant else origins)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    np.testing.assert_allclose(ends_of(view, origins, directions), np.stack([u, v], axis=-1), atol=1e-6)
+
+
+def test_every_pixel_is_bent_and_alone_as_among_others(monkeypatch):
+    """A fisheye sees to its corners, the first pixel too; rays are taken in several stretches."""
+    camera = om.Unified(0.9, (55.0, 55.0), (31.5, 23.5), (64, 48), optics="fisheye")
+    view = om.screens.Sphere((180, 90))
+    whole = bent_pixels(camera, view, "exact")
+    assert np.isfinite(whole).all()
+    monkeypatch.setattr(bending, "AT_ONCE", 1000)
+    np.testing.assert_allclose(bent_pixels(camera, view, "exact"), whole, atol=1e-6)
+
+
 def test_all_of_a_view_comes_back():
     """No holes: a panorama all around covers the whole ring of the picture, its seam too."""
     fixed = om.view_map(SMALL, om.views.panorama(SMALL, (360, None)))
@@ -119,5 +179,5 @@ def test_a_single_viewpoint_is_kept():
 
 
 def test_a_view_that_sees_nothing_is_refused():
-    with pytest.raises(OutsideField):
+    with pytest.raises(OutsideField, match=r"the perspective view .* sees nothing of the camera's field"):
         om.view_map(SMALL, om.screens.Plane((64, 48), tilt_deg=89.0, hfov_deg=10.0))

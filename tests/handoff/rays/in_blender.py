@@ -42,8 +42,12 @@ def main(script, picture, samples):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for number, corners in enumerate(box.walls()):
         build_wall(number, corners)
-    runpy.run_path(script)["set_up"]()
     scene = bpy.context.scene
+    placed = bpy.data.objects.new("placed", bpy.data.cameras.new("placed"))
+    placed.rotation_euler = (np.pi / 2, 0, -np.pi / 2)  # level, along x; matrix_world is stale until an update
+    scene.collection.objects.link(placed)
+    scene.camera = placed
+    runpy.run_path(script)["set_up"]()
     scene.cycles.samples, scene.cycles.max_bounces = int(samples), 0
     scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type = "BOX"

@@ -1,6 +1,7 @@
-"""Pictures and depths of the same room by Blender and by Newton, which are installed beside the package or not at all.
+"""Images and depths of a room by Blender and by Newton, each in an environment of its own.
 
-``make programs`` makes an environment for each; ``OMNIMIRROR_BLENDER`` and ``OMNIMIRROR_NEWTON`` name others.
+``make programs`` creates the environments, for Blender of the oldest and the newest supported release;
+``OMNIMIRROR_BLENDER``, ``OMNIMIRROR_BLENDER_OLDEST`` and ``OMNIMIRROR_NEWTON`` name other interpreters.
 """
 
 from __future__ import annotations
@@ -23,17 +24,18 @@ HERE = Path(__file__).parent
 
 
 def python_of(program):
-    """The Python that has a program, or a skip that says so."""
-    python = Path(os.environ.get(f"OMNIMIRROR_{program.upper()}", Path(sys.prefix) / program / "bin" / "python"))
+    """Return the interpreter of a program, or skip the test."""
+    variable = f"OMNIMIRROR_{program.upper().replace('-', '_')}"
+    python = Path(os.environ.get(variable, Path(sys.prefix) / program / "bin" / "python"))
     if not python.exists():
-        pytest.skip(f"{program} is not here: make programs")
+        pytest.skip(f"{program} is not installed: make programs")
     return python
 
 
 def run_in(program, *words):
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     run = subprocess.run(
-        [python_of(program), HERE / f"in_{program}.py", *map(str, words)],
+        [python_of(program), HERE / f"in_{program.partition('-')[0]}.py", *map(str, words)],
         capture_output=True,
         text=True,
         env=environment,
@@ -42,11 +44,12 @@ def run_in(program, *words):
 
 
 @pytest.mark.full
+@pytest.mark.parametrize("blender", ["blender", "blender-oldest"])
 @pytest.mark.parametrize(("name", "pose"), [("paper-spherical", MirrorPose()), ("paper-equidistant", MISALIGNED)])
-def test_blenders_picture_is_ours(name, pose, tmp_path, beside):
+def test_blenders_picture_is_ours(name, pose, blender, tmp_path, beside):
     sensor = small(name, 256, pose)
     om.write_rays(sensor, tmp_path / "camera.py", formats="blender")
-    run_in("blender", tmp_path / "camera.py", tmp_path / "picture.exr", 64)
+    run_in(blender, tmp_path / "camera.py", tmp_path / "picture.exr", 64)
     theirs = om.read_image(tmp_path / "picture.exr")[..., :3]
     decibels, shift = compared(sensor, expose(sensor, Box(), samples=16), theirs)
     version = (tmp_path / "version.txt").read_text()

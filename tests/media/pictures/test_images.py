@@ -4,6 +4,7 @@ import struct
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import MediaError
-from omnimirror.media.pictures import images
+from omnimirror.media.pictures import headers, images
 from omnimirror.media.pictures.images import FORMATS
 
 RNG = np.random.default_rng(3)
@@ -52,6 +53,26 @@ def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
     om.write_image(tmp_path / f"a{suffix}", smooth)
     back = om.read_image(tmp_path / f"a{suffix}")
     assert np.abs(back.astype(float) - smooth).mean() < tolerance
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_jpeg_with_a_thumbnail_is_whole_only_with_its_own_end(missing, tmp_path):
+    """A segment of 300 bytes, whose length takes both bytes, holds an end mark; another is filled with 0xff."""
+    data = cv2.imencode(".jpg", np.full((32, 32), 90, np.uint8))[1].tobytes()
+    thumbnail = b"\xff\xe1" + (300).to_bytes(2, "big") + b"\xff\xd9" + b"\0" * 296
+    whole = data[:2] + thumbnail + b"\xff\xff\xe2\x00\x04ab" + data[2:]
+    assert images._first_scan(whole) == whole.index(b"\xff\xda")
+    assert images._is_cut_short(whole[:-2] if missing else whole) == missing
+
+
+def test_formats_hold_what_their_standards_say():
+    held = {suffix: (kind.depths, kind.channels) for suffix, kind in FORMATS.items()}
+    assert held[".exr"] == (("float32",), (1, 3, 4))
+    assert held[".png"] == (("uint8", "uint16"), (1, 3, 4))
+    assert held[".tif"] == held[".tiff"] == (("uint8", "uint16", "float32"), (1, 3, 4))
+    assert held[".jpg"] == held[".jpeg"] == held[".bmp"] == (("uint8",), (1, 3))
+    assert (held[".webp"], held[".hdr"]) == ((("uint8",), (3, 4)), (("float32",), (3,)))
+    assert images.FULL == {"uint8": 2**8 - 1, "uint16": 2**16 - 1, "float32": 1.0}
 
 
 def test_opencv_speaks_again_after_several_threads_silenced_it():
@@ -106,6 +127,57 @@ def test_a_png_whose_header_asks_for_more_than_it_can_hold_is_refused_before_it_
         path.write_bytes(damaged)
         with pytest.raises(MediaError, match="has a damaged header"):
             om.read_image(path)
+
+
+ENCODED = {
+    "grey.png": (picture("uint8", 1, (20, 30)), ".png", ()),
+    "deep.png": (picture("uint16", 4, (20, 30)), ".png", ()),
+    "grey.jpg": (picture("uint8", 1, (20, 30)), ".jpg", ()),
+    "colour.jpg": (picture("uint8", 3, (20, 30)), ".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)),
+    "grey.tif": (picture("uint8", 1, (20, 30)), ".tif", ()),
+    "deep.tif": (picture("uint16", 3, (20, 30)), ".tif", ()),
+    "float.tif": (picture("float32", 3, (20, 30)), ".tif", ()),
+    "colour.bmp": (picture("uint8", 3, (20, 30)), ".bmp", ()),
+    "colour.webp": (picture("uint8", 3, (20, 30)), ".webp", ()),
+    "deep.ppm": (picture("uint16", 3, (20, 30)), ".ppm", ()),
+    "colour.hdr": (picture("float32", 3, (20, 30)), ".hdr", ()),
+}
+
+
+@pytest.mark.parametrize("name", ENCODED)
+def test_the_size_in_memory_is_that_of_the_decoded_picture(name, tmp_path, monkeypatch):
+    image, suffix, parameters = ENCODED[name]
+    path = tmp_path / name
+    path.write_bytes(images.encoded(image, suffix, parameters))
+    decoded = om.read_image(path)
+    assert headers.decoded_bytes(path.read_bytes()) == decoded.nbytes
+    monkeypatch.setattr(headers, "LARGEST_DECODED", decoded.nbytes)
+    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes)
+    assert om.read_image(path).shape == decoded.shape
+    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes - 1)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(MediaError, match=rf"{name} must not take more than 0 MB once it is decoded; got 1 MB"):
+        om.read_image(path)
+
+
+def test_the_size_in_memory_of_an_exr_counts_every_channel(tmp_path):
+    pytest.importorskip("OpenEXR", reason="pip install 'omnimirror[exr]'")
+    om.write_image(tmp_path / "a.exr", picture("float32", 4, (20, 30)))
+    data = (tmp_path / "a.exr").read_bytes()
+    assert headers.decoded_bytes(data) == 4 * 4 * 20 * 30
+    wide = data.replace(struct.pack("<4i", 0, 0, 29, 19), struct.pack("<4i", 0, 0, 29_999, 29_999))
+    (tmp_path / "a.exr").write_bytes(wide)
+    with pytest.raises(MediaError, match="must not take more than 2048 MB once it is decoded; got 13733 MB"):
+        om.read_image(tmp_path / "a.exr")
+
+
+def test_a_jpeg_that_declares_gigabytes_is_rejected_before_it_is_decoded(tmp_path, monkeypatch):
+    data = images.encoded(picture(size=(16, 16)), ".jpg")
+    at = data.index(b"\xff\xc0") + 5
+    (tmp_path / "a.jpg").write_bytes(data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :])
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(MediaError, match=r"a\.jpg must not take more than 2048 MB once it is decoded; got 2575 MB"):
+        om.read_image(tmp_path / "a.jpg")
 
 
 def test_the_most_that_a_png_can_hold_is_read(tmp_path):
@@ -183,6 +255,27 @@ def test_what_a_file_cannot_hold_is_refused(tmp_path, name, image, message):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("shape", [(1, 65501, 3), (65501, 1, 3)])
+def test_a_picture_too_wide_or_too_high_for_its_file_is_refused(shape, tmp_path):
+    size = f"{shape[1]} x {shape[0]}"
+    with pytest.raises(MediaError, match=f"holds pictures of up to 65500 px a side, and this one has {size} px"):
+        om.write_image(tmp_path / "a.jpg", np.zeros(shape, np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_opencv_speaks_again_when_the_last_is_done():
+    logging = cv2.utils.logging
+    before = logging.setLogLevel(logging.LOG_LEVEL_ERROR)
+    try:
+        with images._quiet():
+            with images._quiet():
+                assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+            assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+        assert logging.getLogLevel() == logging.LOG_LEVEL_ERROR
+    finally:
+        logging.setLogLevel(before)
+
+
 def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
     before = picture()
@@ -191,7 +284,7 @@ def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
     def full(self, data):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(MediaError, match=r"cannot write .*a.png: No space left on device"):
         om.write_image(path, picture())
     np.testing.assert_array_equal(om.read_image(path), before)

@@ -469,6 +469,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
         [sys.executable, "-c", SCRIPT, source, out, "0"],
         capture_output=True,
         text=True,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # it would be cut off too
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert run.returncode == 1

@@ -110,8 +110,8 @@ def test_text_from_elsewhere_names_no_file(entry):
     ("entry", "text", "message"),
     [
         ("cloud_csv", "1,2,3\n" * 50, "has 50 points; at least 200"),
-        ("cloud_csv", "1,2,3\n1,2\n", "line 2: '1,2' is not x, y, z in mm"),
-        ("cloud_csv", "1,2,3\n1,nan,2\n", "line 2: '1,nan,2' is not x, y, z in mm"),
+        ("cloud_csv", "1,2,3\n1,2\n", "line 2: '1,2' is not x, y, z as in the other rows"),
+        ("cloud_csv", "1,2,3\n1,nan,2\n", "has 1 points; at least 200 are valid"),
         ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "is flat"),
         ("cloud_csv", BESIDE, "does not lie all about its axis"),
         ("grid_sag", "", "is no grid of heights"),

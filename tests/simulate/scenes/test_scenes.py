@@ -154,7 +154,7 @@ def test_places_that_are_no_numbers_are_refused(bad):
     scene = Surfaces.of(
         wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (Texture(np.ones((1, 1, 4), np.float32)),)
     )
-    with pytest.raises(ValueError, match="no number"):
+    with pytest.raises(ValueError, match="places of surfaces must be between"):
         scene.seen(np.zeros((1, 3)), np.ones((1, 3)))
 
 

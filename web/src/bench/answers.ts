@@ -19,13 +19,16 @@ const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, o
 /** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
 export class Answers {
   private socket: WebSocket | null = null;
-  private waiting = new Map<number, Question>();
-  private onItsWay: (Question & { slot: number }) | null = null;
+  private readonly waiting = new Map<number, Question>();
+  private onItsWay: Sent | null = null;
   private retry = RETRY_MS;
   private number = 0;
   private isAway = false;
 
-  constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
+  constructor(
+    private readonly answered: (found: Found) => void,
+    private readonly away: (isAway: boolean) => void,
+  ) {
     this.connect();
   }
 
@@ -49,10 +52,10 @@ export class Answers {
     };
     socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
       this.retry = RETRY_MS;
-      const found = read(e.data, this.onItsWay?.asked ?? 0);
+      const question = this.onItsWay;
       this.onItsWay = null;
       this.next();
-      this.answered(found);
+      this.answered(answerTo(question, e.data));
     };
     socket.onclose = (e) => {
       const isRefused = this.unanswered(e);
@@ -70,8 +73,9 @@ export class Answers {
     if (!onItsWay) return false;
     const failures = onItsWay.failures + 1;
     const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
-    if (isRefused) this.answered({ ...NOTHING, slot: onItsWay.slot, asked: onItsWay.asked });
-    else if (!this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
+    if (isRefused) this.answered(noneTo(onItsWay));
+    else if (!this.waiting.has(onItsWay.slot))
+      this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
     return isRefused;
   }
 
@@ -93,7 +97,32 @@ export class Answers {
 }
 
 /** The answer where there is none. */
-const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], bent: null, block: () => null };
+const NOTHING: Omit<Found, "slot" | "asked"> = {
+  number: 0,
+  trouble: { path: [], sentence: UNANSWERABLE },
+  remark: null,
+  facts: null,
+  rows: [],
+  requirements_trouble: null,
+  blocks: [],
+  bent: null,
+  block: () => null,
+};
+
+type Sent = Question & { slot: number };
+
+const noneTo = ({ slot, asked }: Sent): Found => ({ ...NOTHING, slot, asked });
+
+/** Read an answer; one that cannot be read counts as none, so that the next question is sent. */
+function answerTo(question: Sent | null, data: ArrayBuffer): Found {
+  try {
+    return read(data, question?.asked ?? 0);
+  } catch (e) {
+    if (!question) throw e;
+    reportError(e);
+    return noneTo(question);
+  }
+}
 
 function read(data: ArrayBuffer, asked: number): Found {
   const { header, start } = unpack<Answer>(data);

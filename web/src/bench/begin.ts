@@ -20,7 +20,8 @@ export async function begin(host: Host): Promise<Bench> {
   const before = kept(parts);
   const asked = host.address() ? fromAddress(host.address(), parts) : null;
   const given = typeof asked === "string" ? null : asked;
-  const design = given ?? before?.design ?? { ...(await supply.bundled(FIRST)), distance: null, requirements: null };
+  const design = given ??
+    before?.design ?? { ...(await supply.bundled(FIRST)), distance: null, requirements: null };
   const bench = new Bench(host, parts, design);
   if (before) {
     bench.pins = before.pins;

@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h, hideComputed } from "../shared/dom";
 import type { BenchSensor, BenchStart } from "../shared/messages";
@@ -23,7 +24,11 @@ const MOST_PINS = 4;
 const MARKED_MS = 500; // after which sliders of a design that rests show where requirements are met
 
 /** What of requirements decides which values of a design are plotted. */
-const limitedBy = (requirements: Tables | null): string => JSON.stringify([requirements?.field, limitsOf(requirements).map((l) => [l.quantity, l.cycles_per_px])]);
+const limitedBy = (requirements: Tables | null): string =>
+  JSON.stringify([
+    requirements?.field,
+    limitsOf(requirements).map((l) => [l.quantity, l.cycles_per_px]),
+  ]);
 
 /** The design bench: a design, what was found of it, and what asks, shows and changes it. */
 export class Bench {
@@ -45,12 +50,24 @@ export class Bench {
   private readonly tolerances: TolerancesPanel;
   private readonly toolbar: Toolbar;
 
-  constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {
+  constructor(
+    private readonly host: Host,
+    private readonly parts: BenchStart,
+    first: Design,
+  ) {
     this.history = new History(first);
     this.sensors = parts.sensors;
     const aside = h("aside", { "aria-label": "Design" });
     const panel = (title: string): HTMLElement => {
-      const body = h("section", { className: "panel", "aria-label": title, ...(title === "Sensor" ? {} : { "data-computes": "" }) }, h("h2", {}, title));
+      const body = h(
+        "section",
+        {
+          className: "panel",
+          "aria-label": title,
+          ...(title === "Sensor" ? {} : { "data-computes": "" }),
+        },
+        h("h2", {}, title),
+      );
       aside.append(body);
       return body;
     };
@@ -59,14 +76,22 @@ export class Bench {
       facts: () => this.found[0]?.facts ?? null,
       edit: (design: Design) => this.edit(this.own(design)),
       settle: () => this.settle(),
-      change: (what: "mirror" | "lens" | "focus", to: string) => void this.change(what, to),
+      change: (what: "mirror" | "lens" | "focus", to: string) => background(this.change(what, to)),
       take: (found: BenchSensor, words: string) => this.take(found, words),
     };
     this.toolbar = new Toolbar(host, this);
     this.form = new Form(panel("Sensor"), parts, hands);
     this.requirements = new RequirementsPanel(panel("Requirements"), parts, hands);
-    this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
-    const trying = { now: hands.now, show: (design: Design) => this.desk.showPicture(design), keep: (text: string) => host.setErrors(text), say: host.say };
+    this.work = new WorkPanel(panel("Optimise"), parts, {
+      ...hands,
+      take: (found) => this.takeFound(found),
+    });
+    const trying = {
+      now: hands.now,
+      show: (design: Design) => this.desk.showPicture(design),
+      keep: (text: string) => host.setErrors(text),
+      say: host.say,
+    };
     this.tolerances = new TolerancesPanel(panel("Tolerances"), trying);
     this.bending = new Bending({
       now: () => this.unbundled(this.history.now),
@@ -79,7 +104,10 @@ export class Bench {
       drop: (i) => this.dropPin(i),
       chosen: () => this.plotsChosen(),
       bending: this.bending,
-      limits: { set: (limit, side, value) => this.setLimit(limit, { [side]: value }), settle: () => this.settle() },
+      limits: {
+        set: (limit, side, value) => this.setLimit(limit, { [side]: value }),
+        settle: () => this.settle(),
+      },
     });
     this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
@@ -88,9 +116,17 @@ export class Bench {
       this.desk.recolour();
       this.draw();
     });
-    this.answers = supply.answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
+    this.answers = supply.answers(
+      (found) => this.answered(found),
+      (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"),
+    );
     host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
-    bindKeys({ isShown: host.isShown, undo: () => this.undo(), redo: () => this.redo(), save: () => void this.toolbar.download("sensor") });
+    bindKeys({
+      isShown: host.isShown,
+      undo: () => this.undo(),
+      redo: () => this.redo(),
+      save: () => background(this.toolbar.download("sensor")),
+    });
   }
 
   // -- the design ---------------------------------------------------------------------------------
@@ -115,7 +151,11 @@ export class Bench {
 
   /** Try the errors of an address; "" is none. */
   tryErrors(text: string): void {
-    if (!this.tolerances.goTo(text)) this.host.banner("The errors of the address cannot be read: they are cut off or changed.", "bench");
+    if (!this.tolerances.goTo(text))
+      this.host.banner(
+        "The errors of the address cannot be read: they are cut off or changed.",
+        "bench",
+      );
   }
 
   /** Say that the address is none of a design, and have that of what is shown. */
@@ -134,7 +174,9 @@ export class Bench {
   /** A design that may be changed: one of a bundled sensor under a name of its own. */
   private unbundled(design: Design): Design {
     const { tables } = design;
-    return this.sensors.includes(tables.name as string) ? { ...design, tables: { ...tables, name: OWN, notes: "" } } : design;
+    return this.sensors.includes(tables.name as string)
+      ? { ...design, tables: { ...tables, name: OWN, notes: "" } }
+      : design;
   }
 
   /** Settle on the design as it is. */
@@ -154,9 +196,13 @@ export class Bench {
   /** Put on the bench what a search has found, with what was there pinned beside it. */
   private takeFound(sensor: BenchSensor): void {
     const before = this.history.now;
-    const isFull = this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
+    const isFull =
+      this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
     if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
-    this.take(sensor, isFull ? "Found" : "Found; what was before is pinned, and plots show the difference");
+    this.take(
+      sensor,
+      isFull ? "Found" : "Found; what was before is pinned, and plots show the difference",
+    );
     this.pinsChanged();
     this.desk.compareBy(!isFull);
   }
@@ -186,7 +232,15 @@ export class Bench {
 
   async change(what: "mirror" | "lens" | "focus", to: string): Promise<void> {
     try {
-      this.take(await supply.change({ tables: this.history.now.tables, what, to, object_distance_mm: this.history.now.distance }), "");
+      this.take(
+        await supply.change({
+          tables: this.history.now.tables,
+          what,
+          to,
+          object_distance_mm: this.history.now.distance,
+        }),
+        "",
+      );
     } catch (e) {
       this.fail(e);
       this.form.show(this.history.now);
@@ -194,7 +248,7 @@ export class Bench {
   }
 
   fail(e: unknown): void {
-    if (!(e instanceof api.Refused || e instanceof api.Away)) throw e;
+    if (!api.isForeseen(e)) return reportError(e);
     this.form.complain({ path: [], sentence: e.message });
     this.host.say(e.message);
   }
@@ -222,9 +276,16 @@ export class Bench {
   // -- pins ---------------------------------------------------------------------------------------
 
   pin(): void {
-    if (this.pins.length >= MOST_PINS) return this.host.say(`${MOST_PINS} designs are pinned already; unpin one first.`);
+    if (this.pins.length >= MOST_PINS)
+      return this.host.say(`${MOST_PINS} designs are pinned already; unpin one first.`);
     const same = this.pins.filter((p) => p.name.startsWith(nameOf(this.history.now))).length;
-    this.pins = [...this.pins, { name: `${nameOf(this.history.now)}${same ? ` ${same + 1}` : ""}`, design: this.history.now }];
+    this.pins = [
+      ...this.pins,
+      {
+        name: `${nameOf(this.history.now)}${same ? ` ${same + 1}` : ""}`,
+        design: this.history.now,
+      },
+    ];
     this.host.say("Pinned: change the design, and compare");
     this.pinsChanged();
   }
@@ -250,7 +311,12 @@ export class Bench {
   private askPins(): void {
     const { requirements } = this.history.now;
     this.limited = limitedBy(requirements);
-    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements }, { section: true, squares: false, space: false })));
+    this.pins.forEach((pin, i) =>
+      this.answers.ask(
+        i + 1,
+        wishOf({ ...pin.design, requirements }, { section: true, squares: false, space: false }),
+      ),
+    );
   }
 
   // -- questions and answers ------------------------------------------------------------------------
@@ -262,7 +328,11 @@ export class Bench {
 
   private wish(design: Design): Wish {
     const { desk } = this;
-    return wishOf(design, { section: desk.shows("Section"), squares: desk.shows("Squares"), space: desk.shows("In space") });
+    return wishOf(design, {
+      section: desk.shows("Section"),
+      squares: desk.shows("Squares"),
+      space: desk.shows("In space"),
+    });
   }
 
   /** Begin, or begin anew with what the address holds. */
@@ -286,7 +356,10 @@ export class Bench {
     this.draw();
     this.bending.answered();
     // charts draw in microtasks of their own, which were queued before this one
-    if (found.slot === 0) queueMicrotask(() => (this.latencies = [...this.latencies.slice(-199), performance.now() - found.asked]));
+    if (found.slot === 0)
+      queueMicrotask(
+        () => (this.latencies = [...this.latencies.slice(-199), performance.now() - found.asked]),
+      );
   }
 
   private troubled(found: Found): void {
@@ -305,7 +378,8 @@ export class Bench {
     }
     this.requirements.judge(found.rows, found.requirements_trouble);
     clearTimeout(this.marking);
-    if (found.rows.length) this.marking = window.setTimeout(() => void this.markMet(), MARKED_MS);
+    if (found.rows.length)
+      this.marking = window.setTimeout(() => background(this.markMet()), MARKED_MS);
     this.desk.showPicture(this.tolerances.pictured(this.history.now));
     this.tolerances.follow();
   }
@@ -315,7 +389,12 @@ export class Bench {
     const { now, isHeld } = this.history;
     if (isHeld || !now.requirements) return;
     const slides = this.form.slides();
-    const asked = { tables: now.tables, follows: now.follows, requirements: now.requirements, slides };
+    const asked = {
+      tables: now.tables,
+      follows: now.follows,
+      requirements: now.requirements,
+      slides,
+    };
     const found = await supply.slides(asked).catch(() => null); // marks are a help, and no more
     if (found && now === this.history.now) this.form.showMet(slides, found.missed);
   }

@@ -18,7 +18,10 @@ export interface Table {
 export type Wish = Omit<Ask, "number" | "slot">;
 
 /** The question about a design, and which plots need more than the curves. */
-export const wishOf = (design: Design, plots: Pick<Ask, "section" | "squares" | "space">): Wish => ({
+export const wishOf = (
+  design: Design,
+  plots: Pick<Ask, "section" | "squares" | "space">,
+): Wish => ({
   tables: design.tables,
   follows: design.follows,
   object_distance_mm: design.distance,

@@ -7,12 +7,19 @@ export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
 /** A parameter's name without its unit. */
 export const label = (name: string): string => {
   const text = name.replace(/_(mm|um|deg|px)$/, "").replaceAll("_", " ");
-  const said = text.replace(/^(omega|theta) (max|min)$/, (_, angle: string, end: string) => `${angle === "omega" ? "Ω" : "Θ"} ${end}`);
-  return said.replace(/^f number$/, "F-number").replace(/^working f number$/, "working F-number").replace(/^./, (c) => c.toUpperCase());
+  const said = text.replace(
+    /^(omega|theta) (max|min)$/,
+    (_, angle: string, end: string) => `${angle === "omega" ? "Ω" : "Θ"} ${end}`,
+  );
+  return said
+    .replace(/^f number$/, "F-number")
+    .replace(/^working f number$/, "working F-number")
+    .replace(/^./, (c) => c.toUpperCase());
 };
 
 /** A quantity's title, with its unit. */
-export const quantityWords = ({ title, unit }: QuantityOf): string => (unit ? `${title}, ${unitWords(unit)}` : title);
+export const quantityWords = ({ title, unit }: QuantityOf): string =>
+  unit ? `${title}, ${unitWords(unit)}` : title;
 
 const SUBSCRIPTS: Record<string, string> = { s: "ₛ", t: "ₜ", v: "ᵥ" };
 
@@ -20,6 +27,8 @@ const SUBSCRIPTS: Record<string, string> = { s: "ₛ", t: "ₜ", v: "ᵥ" };
 export const symbolOf = ({ symbol }: QuantityOf): string => lowered(symbol);
 
 /** What a quantity is, and the paper's equation of it. */
-export const explained = ({ meaning, equation }: QuantityOf): string => (equation ? `${meaning} (${lowered(equation)})` : meaning);
+export const explained = ({ meaning, equation }: QuantityOf): string =>
+  equation ? `${meaning} (${lowered(equation)})` : meaning;
 
-const lowered = (formula: string): string => formula.replace(/_(\w)\b/g, (_, letter: string) => SUBSCRIPTS[letter] ?? `_${letter}`);
+const lowered = (formula: string): string =>
+  formula.replace(/_(\w)\b/g, (_, letter: string) => SUBSCRIPTS[letter] ?? `_${letter}`);

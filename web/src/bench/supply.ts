@@ -1,7 +1,16 @@
 /** What the bench asks: of the server, or of the page itself where it does without. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
-import type { BenchAlone, BenchSensor, BenchStart, Change, Download, Opened, SlidesAsk, SlidesOf } from "../shared/messages";
+import type {
+  BenchAlone,
+  BenchSensor,
+  BenchStart,
+  Change,
+  Download,
+  Opened,
+  SlidesAsk,
+  SlidesOf,
+} from "../shared/messages";
 import { Answerer } from "./alone/answer";
 import { AnswersAlone } from "./alone/answers";
 import { Answers } from "./answers";
@@ -18,19 +27,27 @@ export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start 
 export async function bundled(name: string): Promise<BenchSensor> {
   if (!alone) return api.bundled(name);
   const found = alone.start.sensors.indexOf(name);
-  if (found < 0) throw new api.Refused(`This page, which does without a server, holds no ${name}; it holds ${alone.start.sensors.join(", ")}.`);
+  if (found < 0)
+    throw new api.Refused(
+      `This page, which does without a server, holds no ${name}; it holds ${alone.start.sensors.join(", ")}.`,
+    );
   return alone.sensors[found];
 }
 
 /** Another kind of part, or another focus; a page that does without a server offers the focus alone. */
 export async function change(asked: Change): Promise<BenchSensor> {
   if (!answerer) return api.change(asked);
-  const focus = Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than a lens can be set
-  return { tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } }, follows: false };
+  const focus =
+    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than a lens can be set
+  return {
+    tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } },
+    follows: false,
+  };
 }
 
 /** By how much requirements are missed, wherever sliders stand; a page that does without a server knows of none. */
-export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> => (alone ? null : api.slides(asked));
+export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> =>
+  alone ? null : api.slides(asked);
 
 export async function openFile(file: Blob, name: string): Promise<Opened> {
   if (alone) throw new api.Refused(`Opening ${name} ${WITH_THE_PROGRAM}`);
@@ -43,5 +60,8 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
 }
 
 /** Who answers about designs. */
-export const answers = (answered: (found: Found) => void, away: (isAway: boolean) => void): Answers | AnswersAlone =>
+export const answers = (
+  answered: (found: Found) => void,
+  away: (isAway: boolean) => void,
+): Answers | AnswersAlone =>
   answerer ? new AnswersAlone(answerer, answered) : new Answers(answered, away);

@@ -1,5 +1,7 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
+import { checkReadable } from "../shared/media";
 import type { BenchSensor, Download } from "../shared/messages";
 import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
@@ -28,59 +30,137 @@ interface Hands {
 
 /** What stands in the page's header while the bench is shown. */
 export class Toolbar {
-  private readonly undo = h("button", { type: "button", title: "Undo (Ctrl+Z)", "aria-label": "Undo", className: "undo", onclick: () => this.bench.undo() });
-  private readonly redo = h("button", { type: "button", title: "Redo (Ctrl+Shift+Z)", "aria-label": "Redo", className: "redo", onclick: () => this.bench.redo() });
-  private readonly file = h("input", { type: "file", accept: ".toml", hidden: true, "aria-label": "Sensor or requirement file", id: "bench-file" });
+  private readonly undo = h("button", {
+    type: "button",
+    title: "Undo (Ctrl+Z)",
+    "aria-label": "Undo",
+    className: "undo",
+    onclick: () => this.bench.undo(),
+  });
+  private readonly redo = h("button", {
+    type: "button",
+    title: "Redo (Ctrl+Shift+Z)",
+    "aria-label": "Redo",
+    className: "redo",
+    onclick: () => this.bench.redo(),
+  });
+  private readonly file = h("input", {
+    type: "file",
+    accept: ".toml",
+    hidden: true,
+    "aria-label": "Sensor or requirement file",
+    id: "bench-file",
+  });
   private readonly menu = h("details", { className: "menu", "data-computes": "" });
   private readonly summary = h("summary", { role: "button" }, "Download");
-  private readonly requirements = h("button", { type: "button", onclick: () => void this.downloadRequirements() }, "Requirements (TOML)");
+  private readonly requirements = h(
+    "button",
+    { type: "button", onclick: () => background(this.downloadRequirements()) },
+    "Requirements (TOML)",
+  );
 
-  constructor(private readonly host: Host, private readonly bench: Hands) {
+  constructor(
+    private readonly host: Host,
+    private readonly bench: Hands,
+  ) {
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
-      if (file) void this.open(file, file.name);
+      if (file) background(this.open(file, file.name));
       this.file.value = "";
     });
-    const items = FILES.map(([kind, title]) => h("button", { type: "button", onclick: () => void this.download(kind) }, title));
-    this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
-    const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
-    host.header.append(
-      nav("Design", "", this.undo, this.redo, h("button", { type: "button", title: "A sensor file, or a requirement file", "data-computes": "", onclick: () => this.file.click() }, "Open sensor…"), this.starts(), this.file),
-      nav("Keep the design", "keep", h("button", { type: "button", onclick: () => bench.pin() }, "Pin"), this.menu, h("button", { type: "button", className: "primary", "data-computes": "", onclick: () => void this.look() }, "Look through it")),
+    const items = FILES.map(([kind, title]) =>
+      h("button", { type: "button", onclick: () => background(this.download(kind)) }, title),
     );
-    document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
+    this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
+    const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement =>
+      h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
+    host.header.append(
+      nav(
+        "Design",
+        "",
+        this.undo,
+        this.redo,
+        h(
+          "button",
+          {
+            type: "button",
+            title: "A sensor file, or a requirement file",
+            "data-computes": "",
+            onclick: () => this.file.click(),
+          },
+          "Open sensor…",
+        ),
+        this.starts(),
+        this.file,
+      ),
+      nav(
+        "Keep the design",
+        "keep",
+        h("button", { type: "button", onclick: () => bench.pin() }, "Pin"),
+        this.menu,
+        h(
+          "button",
+          {
+            type: "button",
+            className: "primary",
+            "data-computes": "",
+            onclick: () => background(this.look()),
+          },
+          "Look through it",
+        ),
+      ),
+    );
+    document.addEventListener(
+      "click",
+      (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false),
+    );
     this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
     this.bindDropping();
   }
 
   show(): void {
-    allow(this.undo, this.bench.history.canUndo ? null : "Nothing was changed yet that could be undone.");
-    allow(this.redo, this.bench.history.canRedo ? null : "Nothing was undone that could be done again.");
+    allow(
+      this.undo,
+      this.bench.history.canUndo ? null : "Nothing was changed yet that could be undone.",
+    );
+    allow(
+      this.redo,
+      this.bench.history.canRedo ? null : "Nothing was undone that could be done again.",
+    );
     this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
   /** Open a sensor file, or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
+      await checkReadable(file, name);
       const { sensor, requirements } = await supply.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
       if (!requirements) return;
       this.bench.takeRequirements(requirements);
-      this.host.say(requirements.mirror ? `${name}: the design is judged by it; Design from requirements makes one` : `${name}: the design is judged by it`);
+      this.host.say(
+        requirements.mirror
+          ? `${name}: the design is judged by it; Design from requirements makes one`
+          : `${name}: the design is judged by it`,
+      );
     });
   }
 
   async download(kind: Download["kind"]): Promise<void> {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
-    if (this.summary.getAttribute("aria-busy") === "true") return this.host.say("One file at a time; the last one is still being made");
+    if (this.summary.getAttribute("aria-busy") === "true")
+      return this.host.say("One file at a time; the last one is still being made");
     const asked: Download = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
-    await this.try(async () => {
-      const { blob, name } = await supply.download(asked);
-      save(blob, name);
-    });
-    stop();
+    try {
+      await this.try(async () => {
+        const { blob, name } = await supply.download(asked);
+        save(blob, name);
+      });
+    } finally {
+      stop();
+    }
   }
 
   /** Say how far a file is, until it is there: a report takes some seconds. */
@@ -105,23 +185,34 @@ export class Toolbar {
   private async downloadRequirements(): Promise<void> {
     this.menu.open = false;
     const { tables, requirements } = this.bench.history.now;
-    await this.try(async () => save(await api.requirements({ tables, requirements: requirements! }), "requirements.toml"));
+    await this.try(async () =>
+      save(await api.requirements({ tables, requirements: requirements! }), "requirements.toml"),
+    );
   }
 
   private async look(): Promise<void> {
     const { tables, distance } = this.bench.history.now;
     await this.try(async () => {
-      const { blob, name } = await supply.download({ tables, kind: "sensor", object_distance_mm: distance });
+      const { blob, name } = await supply.download({
+        tables,
+        kind: "sensor",
+        object_distance_mm: distance,
+      });
       await this.host.lookThrough(blob, name);
     });
   }
 
   private starts(): HTMLElement {
-    const select = h("select", { "aria-label": "Start from a bundled sensor" }, h("option", { value: "" }, "Start from…"), ...this.bench.sensors.map((name) => h("option", { value: name }, name)));
+    const select = h(
+      "select",
+      { "aria-label": "Start from a bundled sensor" },
+      h("option", { value: "" }, "Start from…"),
+      ...this.bench.sensors.map((name) => h("option", { value: name }, name)),
+    );
     select.addEventListener("change", () => {
       const name = select.value;
       select.value = "";
-      void this.try(async () => this.bench.take(await supply.bundled(name), ""));
+      background(this.try(async () => this.bench.take(await supply.bundled(name), "")));
     });
     return select;
   }
@@ -143,7 +234,7 @@ export class Toolbar {
         if (!this.host.isShown() || !file) return;
         e.preventDefault();
         e.stopImmediatePropagation();
-        void this.open(file, file.name);
+        background(this.open(file, file.name));
       },
       { capture: true },
     );

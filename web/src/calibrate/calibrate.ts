@@ -1,8 +1,14 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h } from "../shared/dom";
-import type { BoardSeen, CalibrateStart, CalibrationAsk, CalibrationFound, Together } from "../shared/messages";
-import { isVideo } from "../shared/media";
-import { WENT_WRONG } from "../shared/texts";
+import type {
+  BoardSeen,
+  CalibrateStart,
+  CalibrationAsk,
+  CalibrationFound,
+  Together,
+} from "../shared/messages";
+import { checkReadable, isVideo } from "../shared/media";
 import { framesOf } from "./frames";
 import type { Host } from "./host";
 import { keepResult, keepSettings, keptResult, keptSettings } from "./kept";
@@ -45,7 +51,11 @@ export class Calibrate {
   private readonly invitation: HTMLElement;
   private readonly coverage = h("div", {});
   private readonly state = h("div", { className: "plots state" });
-  private readonly next = h("section", { className: "next", "aria-label": "What to take next", hidden: true });
+  private readonly next = h("section", {
+    className: "next",
+    "aria-label": "What to take next",
+    hidden: true,
+  });
   private readonly results = h("div", { className: "results" });
   private readonly tables = h("div", { className: "tables" });
   private readonly command = h("code", { tabIndex: 0 });
@@ -54,22 +64,84 @@ export class Calibrate {
   private asked = 0;
   private rimTried = 0;
 
-  constructor(private readonly host: Host, start: CalibrateStart) {
+  constructor(
+    private readonly host: Host,
+    start: CalibrateStart,
+  ) {
     const fail = (e: unknown): void => this.fail(e);
-    this.shots = new Shots({ board: () => this.board.board, changed: () => this.changed(), settled: () => void this.findRim(), fail });
+    this.shots = new Shots({
+      board: () => this.board.board,
+      changed: () => this.changed(),
+      settled: () => background(this.findRim()),
+      fail,
+    });
     this.gallery = new Gallery((shot) => this.choose(shot));
-    this.single = new Single({ remove: (shot) => this.remove(shot), retry: (shot) => this.shots.retry(shot), fail });
-    this.webcam = new WebcamPane({ board: () => this.board.board, together: (seen) => this.asTogether(seen), take: (picture) => this.take(picture, `webcam ${this.shots.all.length + 1}.png`), closed: () => this.show(), fail });
-    this.toolbar = new Toolbar(host, { add: (files) => void this.add(files), webcam: () => void this.webcam.open(), clear: () => this.clear(), found: () => this.found, report: () => this.report, look: () => void this.look() });
+    this.single = new Single({
+      remove: (shot) => this.remove(shot),
+      retry: (shot) => this.shots.retry(shot),
+      fail,
+    });
+    this.webcam = new WebcamPane({
+      board: () => this.board.board,
+      together: (seen) => this.asTogether(seen),
+      take: (picture) => this.take(picture, `webcam ${this.shots.all.length + 1}.png`),
+      closed: () => this.show(),
+      fail,
+    });
+    this.toolbar = new Toolbar(host, {
+      add: (files) => background(this.add(files)),
+      webcam: () => background(this.webcam.open()),
+      clear: () => this.clear(),
+      found: () => this.found,
+      report: () => this.report,
+      look: () => background(this.look()),
+    });
     const [boards, cameras, runs] = [panel("The board"), panel("The camera"), panel("Calibration")];
-    this.board = new BoardPanel(boards, start.families, () => this.boardChanged(), (text) => host.copy(text));
+    this.board = new BoardPanel(
+      boards,
+      start.families,
+      () => this.boardChanged(),
+      (text) => host.copy(text),
+    );
     this.camera = new CameraPanel(cameras, start, () => this.cameraChanged());
-    this.run = new RunPanel(runs, { given: () => this.given(), found: (found) => this.calibrated(found), reported: (report) => this.reported(report) });
+    this.run = new RunPanel(runs, {
+      given: () => this.given(),
+      found: (found) => this.calibrated(found),
+      reported: (report) => this.reported(report),
+    });
     this.invitation = this.invite();
-    this.commandRow = h("div", { className: "command" }, h("span", { className: "words" }, "The same from the command line"), this.command, h("button", { type: "button", className: "small", onclick: () => host.copy(this.command.textContent ?? "") }, "Copy"));
+    this.commandRow = h(
+      "div",
+      { className: "command" },
+      h("span", { className: "words" }, "The same from the command line"),
+      this.command,
+      h(
+        "button",
+        {
+          type: "button",
+          className: "small",
+          onclick: () => host.copy(this.command.textContent ?? ""),
+        },
+        "Copy",
+      ),
+    );
     this.state.append(this.coverage, this.next);
-    const desk = h("section", { className: "desk", tabIndex: -1, "aria-label": "Pictures and results" }, this.invitation, this.webcam.element, this.results, this.state, this.single.element, this.gallery.element, this.tables, this.commandRow);
-    host.place.append(h("aside", { "aria-label": "Board, camera and calibration" }, boards, cameras, runs), desk);
+    const desk = h(
+      "section",
+      { className: "desk", tabIndex: -1, "aria-label": "Pictures and results" },
+      this.invitation,
+      this.webcam.element,
+      this.results,
+      this.state,
+      this.single.element,
+      this.gallery.element,
+      this.tables,
+      this.commandRow,
+    );
+    host.place.append(
+      h("aside", { "aria-label": "Board, camera and calibration" }, boards, cameras, runs),
+      desk,
+    );
     this.show();
   }
 
@@ -81,7 +153,11 @@ export class Calibrate {
       this.camera.take(kept.sought, kept.rim ?? null);
     }
     const lost = await this.shots.restore();
-    if (lost.length) this.host.banner(`The page was left before the browser had kept ${lost.join(", ")}; add ${lost.length > 1 ? "them" : "it"} again.`, "calibrate");
+    if (lost.length)
+      this.host.banner(
+        `The page was left before the browser had kept ${lost.join(", ")}; add ${lost.length > 1 ? "them" : "it"} again.`,
+        "calibrate",
+      );
     const result = await keptResult(this.keys);
     if (result) [this.found, this.report] = [result.found, result.report];
     this.drawResults();
@@ -91,18 +167,26 @@ export class Calibrate {
   /** Take pictures, or the frames of a video. */
   async add(files: readonly File[]): Promise<void> {
     this.host.banner(null, "calibrate");
-    const take = (picture: Blob, name: string, time: number | null): Promise<boolean> => this.take(picture, name, time);
-    try {
-      for (const file of files) {
-        if (isVideo(file, file.name)) await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
+    const take = (picture: Blob, name: string, time: number | null): Promise<boolean> =>
+      this.take(picture, name, time);
+    const refusals: string[] = [];
+    for (const file of files) {
+      try {
+        await checkReadable(file, file.name);
+        if (isVideo(file, file.name))
+          await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
         else if (!(await take(file, file.name, null))) {
-          this.host.banner(`${MOST_SHOTS} pictures are as many as are taken here; ${file.name} and what came after it were left out.`, "calibrate");
+          refusals.push(
+            `${MOST_SHOTS} pictures are as many as are taken here; ${file.name} and what came after it were left out.`,
+          );
           break;
         }
+      } catch (e) {
+        if (e instanceof api.Refused) refusals.push(e.message);
+        else this.fail(e);
       }
-    } catch (e) {
-      this.fail(e);
     }
+    if (refusals.length) this.host.banner(refusals.join(" "), "calibrate");
   }
 
   private async take(picture: Blob, name: string, time: number | null = null): Promise<boolean> {
@@ -157,7 +241,7 @@ export class Calibrate {
   private changed(): void {
     this.show();
     clearTimeout(this.timer);
-    this.timer = window.setTimeout(() => void this.compare(), TOGETHER_MS);
+    this.timer = window.setTimeout(() => background(this.compare()), TOGETHER_MS);
   }
 
   /** Ask what the pictures are together. */
@@ -182,13 +266,24 @@ export class Calibrate {
   private asTogether(candidate: BoardSeen | null): Promise<Together> {
     const { rim } = this.camera;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
-    return api.together({ board: this.board.board!, pictures, centre_px: rim?.centre ?? null, radius_px: rim?.radius ?? null, candidate });
+    return api.together({
+      board: this.board.board!,
+      pictures,
+      centre_px: rim?.centre ?? null,
+      radius_px: rim?.radius ?? null,
+      candidate,
+    });
   }
 
   /** Look for the mirror's rim in the first pictures that show the board. */
   private async findRim(): Promise<void> {
     const looked = this.shots.found.slice(0, LOOKED_AT_FOR_RIM);
-    if (!this.camera.isMirror || looked.length <= this.rimTried || this.rimTried >= LOOKED_AT_FOR_RIM) return;
+    if (
+      !this.camera.isMirror ||
+      looked.length <= this.rimTried ||
+      this.rimTried >= LOOKED_AT_FOR_RIM
+    )
+      return;
     this.rimTried = looked.length;
     try {
       const rim = rimOf(await Promise.all(looked.map((shot) => api.rim(shot.blob, shot.name))));
@@ -206,7 +301,10 @@ export class Calibrate {
     const { board } = this.board;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
     if (!board || !pictures.length) return null;
-    return { ask: { board, ...this.camera.sought, pictures: pictures.length, command: this.commandLine() }, pictures };
+    return {
+      ask: { board, ...this.camera.sought, pictures: pictures.length, command: this.commandLine() },
+      pictures,
+    };
   }
 
   private calibrated(found: CalibrationFound): void {
@@ -227,10 +325,17 @@ export class Calibrate {
   /** Look through the camera that was found, at the chosen picture or the first that was used. */
   private async look(): Promise<void> {
     const { found } = this;
-    const shot = this.chosen ?? this.shots.all.find((s) => found?.pictures.find((p) => p.name === s.name)?.used);
+    const shot =
+      this.chosen ??
+      this.shots.all.find((s) => found?.pictures.find((p) => p.name === s.name)?.used);
     if (!found || !shot) return;
     try {
-      await this.host.lookThrough(new Blob([found.camera_file], { type: "application/toml" }), "camera.toml", shot.blob, shot.name);
+      await this.host.lookThrough(
+        new Blob([found.camera_file], { type: "application/toml" }),
+        "camera.toml",
+        shot.blob,
+        shot.name,
+      );
     } catch (e) {
       this.fail(e);
     }
@@ -243,7 +348,11 @@ export class Calibrate {
     const isEmpty = !all.length && !this.webcam.isOpen;
     this.invitation.hidden = !isEmpty;
     this.commandRow.hidden = !all.length;
-    this.run.show(this.board.board ? whyNot(this.shots.found.length, this.shots.waiting) : "Say first which board it is.");
+    this.run.show(
+      this.board.board
+        ? whyNot(this.shots.found.length, this.shots.waiting)
+        : "Say first which board it is.",
+    );
     this.gallery.show(all, this.chosen);
     this.single.show(this.chosen, this.camera.isMirror ? this.camera.rim : null, this.found);
     this.toolbar.show(all.length > 0);
@@ -256,7 +365,15 @@ export class Calibrate {
     const used = this.shots.found;
     if (!used.length && this.shots.waiting) return; // they are looked at anew; were this to go, a press below would miss its picture
     this.coverage.hidden = !shown || !used.length;
-    if (shown && used.length) this.coverage.replaceChildren(coveragePlot(shown, used[0].seen!.image_size, used.flatMap((s) => s.seen!.corners_px), this.camera.isMirror ? this.camera.rim : null));
+    if (shown && used.length)
+      this.coverage.replaceChildren(
+        coveragePlot(
+          shown,
+          used[0].seen!.image_size,
+          used.flatMap((s) => s.seen!.corners_px),
+          this.camera.isMirror ? this.camera.rim : null,
+        ),
+      );
     const advice = used.length ? (this.found?.advice ?? this.together?.advice ?? []) : [];
     this.next.hidden = !advice.length;
     this.state.hidden = this.coverage.hidden && this.next.hidden;
@@ -275,7 +392,13 @@ export class Calibrate {
   private commandLine(): string {
     const { board } = this.board;
     const files = this.shots.all.filter((s) => s.time === null).map((s) => s.name);
-    const videos = [...new Set(this.shots.all.filter((s) => s.time !== null).map((s) => s.name.replace(/ at [\d.]+ s$/, "")))];
+    const videos = [
+      ...new Set(
+        this.shots.all
+          .filter((s) => s.time !== null)
+          .map((s) => s.name.replace(/ at [\d.]+ s$/, "")),
+      ),
+    ];
     return board ? calibrateCommand([...files, ...videos], { board, ...this.camera.sought }) : "";
   }
 
@@ -284,8 +407,25 @@ export class Calibrate {
       "div",
       { className: "invitation" },
       h("h2", {}, "Drop pictures of a board here"),
-      h("p", {}, "Ten to twenty of one board, held all around the mirror, near the rim and tilted; or a video. They stay on this machine."),
-      h("p", { className: "choices" }, h("button", { type: "button", className: "primary", onclick: () => this.toolbar.open() }, "Choose pictures…"), h("button", { type: "button", onclick: () => void this.webcam.open() }, "Use the webcam")),
+      h(
+        "p",
+        {},
+        "Ten to twenty of one board, held all around the mirror, near the rim and tilted; or a video. They stay on this machine.",
+      ),
+      h(
+        "p",
+        { className: "choices" },
+        h(
+          "button",
+          { type: "button", className: "primary", onclick: () => this.toolbar.open() },
+          "Choose pictures…",
+        ),
+        h(
+          "button",
+          { type: "button", onclick: () => background(this.webcam.open()) },
+          "Use the webcam",
+        ),
+      ),
     );
   }
 
@@ -295,18 +435,16 @@ export class Calibrate {
 
   private keep(): void {
     const { board } = this.board;
-    if (board) keepSettings({ board, sought: this.camera.sought, rim: this.camera.rim } satisfies Settings);
-    void keepResult(this.keys, this.found, this.report);
+    if (board)
+      keepSettings({ board, sought: this.camera.sought, rim: this.camera.rim } satisfies Settings);
+    background(keepResult(this.keys, this.found, this.report));
   }
 
   private fail(e: unknown): void {
-    if (e instanceof api.Away) this.host.banner(e.message, "server");
-    else if (e instanceof api.Refused) this.host.banner(e.message, "calibrate");
-    else {
-      this.host.banner(WENT_WRONG, "calibrate");
-      throw e;
-    }
+    if (api.isForeseen(e)) this.host.banner(e.message, e.name === "Away" ? "server" : "calibrate");
+    else reportError(e);
   }
 }
 
-const panel = (title: string): HTMLElement => h("section", { className: "panel", "aria-label": title }, h("h2", {}, title));
+const panel = (title: string): HTMLElement =>
+  h("section", { className: "panel", "aria-label": title }, h("h2", {}, title));

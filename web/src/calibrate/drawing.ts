@@ -6,16 +6,30 @@ type Pair = readonly [number, number];
 const at = (u: number, v: number): string => `${+u.toFixed(2)} ${+v.toFixed(2)}`;
 
 /** A small cross at each corner. */
-export const crosses = (corners: readonly Pair[], size: number): string => corners.map(([u, v]) => `M${at(u - size, v)}h${+(2 * size).toFixed(2)}M${at(u, v - size)}v${+(2 * size).toFixed(2)}`).join("");
+export const crosses = (corners: readonly Pair[], size: number): string =>
+  corners
+    .map(
+      ([u, v]) =>
+        `M${at(u - size, v)}h${+(2 * size).toFixed(2)}M${at(u, v - size)}v${+(2 * size).toFixed(2)}`,
+    )
+    .join("");
 
 /** A dot at each place, as strokes without length. */
-export const dots = (places: readonly Pair[]): string => places.map(([x, y]) => `M${at(x, y)}h0`).join("");
+export const dots = (places: readonly Pair[]): string =>
+  places.map(([x, y]) => `M${at(x, y)}h0`).join("");
 
 /** Residuals (u, v, du, dv) so many times as long, each a line from its corner. */
-export const arrows = (residuals: readonly (readonly [number, number, number, number])[], times: number): string => residuals.map(([u, v, du, dv]) => `M${at(u, v)}L${at(u + times * du, v + times * dv)}`).join("");
+export const arrows = (
+  residuals: readonly (readonly [number, number, number, number])[],
+  times: number,
+): string =>
+  residuals.map(([u, v, du, dv]) => `M${at(u, v)}L${at(u + times * du, v + times * dv)}`).join("");
 
 /** Residuals along and across the radius: (radius, along, across), px. */
-export function byRadius(residuals: readonly (readonly [number, number, number, number])[], [cu, cv]: Pair): [number, number, number][] {
+export function byRadius(
+  residuals: readonly (readonly [number, number, number, number])[],
+  [cu, cv]: Pair,
+): [number, number, number][] {
   return residuals.map(([u, v, du, dv]) => {
     const [x, y] = [u - cu, v - cv];
     const radius = Math.hypot(x, y);
@@ -35,13 +49,22 @@ interface Cell {
 /** The cells in which corners are counted; sectors turn from the right over the bottom. */
 export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageShown): Cell[] {
   const half = Math.PI / counts[0].length;
-  const place = (radius: number, angle: number): string => at(u + radius * Math.cos(angle), v + radius * Math.sin(angle));
+  const place = (radius: number, angle: number): string =>
+    at(u + radius * Math.cos(angle), v + radius * Math.sin(angle));
   return counts.flatMap((row, ring) =>
     row.map((count, sector) => {
       const [from, to] = [2 * half * sector - half, 2 * half * sector + half];
       const [inner, outer] = [radii[ring], radii[ring + 1]];
-      const back = inner > 0 ? `L${place(inner, to)}A${inner} ${inner} 0 0 0 ${place(inner, from)}` : `L${at(u, v)}`;
-      return { ring, sector, count, path: `M${place(inner, from)}L${place(outer, from)}A${outer} ${outer} 0 0 1 ${place(outer, to)}${back}Z` };
+      const back =
+        inner > 0
+          ? `L${place(inner, to)}A${inner} ${inner} 0 0 0 ${place(inner, from)}`
+          : `L${at(u, v)}`;
+      return {
+        ring,
+        sector,
+        count,
+        path: `M${place(inner, from)}L${place(outer, from)}A${outer} ${outer} 0 0 1 ${place(outer, to)}${back}Z`,
+      };
     }),
   );
 }
@@ -61,7 +84,10 @@ export function timesFor(rms: number, length: number): number {
 }
 
 /** How far a board moved between two looks, as a share of the picture's longer side; Infinity where they show other corners. */
-export function movedBy(before: { ids: number[]; corners_px: Pair[] } | null, now: { ids: number[]; corners_px: Pair[]; image_size: Pair }): number {
+export function movedBy(
+  before: { ids: number[]; corners_px: Pair[] } | null,
+  now: { ids: number[]; corners_px: Pair[]; image_size: Pair },
+): number {
   if (!before) return Infinity;
   const places = new Map(before.ids.map((id, i) => [id, before.corners_px[i]]));
   const steps = now.ids.flatMap((id, i) => {

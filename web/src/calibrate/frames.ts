@@ -1,12 +1,24 @@
 import { Refused } from "../shared/api";
+import { release } from "../shared/media";
+import { fileWord, shellWord } from "../shared/shell";
 
 const EVERY_S = 0.5;
+const LONGEST_SEEK_MS = 60_000;
 const LONGEST_WAIT_MS = 10_000; // for a picture that is not clear; those of videos hardly ever are
 
 /** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
-export async function framesOf(file: Blob, name: string, most: number, take: (picture: Blob, name: string, time: number) => Promise<boolean>): Promise<void> {
+export async function framesOf(
+  file: Blob,
+  name: string,
+  most: number,
+  take: (picture: Blob, name: string, time: number) => Promise<boolean>,
+): Promise<void> {
   const address = URL.createObjectURL(file);
-  const video = Object.assign(document.createElement("video"), { src: address, muted: true, preload: "auto" });
+  const video = Object.assign(document.createElement("video"), {
+    src: address,
+    muted: true,
+    preload: "auto",
+  });
   try {
     await event(video, "loadeddata", name);
     const seconds = Number.isFinite(video.duration) ? video.duration : 0;
@@ -15,10 +27,13 @@ export async function framesOf(file: Blob, name: string, most: number, take: (pi
       video.currentTime = Math.min(time, seconds);
       await event(video, "seeked", name);
       const canvas = await drawn(video);
-      const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+      const picture = await new Promise<Blob | null>((resolve) =>
+        canvas.toBlob(resolve, "image/png"),
+      );
       if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
     }
   } finally {
+    release(video);
     URL.revokeObjectURL(address);
   }
 }
@@ -31,15 +46,35 @@ async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   const end = performance.now() + LONGEST_WAIT_MS;
   do {
     context.drawImage(video, 0, 0);
-    if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3]! > 0) break;
+    if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3] > 0) break;
     await new Promise((then) => requestAnimationFrame(then));
   } while (performance.now() < end);
   return canvas;
 }
 
-function event(video: HTMLVideoElement, kind: "loadeddata" | "seeked", name: string): Promise<void> {
-  return new Promise((resolve, reject) => {
-    video.addEventListener(kind, () => resolve(), { once: true });
-    video.addEventListener("error", () => reject(new Refused(`${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`)), { once: true });
-  });
+/** Wait for an event of a video; a damaged one may never have it. */
+async function event(
+  video: HTMLVideoElement,
+  kind: "loadeddata" | "seeked",
+  name: string,
+): Promise<void> {
+  const ended = new AbortController();
+  const once = { once: true, signal: ended.signal };
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  try {
+    await new Promise<void>((resolve, reject) => {
+      const fail = (): void =>
+        reject(
+          new Refused(
+            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${shellWord(fileWord(name))}`,
+          ),
+        );
+      video.addEventListener(kind, () => resolve(), once);
+      video.addEventListener("error", fail, once);
+      timer = setTimeout(fail, LONGEST_SEEK_MS);
+    });
+  } finally {
+    clearTimeout(timer);
+    ended.abort();
+  }
 }

@@ -35,20 +35,32 @@ export function keptSettings<T extends object>(): Partial<T> | null {
   return settings && typeof settings === "object" ? settings : null;
 }
 
-export const keepSettings = (settings: object): void => put([sessions, locals], SETTINGS, JSON.stringify(settings));
+export const keepSettings = (settings: object): void =>
+  put([sessions, locals], SETTINGS, JSON.stringify(settings));
 
 export function keptList(): Listed[] {
   const list = found(LIST);
-  const isListed = (l: Partial<Listed> | null): boolean => typeof l?.key === "string" && typeof l.name === "string" && (l.time === null || typeof l.time === "number");
+  const isListed = (l: Partial<Listed> | null): boolean =>
+    typeof l?.key === "string" &&
+    typeof l.name === "string" &&
+    (l.time === null || typeof l.time === "number");
   return Array.isArray(list) ? (list as Listed[]).filter(isListed) : [];
 }
 
-export const keepList = (list: Listed[]): void => put([sessions, locals], LIST, JSON.stringify(list.map(({ key, name, time }) => ({ key, name, time }))));
+export const keepList = (list: Listed[]): void =>
+  put(
+    [sessions, locals],
+    LIST,
+    JSON.stringify(list.map(({ key, name, time }) => ({ key, name, time }))),
+  );
 
 export const keptPicture = (key: string): Promise<Blob | undefined> => shelved(name(key, ""));
-export const keepPicture = (key: string, picture: Blob): Promise<unknown> => shelve(name(key, ""), picture);
-export const keptSeen = (key: string): Promise<BoardSeen | undefined> => shelved(name(key, " seen"));
-export const keepSeen = (key: string, seen: BoardSeen): Promise<unknown> => shelve(name(key, " seen"), seen);
+export const keepPicture = (key: string, picture: Blob): Promise<unknown> =>
+  shelve(name(key, ""), picture);
+export const keptSeen = (key: string): Promise<BoardSeen | undefined> =>
+  shelved(name(key, " seen"));
+export const keepSeen = (key: string, seen: BoardSeen): Promise<unknown> =>
+  shelve(name(key, " seen"), seen);
 
 /** The camera that these very pictures told; kept beside the first of them. */
 export async function keptResult(keys: string[]): Promise<Result | null> {
@@ -56,8 +68,15 @@ export async function keptResult(keys: string[]): Promise<Result | null> {
   return result && JSON.stringify(result.of) === JSON.stringify(keys) ? result : null;
 }
 
-export async function keepResult(keys: string[], camera: CalibrationFound | null, report: string | null): Promise<void> {
-  if (keys.length) await (camera ? shelve(name(keys[0], " result"), { of: keys, found: camera, report } satisfies Result) : unshelve(name(keys[0], " result")));
+export async function keepResult(
+  keys: string[],
+  camera: CalibrationFound | null,
+  report: string | null,
+): Promise<void> {
+  if (keys.length)
+    await (camera
+      ? shelve(name(keys[0], " result"), { of: keys, found: camera, report } satisfies Result)
+      : unshelve(name(keys[0], " result")));
 }
 
 /** Forget a picture, and what lies beside it. */

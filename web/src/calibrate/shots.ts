@@ -1,7 +1,17 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import type { BoardAsked, BoardSeen } from "../shared/messages";
 import { asStored } from "../shared/media";
-import { forget, keepList, keepPicture, keepSeen, keptList, keptPicture, keptSeen, type Listed } from "./kept";
+import {
+  forget,
+  keepList,
+  keepPicture,
+  keepSeen,
+  keptList,
+  keptPicture,
+  keptSeen,
+  type Listed,
+} from "./kept";
 import { unlike } from "./words";
 
 /** A picture of the board, and what is known of it. */
@@ -33,7 +43,7 @@ export class Shots {
   all: Shot[] = [];
   /** The board that was looked for last. */
   private lookedFor = "";
-  private looking = new Map<Shot, AbortController>();
+  private readonly looking = new Map<Shot, AbortController>();
   /** What the browser kept and has not given back yet. */
   private coming: Listed[] = [];
 
@@ -57,8 +67,19 @@ export class Shots {
     this.coming = keptList();
     while (this.coming.length) {
       const [listed] = this.coming;
-      const [blob, seen = null] = await Promise.all([keptPicture(listed.key), keptSeen(listed.key)]);
-      if (blob) this.all.push({ ...listed, blob, seen, trouble: null, reason: seen?.reason ?? null, thumbnail: await thumbnailOf(blob, listed.name) });
+      const [blob, seen = null] = await Promise.all([
+        keptPicture(listed.key),
+        keptSeen(listed.key),
+      ]);
+      if (blob)
+        this.all.push({
+          ...listed,
+          blob,
+          seen,
+          trouble: null,
+          reason: seen?.reason ?? null,
+          thumbnail: await thumbnailOf(blob, listed.name),
+        });
       else lost.push(listed.name);
       this.coming.shift();
     }
@@ -70,11 +91,21 @@ export class Shots {
   /** Take a picture; false where there are enough. */
   async add(blob: Blob, name: string, time: number | null = null): Promise<boolean> {
     if (this.all.length >= MOST_SHOTS) return false;
-    const shot: Shot = { key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`, name: unlike(name, new Set(this.all.map((s) => s.name))), blob, time, thumbnail: "", seen: null, trouble: null, reason: null };
+    const shot: Shot = {
+      key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`,
+      name: unlike(name, new Set(this.all.map((s) => s.name))),
+      blob,
+      time,
+      thumbnail: "",
+      seen: null,
+      trouble: null,
+      reason: null,
+    };
     this.all.push(shot);
     this.told();
-    void keepPicture(shot.key, blob);
+    background(keepPicture(shot.key, blob));
     shot.thumbnail = await thumbnailOf(blob, name);
+    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed meanwhile
     this.hands.changed();
     this.go();
     return true;
@@ -84,7 +115,7 @@ export class Shots {
     this.looking.get(shot)?.abort();
     this.all = this.all.filter((s) => s !== shot);
     URL.revokeObjectURL(shot.thumbnail);
-    void forget(shot.key);
+    background(forget(shot.key));
     this.told();
   }
 
@@ -116,7 +147,8 @@ export class Shots {
     this.lookedFor = JSON.stringify(board);
     for (const shot of this.all) {
       if (this.looking.size >= AT_ONCE) return;
-      if (shot.seen === null && shot.trouble === null && !this.looking.has(shot)) void this.look(shot, board);
+      if (shot.seen === null && shot.trouble === null && !this.looking.has(shot))
+        background(this.look(shot, board));
     }
   }
 
@@ -125,9 +157,16 @@ export class Shots {
     this.looking.set(shot, controller);
     this.hands.changed();
     try {
-      shot.seen = { ...(await api.look(shot.blob, { ...board, name: shot.name, quick: false }, controller.signal)), time_s: shot.time };
+      shot.seen = {
+        ...(await api.look(
+          shot.blob,
+          { ...board, name: shot.name, quick: false },
+          controller.signal,
+        )),
+        time_s: shot.time,
+      };
       shot.reason = shot.seen.reason;
-      if (this.all.includes(shot)) void keepSeen(shot.key, shot.seen);
+      if (this.all.includes(shot)) background(keepSeen(shot.key, shot.seen));
     } catch (e) {
       if (e instanceof api.Refused) shot.trouble = e.message;
       else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
@@ -147,13 +186,22 @@ export class Shots {
 
 async function thumbnailOf(blob: Blob, name: string): Promise<string> {
   try {
-    const bitmap = await createImageBitmap(await asStored(blob)).catch(async () => createImageBitmap(await api.convert(blob, name)));
+    const bitmap = await createImageBitmap(await asStored(blob)).catch(async () =>
+      createImageBitmap(await api.convert(blob, name)),
+    );
     const scale = Math.min(1, THUMBNAIL_PX / Math.max(bitmap.width, bitmap.height));
     const canvas = document.createElement("canvas");
-    [canvas.width, canvas.height] = [bitmap.width, bitmap.height].map((side) => Math.max(1, Math.round(side * scale)));
-    canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-    bitmap.close();
-    const small = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/jpeg", 0.8));
+    [canvas.width, canvas.height] = [bitmap.width, bitmap.height].map((side) =>
+      Math.max(1, Math.round(side * scale)),
+    );
+    try {
+      canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+    } finally {
+      bitmap.close();
+    }
+    const small = await new Promise<Blob | null>((resolve) =>
+      canvas.toBlob(resolve, "image/jpeg", 0.8),
+    );
     return small ? URL.createObjectURL(small) : "";
   } catch {
     return ""; // the server says what is wrong with it

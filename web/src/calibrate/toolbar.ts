@@ -13,22 +13,61 @@ interface Hands {
 
 /** What stands in the page's header while the tab is shown; files dropped then are the tab's. */
 export class Toolbar {
-  private readonly file = h("input", { type: "file", multiple: true, accept: "image/*,video/*,.tif,.tiff", hidden: true, "aria-label": "Pictures or a video of a board", id: "calibrate-files" }) as HTMLInputElement;
-  private readonly clear = h("button", { type: "button" }, "Clear") as HTMLButtonElement;
+  private readonly file = h("input", {
+    type: "file",
+    multiple: true,
+    accept: "image/*,video/*,.tif,.tiff",
+    hidden: true,
+    "aria-label": "Pictures or a video of a board",
+    id: "calibrate-files",
+  });
+  private readonly clear = h("button", { type: "button" }, "Clear");
   private readonly keep: HTMLElement;
-  private readonly report = h("button", { type: "button", title: "Everything on one page" }, "Report") as HTMLButtonElement;
+  private readonly report = h(
+    "button",
+    { type: "button", title: "Everything on one page" },
+    "Report",
+  );
 
-  constructor(private readonly host: Host, private readonly hands: Hands) {
+  constructor(
+    private readonly host: Host,
+    private readonly hands: Hands,
+  ) {
     this.file.addEventListener("change", () => {
       hands.add([...(this.file.files ?? [])]);
       this.file.value = "";
     });
     this.clear.addEventListener("click", () => hands.clear());
-    this.report.addEventListener("click", () => this.download(hands.report(), "calibration.html", "text/html"));
-    const camera = h("button", { type: "button", title: "The camera file, which every command takes", onclick: () => this.download(hands.found()?.camera_file ?? null, "camera.toml", "application/toml") }, "Camera file");
-    const look = h("button", { type: "button", className: "primary", onclick: () => hands.look() }, "Look through it");
+    this.report.addEventListener("click", () =>
+      this.download(hands.report(), "calibration.html", "text/html"),
+    );
+    const camera = h(
+      "button",
+      {
+        type: "button",
+        title: "The camera file, which every command takes",
+        onclick: () =>
+          this.download(hands.found()?.camera_file ?? null, "camera.toml", "application/toml"),
+      },
+      "Camera file",
+    );
+    const look = h(
+      "button",
+      { type: "button", className: "primary", onclick: () => hands.look() },
+      "Look through it",
+    );
     this.keep = nav("Keep the camera", "keep", camera, this.report, look);
-    host.header.append(nav("Pictures of a board", "", h("button", { type: "button", onclick: () => this.open() }, "Add pictures…"), h("button", { type: "button", onclick: () => hands.webcam() }, "Webcam"), this.clear, this.file), this.keep);
+    host.header.append(
+      nav(
+        "Pictures of a board",
+        "",
+        h("button", { type: "button", onclick: () => this.open() }, "Add pictures…"),
+        h("button", { type: "button", onclick: () => hands.webcam() }, "Webcam"),
+        this.clear,
+        this.file,
+      ),
+      this.keep,
+    );
     this.bindDropping();
   }
 
@@ -63,4 +102,5 @@ export class Toolbar {
   }
 }
 
-const nav = (title: string, className: string, ...children: HTMLElement[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "calibrate" }, ...children);
+const nav = (title: string, className: string, ...children: HTMLElement[]): HTMLElement =>
+  h("nav", { "aria-label": title, className, "data-tab": "calibrate" }, ...children);

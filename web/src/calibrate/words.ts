@@ -1,19 +1,39 @@
 /** What is said of boards and pictures, and the command line that does the same. */
-import type { BoardAsked, BoardSeen, CalibrateStart, CalibrationAsk, RimFound } from "../shared/messages";
+import type {
+  BoardAsked,
+  BoardSeen,
+  CalibrateStart,
+  CalibrationAsk,
+  RimFound,
+} from "../shared/messages";
 import { words } from "../shared/numbers";
 
-export const COUNTED: Record<BoardAsked["kind"], string> = { chessboard: "Inner corners", charuco: "Squares", aprilgrid: "Tags" };
+export const COUNTED: Record<BoardAsked["kind"], string> = {
+  chessboard: "Inner corners",
+  charuco: "Squares",
+  aprilgrid: "Tags",
+};
 const FEWEST = 3;
 const MOST_NAMED = 40; // files on a command line; of more the folder is named
 
 /** How a kind of model is called. */
 export function modelWords(kind: string): string {
-  const named: Record<string, string> = { auto: "The best of all", unified: "unified sphere", "enhanced-unified": "enhanced unified", sensor: "mirror sensor", "kannala-brandt": "Kannala-Brandt", ocam: "OCamCalib polynomial" };
+  const named: Record<string, string> = {
+    auto: "The best of all",
+    unified: "unified sphere",
+    "enhanced-unified": "enhanced unified",
+    sensor: "mirror sensor",
+    "kannala-brandt": "Kannala-Brandt",
+    ocam: "OCamCalib polynomial",
+  };
   return named[kind] ?? kind.replaceAll("-", " ");
 }
 
 /** The kinds of models that can be what was photographed through. */
-export const modelsFor = (start: CalibrateStart, optics: CalibrationAsk["optics"]): string[] => ["auto", ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind))];
+export const modelsFor = (start: CalibrateStart, optics: CalibrationAsk["optics"]): string[] => [
+  "auto",
+  ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind)),
+];
 
 /** What is to be said of a picture that was looked at. */
 export function stateWords(seen: BoardSeen, reason: string | null): string {
@@ -23,8 +43,10 @@ export function stateWords(seen: BoardSeen, reason: string | null): string {
 
 /** Why no calibration can begin; null where it can. */
 export function whyNot(found: number, waiting: number): string | null {
-  if (waiting) return `${waiting === 1 ? "One picture is" : `${waiting} pictures are`} still to be looked at.`;
-  if (found < FEWEST) return `The board is found in ${found === 0 ? "no picture" : found === 1 ? "one picture" : `${found} pictures`} yet; ${FEWEST} are the fewest, 10 to 20 are usual.`;
+  if (waiting)
+    return `${waiting === 1 ? "One picture is" : `${waiting} pictures are`} still to be looked at.`;
+  if (found < FEWEST)
+    return `The board is found in ${found === 0 ? "no picture" : found === 1 ? "one picture" : `${found} pictures`} yet; ${FEWEST} are the fewest, 10 to 20 are usual.`;
   return null;
 }
 
@@ -36,7 +58,9 @@ export function unlike(name: string, taken: ReadonlySet<string>): string {
 }
 
 /** The rim that several pictures of one camera show: the middle of those that are sure. */
-export function rimOf(found: readonly RimFound[]): { centre: [number, number]; radius: number } | null {
+export function rimOf(
+  found: readonly RimFound[],
+): { centre: [number, number]; radius: number } | null {
   const sure = found.filter((rim) => rim.is_sure);
   if (!sure.length || sure.length * 2 < found.length) return null;
   const middle = (value: (rim: RimFound) => number): number => {
@@ -45,17 +69,24 @@ export function rimOf(found: readonly RimFound[]): { centre: [number, number]; r
     return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
   };
   const round = (x: number): number => Math.round(x * 100) / 100;
-  return { centre: [round(middle((r) => r.centre_px[0])), round(middle((r) => r.centre_px[1]))], radius: round(middle((r) => r.radius_px)) };
+  return {
+    centre: [round(middle((r) => r.centre_px[0])), round(middle((r) => r.centre_px[1]))],
+    radius: round(middle((r) => r.radius_px)),
+  };
 }
 
-const word = (text: string): string => (/^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
+const word = (text: string): string =>
+  /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
 /** What names a board on the command line. */
 function boardOptions(board: BoardAsked): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
   return [
-    "--board", `${columns}x${rows}`, "--square-mm", String(square_mm),
+    "--board",
+    `${columns}x${rows}`,
+    "--square-mm",
+    String(square_mm),
     ...(kind === "chessboard" ? [] : ["--target", kind]),
     ...(marker_mm ? ["--marker-mm", String(marker_mm)] : []),
     ...(kind === "aprilgrid" && spacing !== 0.3 ? ["--spacing", String(spacing)] : []),
@@ -65,13 +96,20 @@ function boardOptions(board: BoardAsked): string[] {
 }
 
 /** The command that prints the board. */
-export const printCommand = (board: BoardAsked): string => ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
+export const printCommand = (board: BoardAsked): string =>
+  ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
 
 /** The command that makes the same calibration of files. */
-export function calibrateCommand(names: readonly string[], ask: Omit<CalibrationAsk, "command" | "pictures">): string {
+export function calibrateCommand(
+  names: readonly string[],
+  ask: Omit<CalibrationAsk, "command" | "pictures">,
+): string {
   const pictures = names.length > MOST_NAMED || !names.length ? ["boards"] : names.map(file);
   return [
-    "omnimirror", "calibrate", ...pictures, ...boardOptions(ask.board),
+    "omnimirror",
+    "calibrate",
+    ...pictures,
+    ...boardOptions(ask.board),
     ...(ask.model === "auto" ? [] : ["--model", ask.model]),
     ...(ask.optics === "mirror" ? [] : ["--optics", ask.optics]),
     ...(ask.camera_looks === "up" ? [] : ["--camera-looks", ask.camera_looks]),
@@ -79,9 +117,15 @@ export function calibrateCommand(names: readonly string[], ask: Omit<Calibration
     ...(ask.centre_px ? ["--centre-px", ask.centre_px.join(",")] : []),
     ...(ask.rim_radius_px ? ["--rim-radius-px", String(ask.rim_radius_px)] : []),
     ...(ask.flat_board ? ["--flat-board"] : []),
-    "-o", "camera.toml", "--report", "calibration.html",
-  ].map(word).join(" ");
+    "-o",
+    "camera.toml",
+    "--report",
+    "calibration.html",
+  ]
+    .map(word)
+    .join(" ");
 }
 
 /** A number of pixels with its unit. */
-export const px = (value: number | null, digits = 3): string => (value === null ? "–" : `${words(value, digits)} px`);
+export const px = (value: number | null, digits = 3): string =>
+  value === null ? "–" : `${words(value, digits)} px`;

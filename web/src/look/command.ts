@@ -1,29 +1,42 @@
+import { fileWord as file, shellWord } from "../shared/shell";
 import type { State } from "../shared/state";
 import type { Feed } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
 import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./geometry/views";
 
-const word = (text: string): string => (/^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
 const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
-/** A file's name as a word of its own, never an option. */
-const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
-
 /** The name under which the page saves the file of a sensor whose circle was moved. */
-export const fittedName = (camera: Camera): string => `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
+export const fittedName = (camera: Camera): string =>
+  `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
 /** Whether its circle was moved, so that the command needs a sensor file that the page makes. */
-export const needsFile = (camera: Camera): boolean => camera.model.kind === "sensor" && camera.isMoved;
+export const needsFile = (camera: Camera): boolean =>
+  camera.model.kind === "sensor" && camera.isMoved;
 
 /** The command line that gives the same picture. */
-export function commandOf(s: State, camera: Camera, feed: Feed, width: number, height: number): string {
-  const words = ["omnimirror", "dewarp", file(feed.source), ...cameraWords(camera), ...viewWords(s, camera, width, height)];
-  return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
+export function commandOf(
+  s: State,
+  camera: Camera,
+  feed: Feed,
+  width: number,
+  height: number,
+): string {
+  const words = [
+    "omnimirror",
+    "dewarp",
+    file(feed.source),
+    ...cameraWords(camera),
+    ...viewWords(s, camera, width, height),
+  ];
+  return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(shellWord).join(" ");
 }
 
 function cameraWords(camera: Camera): string[] {
   const { kind, options, mount, mount_in_file: own } = camera.model;
-  const words = needsFile(camera) ? ["--sensor", file(fittedName(camera))] : [options[0], file(options[1]), ...options.slice(2)];
+  const words = needsFile(camera)
+    ? ["--sensor", file(fittedName(camera))]
+    : [options[0], file(options[1]), ...options.slice(2)];
   if (kind === "ball") {
     const { u, v, radius } = camera.circle;
     const field = options[1].split(",")[3];
@@ -33,8 +46,10 @@ function cameraWords(camera: Camera): string[] {
   if (mount.camera_looks !== own.camera_looks) words.push("--camera-looks", mount.camera_looks);
   if (mount.forward_azimuth_deg !== own.forward_azimuth_deg)
     words.push("--forward-azimuth-deg", plain(mount.forward_azimuth_deg));
-  if (mount.image_flipped !== own.image_flipped) words.push(mount.image_flipped ? "--image-flipped" : "--not-image-flipped");
-  if (mount.pitch_deg !== own.pitch_deg || mount.roll_deg !== own.roll_deg) words.push(`--level=${plain(mount.pitch_deg)},${plain(mount.roll_deg)}`);
+  if (mount.image_flipped !== own.image_flipped)
+    words.push(mount.image_flipped ? "--image-flipped" : "--not-image-flipped");
+  if (mount.pitch_deg !== own.pitch_deg || mount.roll_deg !== own.roll_deg)
+    words.push(`--level=${plain(mount.pitch_deg)},${plain(mount.roll_deg)}`);
   return words;
 }
 
@@ -44,18 +59,60 @@ function viewWords(s: State, camera: Camera, width: number, height: number): str
   const size = ["--size", `${width}x${height}`];
   switch (s.mode) {
     case "panorama": {
-      const range = elevations(s, camera, width / height).map((x) => plain(x)).join(":");
-      return [...words, "--span-deg", plain(spanOf(s, camera, width / height)), "--elevation-deg", range, ...far, ...size];
+      const range = elevations(s, camera, width / height)
+        .map((x) => plain(x))
+        .join(":");
+      return [
+        ...words,
+        "--span-deg",
+        plain(spanOf(s, camera, width / height)),
+        "--elevation-deg",
+        range,
+        ...far,
+        ...size,
+      ];
     }
     case "perspective":
       return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, ...size];
     case "dome":
-      return [...words, "--omega-deg", `0:${plain(domeEnd(s, camera))}`, "--pole", camera.model.pole, ...far, ...size];
+      return [
+        ...words,
+        "--omega-deg",
+        `0:${plain(domeEnd(s, camera))}`,
+        "--pole",
+        camera.model.pole,
+        ...far,
+        ...size,
+      ];
     case "planet":
-      return [...words, "--hfov-deg", plain(planetWidth(s, camera, width / height)), "--pole", camera.model.pole, ...far, ...size];
+      return [
+        ...words,
+        "--hfov-deg",
+        plain(planetWidth(s, camera, width / height)),
+        "--pole",
+        camera.model.pole,
+        ...far,
+        ...size,
+      ];
     case "ground":
-      return [...words, "--height-mm", plain(s.height), "--mm-per-px", String(groundScale(s, width, height)), ...size];
+      return [
+        ...words,
+        "--height-mm",
+        plain(s.height),
+        "--mm-per-px",
+        String(groundScale(s, width, height)),
+        ...size,
+      ];
     case "mosaic":
-      return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, "--size", `${width}x`];
+      return [
+        ...words,
+        "--tilt-deg",
+        plain(s.tilt),
+        "--hfov-deg",
+        plain(s.hfov),
+        ...far,
+        "--size",
+        `${width}x`,
+      ];
   }
 }

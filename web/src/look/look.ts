@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import { byId, choices, hideComputed, put } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import type { Mode } from "../shared/state";
@@ -53,7 +54,10 @@ export class Look {
 
   constructor(private readonly store: Store) {
     this.renderer = new Renderer(this.canvas, () => this.refresh(true));
-    this.circle = new CirclePane((pixel) => this.lookAtPixel(pixel), (c) => this.rim.set(c));
+    this.circle = new CirclePane(
+      (pixel) => this.lookAtPixel(pixel),
+      (c) => this.rim.set(c),
+    );
     this.rim = new RimPanel(store, (isFitting) => this.fitting(isFitting));
     this.views = new ViewsPanel(store, () => this.sources.offered);
     this.wipe = new WipePanel(store, () => this.restored());
@@ -68,20 +72,35 @@ export class Look {
       changed: () => this.sourceChanged(),
       take: (source) => this.others.take(source),
       give: (source, feed) => this.others.give(source, feed),
-      opened: (feed) => void this.first.look(feed),
+      opened: (feed) => background(this.first.look(feed)),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
     this.others = new Others({
-      open: (source) => this.sources.feedNamed(source),
+      open: (source, signal) => this.sources.feedNamed(source, signal),
       fetch: (s) => this.sensor.fetch(s),
       fit: (camera, feed, rim) => this.rim.fit(camera, feed, rim),
       states: () => this.views.others(),
       changed: () => this.refresh(),
     });
-    this.first = new FirstLook(store, { rim: this.rim, sensor: () => this.sensor, feed: () => this.feed, level: () => this.level.find(false) });
-    this.level = new LevelPanel(store, () => this.sensor, () => this.refresh());
+    this.first = new FirstLook(store, {
+      rim: this.rim,
+      sensor: () => this.sensor,
+      feed: () => this.feed,
+      level: () => this.level.find(false),
+    });
+    this.level = new LevelPanel(
+      store,
+      () => this.sensor,
+      () => this.refresh(),
+    );
     this.recorder = new Recorder(this.canvas, () => this.refresh());
-    new Toolbar(store, { sources: this.sources, sensor: this.sensor, camera: () => this.camera, drawn: () => this.drawn(), commands: () => this.commands() });
+    new Toolbar(store, {
+      sources: this.sources,
+      sensor: this.sensor,
+      camera: () => this.camera,
+      drawn: () => this.drawn(),
+      commands: () => this.commands(),
+    });
     this.bindMoving();
     store.listen(() => {
       this.movedAt = performance.now();
@@ -107,7 +126,8 @@ export class Look {
     this.sensor.offer(start.sensors);
     this.sources.offer(start.sources);
     const fresh = !location.hash;
-    if (!this.store.state.source && start.source) this.store.set({ source: `server:${start.source}` }, false);
+    if (!this.store.state.source && start.source)
+      this.store.set({ source: `server:${start.source}` }, false);
     if (fresh && start.sensor) this.store.set({ sensor: start.sensor }, false);
     if (start.sensor) this.first.known();
     await this.sensor.want();
@@ -117,7 +137,8 @@ export class Look {
   /** Begin with a picture and a camera that the page holds itself. */
   async beginEmbedded(): Promise<void> {
     const inside = embedded()!;
-    for (const element of document.querySelectorAll<HTMLElement>("[data-server], [data-opens]")) element.hidden = true;
+    for (const element of document.querySelectorAll<HTMLElement>("[data-server], [data-opens]"))
+      element.hidden = true;
     byId("sources-label").hidden = true;
     this.sensor.take(new Camera(inside.camera, floats(inside.tables)));
     await this.sources.beginEmbedded(inside.media, inside.name);
@@ -127,7 +148,10 @@ export class Look {
   viewIn(width: number, height: number): { view: View; command: string } {
     const camera = this.ready()!;
     const view = viewOf(this.store.state, camera, width, height);
-    return { view, command: commandOf(this.store.state, camera, this.feed!, view.width, view.height) };
+    return {
+      view,
+      command: commandOf(this.store.state, camera, this.feed!, view.width, view.height),
+    };
   }
 
   // -- drawing ------------------------------------------------------------------------------------
@@ -204,7 +228,9 @@ export class Look {
   private paint(isRough: boolean): void {
     const { view, places } = this.laid!;
     this.renderer.draw(view, isRough, this.wipe.share);
-    for (const { seen, state, parts } of places) if (seen && seen.camera !== this.camera) this.renderer.add({ ...view, parts }, seen, state.source);
+    for (const { seen, state, parts } of places)
+      if (seen && seen.camera !== this.camera)
+        this.renderer.add({ ...view, parts }, seen, state.source);
     this.renderer.keepPictures(places.map(({ state }) => state.source));
   }
 
@@ -220,14 +246,21 @@ export class Look {
 
   /** The command lines of all views that are shown. */
   private commands(): string {
-    return this.lay().places.map((place) => this.command(place)).join("\n");
+    return this.lay()
+      .places.map((place) => this.command(place))
+      .join("\n");
   }
 
   /** Say where a picture is, and where nothing says how it lies in the circle. */
   private showDoubt(camera: Camera, feed: Feed): void {
     const isGuess = camera.isMoved && !this.store.state.rim;
-    const doubt = isGuess ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it" : "";
-    put("picture-words", `${feed.name}, ${feed.width} × ${feed.height} px${doubt || this.rim.words(feed)}`);
+    const doubt = isGuess
+      ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it"
+      : "";
+    put(
+      "picture-words",
+      `${feed.name}, ${feed.width} × ${feed.height} px${doubt || this.rim.words(feed)}`,
+    );
   }
 
   /** Offer the files that the command needs and no folder holds yet. */
@@ -283,9 +316,18 @@ export class Look {
     };
     const shown = {
       box: () => this.box(),
-      choose: (e: PointerEvent) => this.views.chooseAt(this.laid?.places ?? [], e.offsetX, e.offsetY),
+      choose: (e: PointerEvent) =>
+        this.views.chooseAt(this.laid?.places ?? [], e.offsetX, e.offsetY),
     };
-    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.sources.playback.toggle(), horizon, shown);
+    const gestures = new Gestures(
+      this.canvas,
+      store,
+      () => this.camera,
+      (x, y) => this.lookAtView(x, y),
+      () => this.sources.playback.toggle(),
+      horizon,
+      shown,
+    );
     const glide = byId<HTMLInputElement>("glide");
     glide.checked = gestures.glides;
     glide.addEventListener("change", () => (gestures.glides = glide.checked));
@@ -316,7 +358,8 @@ export class Look {
     const direction = this.camera?.backproject(pixel);
     if (!direction) return say("The sensor sees nothing there.");
     this.store.set(panTiltOf(direction));
-    if (this.store.state.mode !== "perspective") say("Shown in the middle; Perspective looks straight there.");
+    if (this.store.state.mode !== "perspective")
+      say("Shown in the middle; Perspective looks straight there.");
   }
 
   /** Look at what is at a place of the view, given in parts of its width and height. */
@@ -327,7 +370,9 @@ export class Look {
 
   private dragHorizon(...ends: [PointerEvent, PointerEvent]): void {
     const box = this.box();
-    const [from, to] = ends.map((e) => this.targetAt((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height));
+    const [from, to] = ends.map((e) =>
+      this.targetAt((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height),
+    );
     this.movedAt = performance.now();
     if (from && to) this.level.drag(from, to);
   }

@@ -1,7 +1,8 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, byId } from "../shared/dom";
 import type { Source, StreamState } from "../shared/messages";
-import { isVideo } from "../shared/media";
+import { checkReadable, isVideo } from "../shared/media";
 import { banner, busy, fail } from "../shared/notices";
 import type { State } from "../shared/state";
 import type { Store } from "../shared/store";
@@ -14,7 +15,8 @@ import { Webcams } from "./feeds/webcams";
 import * as supply from "./supply";
 
 const INVITATION = "Drop a picture or video here";
-const INVITATION_MORE = "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
+const INVITATION_MORE =
+  "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
 
 /** What the sources need of the tab around them. */
 interface Hands {
@@ -41,14 +43,19 @@ export class Sources {
   /** Who opens project files. */
   projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
-  private readonly webcams = new Webcams((id) => void this.openWebcam(id));
+  private readonly webcams = new Webcams((id) => background(this.openWebcam(id)));
   private heard = ""; // of the server's, the one whose fate is told
   private hasBegun = false;
-  private opened = 0;
+  private opening = new AbortController();
 
-  constructor(private readonly store: Store, private readonly hands: Hands) {
+  constructor(
+    private readonly store: Store,
+    private readonly hands: Hands,
+  ) {
     this.showWhether(false);
-    store.listen((_, changed) => changed.has("source") && this.hasBegun && void this.openAsked());
+    store.listen(
+      (_, changed) => changed.has("source") && this.hasBegun && background(this.openAsked()),
+    );
   }
 
   /** Begin with what the address asks for. */
@@ -61,18 +68,25 @@ export class Sources {
   async beginEmbedded(media: string, name: string): Promise<void> {
     this.hasServer = false;
     if (media.startsWith("data:")) return this.openFile(blob(media), name, false);
-    if (location.protocol !== "file:") return this.open(`Reading ${name}`, () => addressFeed(media, name), "", true);
+    if (location.protocol !== "file:")
+      return this.open(`Reading ${name}`, () => addressFeed(media, name), "", true);
     const before = identityIn(this.store.state.source);
     const file = before?.name === name ? await keptPicture(before) : undefined;
     if (file) return this.openFile(file.blob, file.name, false);
-    this.invite(`Drop ${name} here`, "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.");
+    this.invite(
+      `Drop ${name} here`,
+      "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.",
+    );
   }
 
   /** Offer what the server shows. */
   offer(sources: readonly Source[]): void {
     byId("sources-label").hidden = !sources.length;
     for (const { id, name, kind, command } of sources) {
-      const option = Object.assign(document.createElement("option"), { value: id, textContent: name });
+      const option = Object.assign(document.createElement("option"), {
+        value: id,
+        textContent: name,
+      });
       option.dataset.kind = kind;
       option.dataset.command = command;
       byId("sources").append(option);
@@ -81,6 +95,11 @@ export class Sources {
 
   /** Open a file that was handed to the page, or one that it kept. */
   async openFile(file: Blob, name: string, isNew = true): Promise<void> {
+    try {
+      await checkReadable(file, name);
+    } catch (e) {
+      return fail(e);
+    }
     if (/\.omnimirror$/i.test(name)) return this.projects(file);
     if (/\.(toml|txt)$/i.test(name)) return this.hands.calibrated(file, name);
     const make = (): Promise<Feed> => this.feedOf(file, name);
@@ -96,40 +115,65 @@ export class Sources {
   }
 
   async openRoom(turns = true): Promise<void> {
-    await this.open("Simulating the picture of a room", () => roomOf(this.store.state.sensor), "room", false, turns);
+    await this.open(
+      "Simulating the picture of a room",
+      () => roomOf(this.store.state.sensor),
+      "room",
+      false,
+      turns,
+    );
   }
 
   /** What the server offers, by what the state calls it. */
   get offered(): { source: string; name: string }[] {
-    return [...this.options].filter((o) => o.value).map((o) => ({ source: `server:${o.value}`, name: o.textContent ?? o.value }));
+    return [...this.options]
+      .filter((o) => o.value)
+      .map((o) => ({ source: `server:${o.value}`, name: o.textContent ?? o.value }));
   }
 
   async openServer(id: string, isAsked = false): Promise<void> {
     const source = `server:${id}`;
     const name = this.options.find((o) => o.value === id)?.textContent;
-    if (!name) return fail(new api.Refused(`The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`));
+    if (!name)
+      return fail(
+        new api.Refused(
+          `The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`,
+        ),
+      );
     this.heard = source;
-    await this.open(`Opening ${name}`, async () => this.hands.take(source) ?? this.feedOfServer(source), source, isAsked);
+    await this.open(
+      `Opening ${name}`,
+      async (signal) => this.hands.take(source) ?? this.feedOfServer(source, signal),
+      source,
+      isAsked,
+    );
   }
 
   /** A picture that the browser has kept, or what the server offers. */
-  async feedNamed(source: string): Promise<Feed> {
+  async feedNamed(source: string, signal: AbortSignal): Promise<Feed> {
     const identity = identityIn(source);
     const file = identity && (await keptPicture(identity));
-    return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source);
+    return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source, signal);
   }
 
   /** A picture or stream that the server offers. */
-  private async feedOfServer(source: string): Promise<Feed> {
+  private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
     if (!option) throw new api.Refused(`This server does not offer ${id}.`);
     const name = option.textContent ?? id;
     const told = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
-      if (source === this.heard) banner(fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`), "picture");
+      if (source === this.heard)
+        banner(
+          fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`),
+          "picture",
+        );
     };
-    const feed = option.dataset.kind === "picture" ? await pictureFeed(await api.picture(id), name, true) : await streamFeed(id, name, told);
+    const feed =
+      option.dataset.kind === "picture"
+        ? await pictureFeed(await api.picture(id), name, true)
+        : await streamFeed(id, name, told, signal);
     return Object.assign(feed, { source: option.dataset.command });
   }
 
@@ -140,10 +184,14 @@ export class Sources {
   /** What another sensor needs beside itself: the demo room has another picture of it. What then shows it, or null. */
   async prepare({ source, sensor }: State): Promise<(() => void) | null> {
     if (source !== "room" || !this.shown || this.shown === nameOf(source, sensor)) return null;
-    const number = ++this.opened;
+    const signal = this.supersede();
     const feed = await roomOf(sensor);
+    const drop = (): void => feed.close();
+    if (signal.aborted) drop();
+    signal.addEventListener("abort", drop);
     return () => {
-      if (number !== this.opened) return feed.close();
+      if (signal.aborted) return;
+      signal.removeEventListener("abort", drop);
       this.call(nameOf(source, sensor));
       this.show(feed);
     };
@@ -151,28 +199,50 @@ export class Sources {
 
   private async openWebcam(id: string, isAsked = false): Promise<void> {
     const lost = (sentence: string): void => banner(sentence, "picture");
-    await this.open("Waiting for the camera", () => this.webcams.open(id, lost), (feed) => `webcam:${feed.device}`, isAsked);
+    await this.open(
+      "Waiting for the camera",
+      () => this.webcams.open(id, lost),
+      (feed) => `webcam:${feed.device}`,
+      isAsked,
+    );
   }
 
   /** Open what the address asks for, and nothing in its place. */
   private async openAsked(): Promise<void> {
     const { source, sensor } = this.store.state;
-    this.opened++; // what is still on its way was asked for before
+    this.supersede(); // what is still on its way was asked for before
     busy(null);
     if (this.shown === nameOf(source, sensor)) return;
     const held = this.hands.take(source);
     if (held) return this.showHeld(held, source);
     if (this.feed) this.close();
     const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
-    if (kind === "room") return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
+    if (kind === "room")
+      return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
     if (kind === "server") return this.openServer(rest, true);
     if (kind === "webcam") return this.openWebcam(rest, true);
     const identity = identityIn(source);
-    if (!identity) return source ? fail(new api.Refused(`source = ${source} of the address is not understood; open a picture instead.`)) : undefined;
+    if (!identity)
+      return source
+        ? fail(
+            new api.Refused(
+              `source = ${source} of the address is not understood; open a picture instead.`,
+            ),
+          )
+        : undefined;
     const file = identity.id ? await keptPicture(identity) : undefined;
-    if (file && source === this.store.state.source) return this.open(`Reading ${file.name}`, () => this.feedOf(file.blob, file.name), source, true);
+    if (file && source === this.store.state.source)
+      return this.open(
+        `Reading ${file.name}`,
+        () => this.feedOf(file.blob, file.name),
+        source,
+        true,
+      );
     const name = identity.name || "its picture";
-    this.invite(`Drop ${name} here`, `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`);
+    this.invite(
+      `Drop ${name} here`,
+      `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`,
+    );
   }
 
   /** Show at once what was held for another view. */
@@ -183,14 +253,29 @@ export class Sources {
     banner(null, "picture");
   }
 
+  /** Give up what is being opened; the signal is that of what is opened next. */
+  private supersede(): AbortSignal {
+    this.opening.abort();
+    this.opening = new AbortController();
+    return this.opening.signal;
+  }
+
   /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
-  private async open(words: string, make: () => Promise<Feed>, source: string | ((feed: Feed) => string) = "", isAsked = false, turns = !isAsked): Promise<void> {
-    const number = ++this.opened;
+  private async open(
+    words: string,
+    make: (signal: AbortSignal) => Promise<Feed>,
+    source: string | ((feed: Feed) => string) = "",
+    isAsked = false,
+    turns = !isAsked,
+  ): Promise<void> {
+    const signal = this.supersede();
     busy(`${words}…`);
     try {
-      const feed = await make();
-      if (number !== this.opened) return feed.close();
-      const isAlike = isAsked || (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
+      const feed = await make(signal);
+      if (signal.aborted) return feed.close();
+      const isAlike =
+        isAsked ||
+        (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
       const named = typeof source === "string" ? source : source(feed);
       this.show(feed);
       banner(null, "picture");
@@ -198,9 +283,9 @@ export class Sources {
       this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
       if (!isAsked && identityIn(named)) this.hands.opened(feed);
     } catch (e) {
-      if (number === this.opened) fail(e);
+      if (!signal.aborted) fail(e);
     } finally {
-      if (number === this.opened) busy(null);
+      if (!signal.aborted) busy(null);
     }
   }
 
@@ -210,8 +295,12 @@ export class Sources {
 
   private show(feed: Feed): void {
     const { largest } = this.hands;
-    if (Math.max(feed.width, feed.height) > largest)
-      throw new api.Refused(`${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`);
+    if (Math.max(feed.width, feed.height) > largest) {
+      feed.close();
+      throw new api.Refused(
+        `${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`,
+      );
+    }
     if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
@@ -222,7 +311,9 @@ export class Sources {
   /** Say which source is shown. */
   private call(shown: string): void {
     this.shown = shown;
-    byId<HTMLSelectElement>("sources").value = shown.startsWith("server:") ? shown.slice("server:".length) : "";
+    byId<HTMLSelectElement>("sources").value = shown.startsWith("server:")
+      ? shown.slice("server:".length)
+      : "";
   }
 
   /** Show nothing, as at first. */
@@ -248,7 +339,8 @@ export class Sources {
     document.body.classList.toggle("empty", !hasPicture);
     byId("empty").hidden = hasPicture;
     if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
-    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) allow(element, hasPicture ? null : "Open a picture first.");
+    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]"))
+      allow(element, hasPicture ? null : "Open a picture first.");
   }
 }
 
@@ -257,4 +349,5 @@ async function roomOf(sensor: string): Promise<Feed> {
   return { ...(await pictureFeed(made, supply.alone ? "circle.jpg" : "circle.png", true)), made };
 }
 
-const nameOf = (source: string, sensor: string): string => (source === "room" ? `room of ${sensor}` : source);
+const nameOf = (source: string, sensor: string): string =>
+  source === "room" ? `room of ${sensor}` : source;

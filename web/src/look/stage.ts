@@ -8,7 +8,8 @@ const NARROW = matchMedia("(max-width: 899px), (max-height: 479px)");
 const MOST_DOTS = 2; // of the canvas, for a pixel of the page
 
 /** The state as this page shows it: whether a view fills the stage, where nobody chose, is a matter of room. */
-export const asShown = (s: State): State => (s.fit ? s : { ...s, fit: NARROW.matches ? "fill" : "whole" });
+export const asShown = (s: State): State =>
+  s.fit ? s : { ...s, fit: NARROW.matches ? "fill" : "whole" };
 
 /** A view and its place on the canvas, px of the page. */
 export interface Place extends Cell {
@@ -27,23 +28,44 @@ export interface Laid {
 }
 
 /** Lay views out on a canvas no larger than the room there is, and make it so large: one as it wants to be, or several side by side, each of what it sees; those that see nothing yet are as large as if they saw what is shown. */
-export function lay(states: readonly State[], seen: readonly (Seen | null)[], shown: Camera, canvas: HTMLCanvasElement, room: { width: number; height: number }): Laid {
+export function lay(
+  states: readonly State[],
+  seen: readonly (Seen | null)[],
+  shown: Camera,
+  canvas: HTMLCanvasElement,
+  room: { width: number; height: number },
+): Laid {
   const dots = Math.min(devicePixelRatio, MOST_DOTS);
   const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
   const through = seen.map((one) => one?.camera ?? shown);
   const aspects = states.map((s, i) => aspectOf(s, through[i]));
   const isOne = states.length === 1;
-  const cells = isOne ? [{ ...within(aspects[0], { left: 0, top: 0, ...room }), left: 0, top: 0 }] : arranged(aspects, room.width, room.height);
+  const cells = isOne
+    ? [{ ...within(aspects[0], { left: 0, top: 0, ...room }), left: 0, top: 0 }]
+    : arranged(aspects, room.width, room.height);
   const places = states.map((state, i): Place => {
     const view = viewOf(state, through[i], pixels(cells[i].width), pixels(cells[i].height));
     return { ...cells[i], state, view, seen: seen[i], parts: moved(view, cells[i], dots) };
   });
-  const { width, height } = isOne ? places[0].view : { width: pixels(room.width), height: pixels(room.height) };
+  const { width, height } = isOne
+    ? places[0].view
+    : { width: pixels(room.width), height: pixels(room.height) };
   canvas.style.width = `${width / dots}px`;
   canvas.style.height = `${height / dots}px`;
-  return { places, view: { width, height, parts: places.filter((p) => p.seen?.camera === shown).flatMap((p) => p.parts) } };
+  return {
+    places,
+    view: {
+      width,
+      height,
+      parts: places.filter((p) => p.seen?.camera === shown).flatMap((p) => p.parts),
+    },
+  };
 }
 
 function moved(view: View, { left, top }: Cell, dots: number): View["parts"] {
-  return view.parts.map((part) => ({ ...part, left: part.left + Math.round(left * dots), top: part.top + Math.round(top * dots) }));
+  return view.parts.map((part) => ({
+    ...part,
+    left: part.left + Math.round(left * dots),
+    top: part.top + Math.round(top * dots),
+  }));
 }

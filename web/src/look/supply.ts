@@ -10,24 +10,41 @@ export const alone = heldBy<Alone>("alone");
 
 export async function start(): Promise<Start> {
   if (!alone) return api.start();
-  return { version: alone.version, sources: [], sensors: alone.cameras.map((c) => c.entry), source: null, sensor: null };
+  return {
+    version: alone.version,
+    sources: [],
+    sensors: alone.cameras.map((c) => c.entry),
+    source: null,
+    sensor: null,
+  };
 }
 
-export async function camera(asked: CameraAsk): Promise<{ model: CameraShown; tables: Float32Array }> {
+export async function camera(
+  asked: CameraAsk,
+): Promise<{ model: CameraShown; tables: Float32Array }> {
   if (!alone) return api.camera(asked);
   const found = held(asked.id);
-  return { model: standing(found.standing, found.entry.mount, asked), tables: floats(found.tables) };
+  return {
+    model: standing(found.standing, found.entry.mount, asked),
+    tables: floats(found.tables),
+  };
 }
 
 export async function room(id: string): Promise<Blob> {
   if (!alone) return api.room(id);
   const { room: address, entry } = held(id);
-  if (!address) throw new api.Refused(`This page holds no picture of a room by ${entry.name}; choose a sensor, or open a picture.`);
+  if (!address)
+    throw new api.Refused(
+      `This page holds no picture of a room by ${entry.name}; choose a sensor, or open a picture.`,
+    );
   return blob(address);
 }
 
 function held(id: string): CameraAlone {
   const found = alone!.cameras.find((c) => c.entry.id === id);
-  if (!found) throw new api.Refused(`This page, which does without a server, holds no ${id.startsWith("file:") ? "files of sensors" : id}; choose one of its sensors.`);
+  if (!found)
+    throw new api.Refused(
+      `This page, which does without a server, holds no ${id.startsWith("file:") ? "files of sensors" : id}; choose one of its sensors.`,
+    );
   return found;
 }

@@ -1,3 +1,4 @@
+import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { byId, save } from "../shared/dom";
 import { copy, fail, say } from "../shared/notices";
@@ -23,22 +24,43 @@ interface Hands {
 
 /** What opens pictures and keeps what is seen: in the page's header, beside the command, and by dropping files. */
 export class Toolbar {
-  constructor(private readonly store: Store, private readonly hands: Hands) {
+  constructor(
+    private readonly store: Store,
+    private readonly hands: Hands,
+  ) {
     const { sources } = hands;
     const file = byId<HTMLInputElement>("file");
     for (const id of ["open", "choose"]) byId(id).addEventListener("click", () => file.click());
     file.addEventListener("change", () => {
-      if (file.files?.[0]) void sources.openFile(file.files[0], file.files[0].name);
+      if (file.files?.[0]) background(sources.openFile(file.files[0], file.files[0].name));
       file.value = "";
     });
-    for (const id of ["room", "try"]) byId(id).addEventListener("click", () => void sources.openRoom());
-    byId("sources").addEventListener("change", (e) => void sources.openServer((e.target as HTMLSelectElement).value));
-    byId("snapshot").addEventListener("click", () => void this.snapshot());
-    byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200)); // once the address is written
-    byId("whole-screen").addEventListener("click", () => void (document.fullscreenElement ? document.exitFullscreen() : byId("stage").requestFullscreen().catch(() => say("This browser does not show it on the full screen."))));
-    byId("copy-command").addEventListener("click", () => void copy(byId("command-line").textContent ?? "", "Command"));
-    byId("save-sensor").addEventListener("click", () => void this.saveSensor());
-    byId("save-picture").addEventListener("click", () => sources.feed?.made && save(sources.feed.made, sources.feed.name));
+    for (const id of ["room", "try"])
+      byId(id).addEventListener("click", () => background(sources.openRoom()));
+    byId("sources").addEventListener("change", (e) =>
+      background(sources.openServer((e.target as HTMLSelectElement).value)),
+    );
+    byId("snapshot").addEventListener("click", () => background(this.snapshot()));
+    byId("link").addEventListener("click", () =>
+      setTimeout(() => background(this.copyLink()), 200),
+    ); // once the address is written
+    byId("whole-screen").addEventListener("click", () =>
+      background(
+        document.fullscreenElement
+          ? document.exitFullscreen()
+          : byId("stage")
+              .requestFullscreen()
+              .catch(() => say("This browser does not show it on the full screen.")),
+      ),
+    );
+    byId("copy-command").addEventListener("click", () =>
+      background(copy(byId("command-line").textContent ?? "", "Command")),
+    );
+    byId("save-sensor").addEventListener("click", () => background(this.saveSensor()));
+    byId("save-picture").addEventListener(
+      "click",
+      () => sources.feed?.made && save(sources.feed.made, sources.feed.name),
+    );
     this.bindDropping();
   }
 
@@ -48,20 +70,32 @@ export class Toolbar {
       e.preventDefault();
       frame.classList.add("dropping");
     });
-    document.addEventListener("dragleave", (e) => e.relatedTarget || frame.classList.remove("dropping"));
+    document.addEventListener(
+      "dragleave",
+      (e) => e.relatedTarget || frame.classList.remove("dropping"),
+    );
     document.addEventListener("drop", (e) => {
       e.preventDefault();
       frame.classList.remove("dropping");
       const file = e.dataTransfer?.files[0];
-      if (file) void this.hands.sources.openFile(file, file.name);
+      if (file) background(this.hands.sources.openFile(file, file.name));
     });
   }
 
   /** Copy the link, and say what it does not hold. */
   private async copyLink(): Promise<void> {
     const { source, sensor } = this.store.state;
-    const missing = [identityIn(source)?.name, sensor.startsWith("file:") ? this.hands.camera()?.model.name : null].filter(Boolean).join(" and ");
-    const rest = missing ? `. It holds the view, not ${missing}: elsewhere it asks for the file` : source.startsWith("webcam:") ? ". It opens the webcam of whoever opens it" : "";
+    const missing = [
+      identityIn(source)?.name,
+      sensor.startsWith("file:") ? this.hands.camera()?.model.name : null,
+    ]
+      .filter(Boolean)
+      .join(" and ");
+    const rest = missing
+      ? `. It holds the view, not ${missing}: elsewhere it asks for the file`
+      : source.startsWith("webcam:")
+        ? ". It opens the webcam of whoever opens it"
+        : "";
     await copy(location.href, "Link", rest);
   }
 
@@ -70,7 +104,11 @@ export class Toolbar {
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
     if (!png) return say("The browser made no picture.");
-    const texts = { Software: "omnimirror studio", Comment: this.hands.commands(), Source: this.hands.sources.feed?.name ?? "" };
+    const texts = {
+      Software: "omnimirror studio",
+      Comment: this.hands.commands(),
+      Source: this.hands.sources.feed?.name ?? "",
+    };
     save(await withTexts(png, texts), `${this.store.state.mode}.png`);
   }
 
@@ -88,7 +126,10 @@ export class Toolbar {
       rim_radius_px: radius,
     };
     try {
-      save(new Blob([await api.sensorFile(wanted)], { type: "application/toml" }), fittedName(camera));
+      save(
+        new Blob([await api.sensorFile(wanted)], { type: "application/toml" }),
+        fittedName(camera),
+      );
     } catch (e) {
       fail(e);
     }

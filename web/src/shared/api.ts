@@ -1,5 +1,38 @@
 import { pack, unpack } from "./framing";
-import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, FileUnderWay, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, SlidesAsk, SlidesOf, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
+import type {
+  BenchSensor,
+  BenchStart,
+  BoardLook,
+  BoardSeen,
+  Built,
+  BuiltAsk,
+  CalibrateStart,
+  CameraAsk,
+  CameraShown,
+  Change,
+  Download,
+  ErrorsAsk,
+  ErrorsOf,
+  FileUnderWay,
+  LevelAsk,
+  LevelFound,
+  Opened,
+  PictureAsk,
+  RequirementFile,
+  RestoreAsk,
+  RimFound,
+  SensorEntry,
+  SensorFile,
+  SlidesAsk,
+  SlidesOf,
+  Start,
+  StraightAsk,
+  Taken,
+  Together,
+  TogetherAsk,
+  YieldAsk,
+  YieldOf,
+} from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -12,18 +45,29 @@ export class Away extends Error {
   override readonly name = "Away";
 }
 
+/** Whether a failure was foreseen: its message is for users. By name, as each script of the page has classes of its own. */
+export const isForeseen = (e: unknown): e is Error =>
+  e instanceof Error && (e.name === "Refused" || e.name === "Away");
+
 // -- what both tabs ask ---------------------------------------------------------------------------
 
-export const isThere = async (): Promise<boolean> => ask("health").then(() => true, () => false);
+export const isThere = async (): Promise<boolean> =>
+  ask("health").then(
+    () => true,
+    () => false,
+  );
 
 /** The address of one of the server's sockets. */
-export const socketAddress = (path: string): string => new URL(path, document.baseURI).href.replace(/^http/, "ws");
+export const socketAddress = (path: string): string =>
+  new URL(path, document.baseURI).href.replace(/^http/, "ws");
 
 // -- looking --------------------------------------------------------------------------------------
 
 export const start = (): Promise<Start> => got("api/start");
 
-export async function camera(asked: CameraAsk): Promise<{ model: CameraShown; tables: Float32Array }> {
+export async function camera(
+  asked: CameraAsk,
+): Promise<{ model: CameraShown; tables: Float32Array }> {
   const { id, image_flipped } = asked;
   const [model, tables] = await Promise.all([
     got<CameraShown>("api/camera", { ...asked }),
@@ -33,72 +77,102 @@ export async function camera(asked: CameraAsk): Promise<{ model: CameraShown; ta
 }
 
 export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
-export const picture = async (id: string): Promise<Blob> => (await ask(to("api/picture", { id }))).blob();
-export const convert = async (file: Blob, name: string): Promise<Blob> => (await handedUp("api/pictures", file, { name })).blob();
-export const rim = async (picture: Blob, name: string): Promise<RimFound> => (await handedUp("api/rim", picture, { name })).json();
-export const level = async (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> => (await ask("api/level", { method: "POST", body: pack(asked, picture) })).json();
-export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> => (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
-export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
-export const sensorFile = async (asked: SensorFile): Promise<string> => (await posted("api/sensor-file", asked)).text();
+export const picture = async (id: string): Promise<Blob> =>
+  (await ask(to("api/picture", { id }))).blob();
+export const convert = async (file: Blob, name: string): Promise<Blob> =>
+  (await handedUp("api/pictures", file, { name })).blob();
+export const rim = (picture: Blob, name: string): Promise<RimFound> =>
+  json(handedUp("api/rim", picture, { name }));
+export const level = (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
+  json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
+export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> =>
+  (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
+export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
+  json(handedUp("api/sensors", file, { name, optics }));
+export const sensorFile = async (asked: SensorFile): Promise<string> =>
+  (await posted("api/sensor-file", asked)).text();
 
 // -- designing ------------------------------------------------------------------------------------
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = async (asked: Change): Promise<BenchSensor> => (await posted("api/bench/change", asked)).json();
-export const slides = async (asked: SlidesAsk): Promise<SlidesOf> => (await posted("api/bench/slides", asked)).json();
-export const openFile = async (file: Blob, name: string): Promise<Opened> => (await handedUp("api/bench/open", file, { name })).json();
-export const requirements = async (file: RequirementFile): Promise<Blob> => (await posted("api/bench/requirements", file)).blob();
+export const change = (asked: Change): Promise<BenchSensor> =>
+  json(posted("api/bench/change", asked));
+export const slides = (asked: SlidesAsk): Promise<SlidesOf> =>
+  json(posted("api/bench/slides", asked));
+export const openFile = (file: Blob, name: string): Promise<Opened> =>
+  json(handedUp("api/bench/open", file, { name }));
+export const requirements = async (file: RequirementFile): Promise<Blob> =>
+  (await posted("api/bench/requirements", file)).blob();
 
 export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
   const answer = await posted("api/bench/file", asked);
-  const name = /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
+  const name =
+    /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
 
 /** How far such a file is; null before it is begun, and when it is there. */
-export const making = async (asked: Download): Promise<FileUnderWay | null> => (await posted("api/bench/making", asked)).json();
+export const making = (asked: Download): Promise<FileUnderWay | null> =>
+  json(posted("api/bench/making", asked));
 
 /** The picture that a design takes of a room, and its panorama. */
 export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
   const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
   const { header, start } = unpack<Taken>(data);
   const middle = start + header.picture_bytes;
-  const jpeg = (from: number, to: number): Blob => new Blob([data.slice(from, to)], { type: "image/jpeg" });
+  const jpeg = (from: number, to: number): Blob =>
+    new Blob([data.slice(from, to)], { type: "image/jpeg" });
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
-export const errors = async (asked: ErrorsAsk): Promise<ErrorsOf> => (await posted("api/bench/errors", asked)).json();
-export const yields = async (asked: YieldAsk): Promise<YieldOf> => (await posted("api/bench/yield", asked)).json();
+export const errors = (asked: ErrorsAsk): Promise<ErrorsOf> =>
+  json(posted("api/bench/errors", asked));
+export const yields = (asked: YieldAsk): Promise<YieldOf> => json(posted("api/bench/yield", asked));
 
 /** A sensor with errors: numbers, the places of objects, and by calibrations how far they have gone. */
-export async function built(asked: BuiltAsk): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
+export async function built(
+  asked: BuiltAsk,
+): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
   const data = await (await posted("api/bench/built", asked)).arrayBuffer();
   const { header, start } = unpack<Built>(data);
-  const pairs = (k: number): Float32Array => new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
+  const pairs = (k: number): Float32Array =>
+    new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
   return { ...header, places: pairs(0), left: header.motion_px.map((_, k) => pairs(k + 1)) };
 }
 
 // -- calibrating ----------------------------------------------------------------------------------
 
 export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
-export const look = async (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> => (await ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal })).json();
-export const together = async (asked: TogetherAsk): Promise<Together> => (await posted("api/calibrate/together", asked)).json();
-export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> => (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
+export const look = (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> =>
+  json(ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal }));
+export const together = (asked: TogetherAsk): Promise<Together> =>
+  json(posted("api/calibrate/together", asked));
+export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> =>
+  (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
 
 // -- how it is asked ------------------------------------------------------------------------------
 
 type Query = Record<string, unknown>;
 
-const got = async <T>(path: string, query: Query = {}): Promise<T> => (await ask(to(path, query))).json() as Promise<T>;
-const handedUp = (path: string, file: Blob, query: Query): Promise<Response> => ask(to(path, query), { method: "POST", body: file });
+const json = async <T>(answer: Promise<Response>): Promise<T> =>
+  (await answer).json() as Promise<T>;
+const got = <T>(path: string, query: Query = {}): Promise<T> => json(ask(to(path, query)));
+const handedUp = (path: string, file: Blob, query: Query): Promise<Response> =>
+  ask(to(path, query), { method: "POST", body: file });
 const posted = (path: string, body: unknown): Promise<Response> =>
-  ask(path, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+  ask(path, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify(body),
+  });
 
 /** An address with what is asked; what is null or undefined is not. */
 function to(path: string, query: Query): string {
   const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
-  return given.length ? `${path}?${new URLSearchParams(given.map(([key, value]) => [key, String(value)]))}` : path;
+  return given.length
+    ? `${path}?${new URLSearchParams(given.map(([key, value]) => [key, String(value)]))}`
+    : path;
 }
 
 /** Ask the server; what it refuses is thrown as its sentence. */
@@ -109,7 +183,9 @@ async function ask(url: string, init?: RequestInit): Promise<Response> {
   });
   if (answer.ok) return answer;
   const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
-  throw new Refused(sentenceOf(body?.detail) ?? `The studio's server cannot do that (it answers ${answer.status}).`);
+  throw new Refused(
+    sentenceOf(body?.detail) ?? `The studio's server cannot do that (it answers ${answer.status}).`,
+  );
 }
 
 /** What is wrong with an entry of a question, as the server's framework says it. */
@@ -124,7 +200,9 @@ function sentenceOf(detail: unknown): string | null {
   const [first] = Array.isArray(detail) ? (detail as Wrong[]) : [];
   if (!first?.msg) return null;
   const entry = first.loc?.at(-1) ?? "the question";
-  const value = ["string", "number", "boolean"].includes(typeof first.input) ? ` = ${String(first.input).slice(0, 60)}` : "";
+  const value = ["string", "number", "boolean"].includes(typeof first.input)
+    ? ` = ${String(first.input).slice(0, 60)}`
+    : "";
   return `${entry}${value} is not valid: ${first.msg.replace(/^Input should be/, "it should be")}.`;
 }
 
@@ -138,6 +216,7 @@ export class ServerTask<News> {
 
   /** Send what is asked, and hear of it until it ends; `cutOff` where the server has gone. */
   begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
+    this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
     socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
     socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as News);

@@ -1,10 +1,15 @@
 /** An element of the page; the page is known to have it. */
-export const byId = <T extends Element = HTMLElement>(id: string): T => document.getElementById(id) as unknown as T;
+export const byId = <T extends Element = HTMLElement>(id: string): T =>
+  document.getElementById(id) as unknown as T;
 
 type Child = Node | string | null;
 
 /** An element with properties and children. */
-export function h<K extends keyof HTMLElementTagNameMap>(tag: K, properties: Record<string, unknown> = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+export function h<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  properties: Record<string, unknown> = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[K] {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value as EventListener);
@@ -16,7 +21,11 @@ export function h<K extends keyof HTMLElementTagNameMap>(tag: K, properties: Rec
 }
 
 /** An element of an SVG. */
-export function svg(tag: string, attributes: Record<string, string | number>, ...children: Child[]): SVGElement {
+export function svg(
+  tag: string,
+  attributes: Record<string, string | number>,
+  ...children: Child[]
+): SVGElement {
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
   element.append(...children.filter((c) => c !== null));
@@ -32,7 +41,8 @@ export function allow(button: HTMLButtonElement, reason: string | null): void {
 
 /** Hide what takes the studio's server, in a page that does without. */
 export function hideComputed(place: ParentNode): void {
-  for (const element of place.querySelectorAll<HTMLElement>("[data-computes]")) element.hidden = true;
+  for (const element of place.querySelectorAll<HTMLElement>("[data-computes]"))
+    element.hidden = true;
 }
 
 /** What a page holds under a name; null where it does not. */
@@ -47,7 +57,8 @@ let count = 0;
 export const unique = (): string => `b${++count}`;
 
 /** The value of a colour of the page. */
-export const colour = (name: string): string => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+export const colour = (name: string): string =>
+  getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 /** Save bytes under a name. */
 export function save(blob: Blob, name: string): void {
@@ -57,7 +68,12 @@ export function save(blob: Blob, name: string): void {
 }
 
 /** A group of choices of which one holds. */
-export function choices<T extends string>(place: HTMLElement, name: string, all: readonly (readonly [T, string])[], chosen: (value: T) => void): (value: T) => void {
+export function choices<T extends string>(
+  place: HTMLElement,
+  name: string,
+  all: readonly (readonly [T, string])[],
+  chosen: (value: T) => void,
+): (value: T) => void {
   const inputs = new Map<T, HTMLInputElement>();
   for (const [value, text] of all) {
     const label = document.createElement("label");
@@ -76,7 +92,8 @@ export function choices<T extends string>(place: HTMLElement, name: string, all:
 /** Have an element say a text, unless it does; in the node that it has: a new one is given style and room anew. */
 export function write(element: Element, text: string): void {
   if (element.textContent === text) return;
-  if (element.childNodes.length === 1 && element.firstChild instanceof Text) element.firstChild.data = text;
+  if (element.childNodes.length === 1 && element.firstChild instanceof Text)
+    element.firstChild.data = text;
   else element.textContent = text;
 }
 

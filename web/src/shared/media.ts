@@ -12,54 +12,113 @@ interface Webcam {
 
 const NAMES = "omnimirror-webcams"; // the last cameras: what each was called
 const LAST = 20;
+const FIRST_FRAME_MS = 10_000; // of a camera that was opened
 
 /** A camera of this machine; `lost` is told when it goes. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
-  if (!navigator.mediaDevices) throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
+  if (!navigator.mediaDevices)
+    throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
   let stream: MediaStream;
   try {
     const exact = id ? { deviceId: { exact: id } } : {};
-    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
+    stream = await navigator.mediaDevices.getUserMedia({
+      video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } },
+    });
   } catch (e) {
     const name = (e as DOMException).name;
     if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
-    if (name === "NotAllowedError") throw new Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
+    if (name === "NotAllowedError")
+      throw new Refused(
+        "The camera was refused. Allow it for this page in the browser's address bar, and try again.",
+      );
     if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
     throw new Refused("The camera cannot be opened; another program may be using it.");
   }
-  const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
-  await started(video);
+  const video = Object.assign(document.createElement("video"), {
+    srcObject: stream,
+    muted: true,
+    playsInline: true,
+  });
+  try {
+    await started(video, FIRST_FRAME_MS);
+  } catch {
+    release(video);
+    throw new Refused(
+      "The camera gives no image. Check that it is connected and that no other program uses it; then try again.",
+    );
+  }
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
   track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
   const device = track.getSettings().deviceId ?? "";
-  put([locals], NAMES, JSON.stringify([[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST)));
-  return { video, name, device, close: () => track.stop() };
+  put(
+    [locals],
+    NAMES,
+    JSON.stringify(
+      [[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST),
+    ),
+  );
+  return { video, name, device, close: () => release(video) };
 }
 
-const named = (): [string, string][] => (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
+const named = (): [string, string][] =>
+  (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
 
 /** The camera of another day: browsers give new identities, some at every reload, but a camera keeps its name. */
 async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
   const name = named().find(([device]) => device === id)?.[1];
   const any = await openedWebcam("", lost); // once one is allowed, all are called by their names
-  const cameras = await navigator.mediaDevices.enumerateDevices();
-  const same = cameras.find((d) => d.kind === "videoinput" && d.label === name);
+  const same = (await videoInputs()).find((d) => d.label === name);
   if (!same || same.deviceId === any.device) return any;
   any.close();
   return openedWebcam(same.deviceId, lost);
 }
 
-/** Wait until a video shows something. */
-export function started(video: HTMLVideoElement): Promise<void> {
-  return new Promise((resolve, reject) => {
-    video.onloadeddata = () => resolve();
-    video.onerror = reject;
-    video.play().catch(reject);
-  });
+/** The cameras of this machine; none where the browser does not list them. */
+export async function videoInputs(): Promise<MediaDeviceInfo[]> {
+  const devices = await navigator.mediaDevices.enumerateDevices().catch(() => []);
+  return devices.filter((d) => d.kind === "videoinput");
 }
 
-export const isVideo = (file: Blob, name: string): boolean => file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
+/** Play a video and wait for its first frame; reject after `limitMs` without one. */
+export async function started(video: HTMLVideoElement, limitMs?: number): Promise<void> {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  try {
+    await new Promise<void>((resolve, reject) => {
+      const fail = (): void => reject(new Error("The video does not start."));
+      if (limitMs !== undefined) timer = setTimeout(fail, limitMs);
+      video.onloadeddata = () => resolve();
+      video.onerror = fail;
+      video.play().catch(fail);
+    });
+  } finally {
+    clearTimeout(timer);
+    video.onloadeddata = video.onerror = null;
+  }
+}
+
+/** Stop a video and release what it plays: the tracks of a camera, or the memory of a file. */
+export function release(video: HTMLVideoElement): void {
+  video.pause();
+  (video.srcObject as MediaStream | null)?.getTracks().forEach((track) => track.stop());
+  video.srcObject = null;
+  video.removeAttribute("src");
+  video.load();
+}
+
+/** Check that a file can be read, which one that was moved or deleted cannot, nor a folder. */
+export async function checkReadable(file: Blob, name: string): Promise<void> {
+  try {
+    await file.slice(0, 1).arrayBuffer();
+  } catch {
+    throw new Refused(
+      `${name} cannot be read. Check that it is a file and no folder, that it still exists and that you may read it; then open it again.`,
+    );
+  }
+}
+
+export const isVideo = (file: Blob, name: string): boolean =>
+  file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
 
 /** The JPEG without what cameras note beside it: a calibration belongs to the pixels as stored, unturned. */
 export async function asStored(blob: Blob): Promise<Blob> {

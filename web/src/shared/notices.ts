@@ -1,4 +1,4 @@
-import { Away, Refused } from "./api";
+import { isForeseen } from "./api";
 import { byId } from "./dom";
 import { WENT_WRONG } from "./texts";
 
@@ -14,7 +14,8 @@ export function say(sentence: string): void {
 }
 
 /** What a sentence that stays is about; each subject has one at a time. */
-type Subject = "server" | "address" | "picture" | "sensor" | "bench" | "calibrate" | "page";
+type Subject =
+  "server" | "address" | "picture" | "sensor" | "bench" | "calibrate" | "page" | "failure";
 
 const standing = new Map<Subject, string>();
 
@@ -30,7 +31,10 @@ export function banner(sentence: string | null, about: Subject = "page"): void {
 
 function line(subject: Subject, text: string): HTMLElement {
   const made = document.createElement("div");
-  const away = Object.assign(document.createElement("button"), { type: "button", textContent: "×" });
+  const away = Object.assign(document.createElement("button"), {
+    type: "button",
+    textContent: "×",
+  });
   away.setAttribute("aria-label", "Put this away");
   away.addEventListener("click", () => banner(null, subject));
   made.append(Object.assign(document.createElement("span"), { textContent: text }), away);
@@ -51,13 +55,25 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
   }
 }
 
-/** Say what failed; what nobody has foreseen is also thrown, to be found in the console. */
-export function fail(e: unknown, about: "picture" | "sensor" = "picture"): void {
+/** Report a failure: the sentence of one that was foreseen, or else that something went wrong. */
+export function report(e: unknown, about: Subject = "failure"): void {
+  if (e instanceof Error && e.name === "AbortError") return; // cancelled by whoever started it
+  if (isForeseen(e)) banner(e.message, e.name === "Away" ? "server" : about);
+  else banner(WENT_WRONG, "failure");
+}
+
+/** Report a failure that its caller handles; an unforeseen one is also left to the console. */
+export function fail(e: unknown, about: Subject = "picture"): void {
   busy(null);
-  if (e instanceof Away) banner(e.message, "server");
-  else if (e instanceof Refused) banner(e.message, about);
-  else {
-    banner(WENT_WRONG);
-    throw e;
-  }
+  if (isForeseen(e)) report(e, about);
+  else reportError(e);
+}
+
+/** Report errors and rejected promises that nothing handles, for as long as the page lives. */
+export function reportUnhandled(page: EventTarget): void {
+  page.addEventListener("error", (e) => {
+    const { error } = e as ErrorEvent;
+    if (error) report(error); // without one it is a warning of the browser's, as of a ResizeObserver
+  });
+  page.addEventListener("unhandledrejection", (e) => report((e as PromiseRejectionEvent).reason));
 }

@@ -1,6 +1,7 @@
 const TINY = 1e-9; // rounding
 
-export const clamp = (x: number, low: number, high: number): number => Math.min(high, Math.max(low, x));
+export const clamp = (x: number, low: number, high: number): number =>
+  Math.min(high, Math.max(low, x));
 
 /** An angle in degrees between -180 and 180. */
 export const wrapped = (deg: number): number => ((((deg + 180) % 360) + 360) % 360) - 180;
@@ -16,7 +17,8 @@ export function words(value: number | null | undefined, digits = 4): string {
 }
 
 /** A number with so many decimals. */
-export const fixed = (value: number, places: number): string => (Number.isFinite(value) ? value.toFixed(places).replace("-", "−") : "–");
+export const fixed = (value: number, places: number): string =>
+  Number.isFinite(value) ? value.toFixed(places).replace("-", "−") : "–";
 
 function plain(value: number, digits: number): string {
   const places = clamp(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 8);

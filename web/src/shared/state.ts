@@ -79,14 +79,35 @@ export const INITIAL: State = {
 };
 
 /** Numbers of the address, and from where to where they are taken; beyond, the nearest is. */
-export const RANGES = { view: [-1, 15], wipe: [0, 1], pan: [-Infinity, Infinity], tilt: [-90, 90], hfov: [2, 160], zoom: [1, 20], distance: [100, 1e6], height: [10, 1e5], forward: [-360, 360], pitch: [-90, 90], roll: [-180, 180] } as const;
+export const RANGES = {
+  view: [-1, 15],
+  wipe: [0, 1],
+  pan: [-Infinity, Infinity],
+  tilt: [-90, 90],
+  hfov: [2, 160],
+  zoom: [1, 20],
+  distance: [100, 1e6],
+  height: [10, 1e5],
+  forward: [-360, 360],
+  pitch: [-90, 90],
+  roll: [-180, 180],
+} as const;
 
 /** What of the state says which view it is. */
 export const VIEW = ["mode", "pan", "tilt", "hfov", "zoom", "fit", "distance", "height"] as const;
 type ViewOf = Pick<State, (typeof VIEW)[number]>;
 
 /** What of the state says what is looked at, and through what. */
-export const TAKEN = ["source", "sensor", "rim", "looks", "forward", "flipped", "pitch", "roll"] as const;
+export const TAKEN = [
+  "source",
+  "sensor",
+  "rim",
+  "looks",
+  "forward",
+  "flipped",
+  "pitch",
+  "roll",
+] as const;
 export type Taken = Pick<State, (typeof TAKEN)[number]>;
 
 /** A view that is kept under a name. */
@@ -108,37 +129,62 @@ export function viewsIn(text: string): KeptView[] | null {
 }
 
 function viewIn(entry: Record<string, unknown> | null): KeptView | null {
-  if (typeof entry?.name !== "string" || !entry.name || entry.name.length > LONGEST_NAME) return null;
+  if (typeof entry?.name !== "string" || !entry.name || entry.name.length > LONGEST_NAME)
+    return null;
   const view = { ...INITIAL, ...entry } as KeptView & State;
-  const isGood = MODES.includes(view.mode) && (view.fit === null || FITS.includes(view.fit)) && VIEW.every((key) => typeof view[key] !== "number" || !Number.isNaN(view[key]));
-  const isKind = isGood && VIEW.every((key) => key === "fit" || typeof view[key] === typeof INITIAL[key]);
-  const of = entry.of === undefined ? undefined : takenIn(entry.of as Record<string, unknown> | null);
-  return isKind && of !== null ? { name: entry.name, ...ofView(limited(view)), ...(of && { of }) } : null;
+  const isGood =
+    MODES.includes(view.mode) &&
+    (view.fit === null || FITS.includes(view.fit)) &&
+    VIEW.every((key) => typeof view[key] !== "number" || !Number.isNaN(view[key]));
+  const isKind =
+    isGood && VIEW.every((key) => key === "fit" || typeof view[key] === typeof INITIAL[key]);
+  const of =
+    entry.of === undefined ? undefined : takenIn(entry.of as Record<string, unknown> | null);
+  return isKind && of !== null
+    ? { name: entry.name, ...ofView(limited(view)), ...(of && { of }) }
+    : null;
 }
 
 function takenIn(entry: Record<string, unknown> | null): Taken | null {
   const of = { ...ofTaken(INITIAL), ...entry };
   const isText = [of.source, of.sensor].every((text) => typeof text === "string" && text !== "");
   const isNumber = [of.forward, of.pitch, of.roll].every((x) => x === null || Number.isFinite(x));
-  const isCircle = of.rim === null || (Array.isArray(of.rim) && of.rim.length === 3 && of.rim.every(Number.isFinite) && of.rim[2] > 0);
-  const isWay = (of.looks === null || LOOKS.includes(of.looks)) && (of.flipped === null || typeof of.flipped === "boolean");
+  const isCircle =
+    of.rim === null ||
+    (Array.isArray(of.rim) &&
+      of.rim.length === 3 &&
+      of.rim.every(Number.isFinite) &&
+      of.rim[2] > 0);
+  const isWay =
+    (of.looks === null || LOOKS.includes(of.looks)) &&
+    (of.flipped === null || typeof of.flipped === "boolean");
   return entry && isText && isNumber && isCircle && isWay ? ofTaken(of) : null;
 }
 
 /** The text of views, without what is as at first. */
 export function textOf(views: readonly KeptView[]): string {
-  const told = (entries: object): object => Object.fromEntries(Object.entries(entries).filter(([key, value]) => value !== INITIAL[key as keyof State]));
-  const entry = ({ name, of, ...view }: KeptView): object => ({ name: name.slice(0, LONGEST_NAME), ...told(view), ...(of && { of: { sensor: of.sensor, ...told(of) } }) });
+  const told = (entries: object): object =>
+    Object.fromEntries(
+      Object.entries(entries).filter(([key, value]) => value !== INITIAL[key as keyof State]),
+    );
+  const entry = ({ name, of, ...view }: KeptView): object => ({
+    name: name.slice(0, LONGEST_NAME),
+    ...told(view),
+    ...(of && { of: { sensor: of.sensor, ...told(of) } }),
+  });
   return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map(entry)) : "";
 }
 
-export const ofTaken = (s: Taken): Taken => Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as Taken;
-export const ofView = (s: ViewOf): ViewOf => Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
+export const ofTaken = (s: Taken): Taken =>
+  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as Taken;
+export const ofView = (s: ViewOf): ViewOf =>
+  Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 
 /** The state with every number in its range, and no finer than the command line tells it. */
 export function limited(s: State): State {
   const round = (x: number): number => Math.round(x * 1e4) / 1e4;
-  const within = (key: keyof typeof RANGES, x: number): number => round(clamp(x, RANGES[key][0], RANGES[key][1]));
+  const within = (key: keyof typeof RANGES, x: number): number =>
+    round(clamp(x, RANGES[key][0], RANGES[key][1]));
   return {
     ...s,
     pan: round(wrapped(s.pan)),
@@ -152,4 +198,5 @@ export function limited(s: State): State {
 }
 
 /** What of two states is not the same. */
-export const differing = (a: State, b: State): Set<keyof State> => new Set((Object.keys(a) as (keyof State)[]).filter((k) => String(a[k]) !== String(b[k])));
+export const differing = (a: State, b: State): Set<keyof State> =>
+  new Set((Object.keys(a) as (keyof State)[]).filter((k) => String(a[k]) !== String(b[k])));

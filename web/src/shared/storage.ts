@@ -39,11 +39,14 @@ function open(): Promise<IDBDatabase> {
     const request = indexedDB.open("omnimirror-studio", 1);
     request.onupgradeneeded = () => request.result.createObjectStore(STORE);
     request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error);
+    request.onerror = () => reject(request.error!);
   });
 }
 
-async function run<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => IDBRequest<T>): Promise<T | undefined> {
+async function run<T>(
+  mode: IDBTransactionMode,
+  act: (store: IDBObjectStore) => IDBRequest<T>,
+): Promise<T | undefined> {
   try {
     const base = await open();
     const transaction = base.transaction(STORE, mode);
@@ -57,6 +60,9 @@ async function run<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => 
   }
 }
 
-export const shelved = <T>(key: string): Promise<T | undefined> => run("readonly", (store) => store.get(key) as IDBRequest<T>);
-export const shelve = (key: string, value: unknown): Promise<unknown> => run("readwrite", (store) => store.put(value, key));
-export const unshelve = (key: string): Promise<unknown> => run("readwrite", (store) => store.delete(key) as IDBRequest<undefined>);
+export const shelved = <T>(key: string): Promise<T | undefined> =>
+  run("readonly", (store) => store.get(key) as IDBRequest<T>);
+export const shelve = (key: string, value: unknown): Promise<unknown> =>
+  run("readwrite", (store) => store.put(value, key));
+export const unshelve = (key: string): Promise<unknown> =>
+  run("readwrite", (store) => store.delete(key));

@@ -18,13 +18,14 @@ export class Store {
   entered: () => void = () => {};
   /** What is done before the page is left. */
   leaving: () => void = () => {};
-  private listeners: Listener[] = [];
+  private readonly listeners: Listener[] = [];
   private pending = 0;
   private written = location.hash;
 
   constructor() {
     ({ state: this.state, trouble: this.trouble } = fromHash(beforeReload() ?? location.hash));
-    for (const event of ["popstate", "hashchange"] as const) addEventListener(event, () => this.follow());
+    for (const event of ["popstate", "hashchange"] as const)
+      addEventListener(event, () => this.follow());
     addEventListener("pagehide", () => this.leave());
   }
 

@@ -7,6 +7,8 @@ export function begin(host: Host): SpaceView | null {
   const made = new CSSStyleSheet();
   made.replaceSync(sheet);
   document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
-  const gl = document.createElement("canvas").getContext("webgl2", { alpha: false, antialias: true });
+  const gl = document
+    .createElement("canvas")
+    .getContext("webgl2", { alpha: false, antialias: true });
   return gl && new SpaceView(host, gl);
 }

@@ -104,8 +104,28 @@ export class Drawing {
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.bodies = this.program(BODIES, SURFACE);
     this.lines = this.program(LINES, FLAT);
-    this.corners = this.array(() => this.attributes(this.bodies, [["place", 3], ["square", 3]], 0));
-    this.segments = this.array(() => this.attributes(this.lines, [["a", 3], ["b", 3], ["ink", 4], ["width", 1]], 1));
+    this.corners = this.array(() =>
+      this.attributes(
+        this.bodies,
+        [
+          ["place", 3],
+          ["square", 3],
+        ],
+        0,
+      ),
+    );
+    this.segments = this.array(() =>
+      this.attributes(
+        this.lines,
+        [
+          ["a", 3],
+          ["b", 3],
+          ["ink", 4],
+          ["width", 1],
+        ],
+        1,
+      ),
+    );
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
@@ -124,7 +144,9 @@ export class Drawing {
 
   setLines(lines: Line[]): void {
     const all = new Float32Array(lines.length * LINE);
-    lines.forEach(({ from, to, ink, width }, i) => all.set([...from, ...to, ...ink, width], i * LINE));
+    lines.forEach(({ from, to, ink, width }, i) =>
+      all.set([...from, ...to, ...ink, width], i * LINE),
+    );
     this.count = lines.length;
     this.fill(this.segments.buffer, all);
   }
@@ -150,7 +172,8 @@ export class Drawing {
 
   private drawBodies(shot: Shot, isWanted: (body: Body) => boolean): void {
     const { gl, bodies } = this;
-    const place = (name: string): WebGLUniformLocation | null => gl.getUniformLocation(bodies, name);
+    const place = (name: string): WebGLUniformLocation | null =>
+      gl.getUniformLocation(bodies, name);
     gl.useProgram(bodies);
     gl.bindVertexArray(this.corners.array);
     gl.uniformMatrix4fv(place("matrix"), false, shot.matrix);
@@ -168,7 +191,11 @@ export class Drawing {
     gl.useProgram(lines);
     gl.bindVertexArray(this.segments.array);
     gl.uniformMatrix4fv(place("matrix"), false, shot.matrix);
-    gl.uniform2f(place("size"), gl.drawingBufferWidth / shot.dots, gl.drawingBufferHeight / shot.dots);
+    gl.uniform2f(
+      place("size"),
+      gl.drawingBufferWidth / shot.dots,
+      gl.drawingBufferHeight / shot.dots,
+    );
     gl.uniform1f(place("near"), shot.near);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
   }
@@ -176,14 +203,18 @@ export class Drawing {
   private program(vertex: string, fragment: string): WebGLProgram {
     const { gl } = this;
     const program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]] as const) {
+    for (const [kind, text] of [
+      [gl.VERTEX_SHADER, vertex],
+      [gl.FRAGMENT_SHADER, fragment],
+    ] as const) {
       const shader = gl.createShader(kind)!;
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "a shader");
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost())
+      throw new Error(gl.getProgramInfoLog(program) ?? "a shader");
     return program;
   }
 
@@ -197,7 +228,11 @@ export class Drawing {
   }
 
   /** What stands in a buffer, one after the other: per corner, or per so many instances. */
-  private attributes(program: WebGLProgram, sizes: [name: string, size: number][], divisor: number): void {
+  private attributes(
+    program: WebGLProgram,
+    sizes: [name: string, size: number][],
+    divisor: number,
+  ): void {
     const { gl } = this;
     const stride = 4 * sizes.reduce((sum, [, size]) => sum + size, 0);
     let offset = 0;

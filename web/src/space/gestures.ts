@@ -20,10 +20,14 @@ export class Gestures {
   private readonly pointers = new Map<number, PointerEvent>();
   private way = 0;
 
-  constructor(private readonly canvas: HTMLCanvasElement, private readonly hands: Hands) {
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly hands: Hands,
+  ) {
     canvas.addEventListener("pointerdown", (e) => this.down(e));
     canvas.addEventListener("pointermove", (e) => this.move(e));
-    for (const end of ["pointerup", "pointercancel"] as const) canvas.addEventListener(end, (e) => this.up(e));
+    for (const end of ["pointerup", "pointercancel"] as const)
+      canvas.addEventListener(end, (e) => this.up(e));
     canvas.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     canvas.addEventListener("keydown", (e) => this.key(e));
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
@@ -43,17 +47,28 @@ export class Gestures {
     this.way += Math.hypot(dx, dy);
     const other = [...this.pointers.values()].find((p) => p.pointerId !== e.pointerId);
     if (other) {
-      const apart = (p: PointerEvent): number => Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
+      const apart = (p: PointerEvent): number =>
+        Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
       if (apart(before) > 0) this.hands.look(nearer(this.hands.orbit(), apart(e) / apart(before)));
     }
     const height = this.canvas.clientHeight;
     const isMoved = other || e.shiftKey || e.buttons > 1;
-    this.hands.look(isMoved ? moved(this.hands.orbit(), -dx / height, dy / height) : turned(this.hands.orbit(), -dx * TURN, dy * TURN));
+    this.hands.look(
+      isMoved
+        ? moved(this.hands.orbit(), -dx / height, dy / height)
+        : turned(this.hands.orbit(), -dx * TURN, dy * TURN),
+    );
     this.pointers.set(e.pointerId, e);
   }
 
   private up(e: PointerEvent): void {
-    if (!this.pointers.delete(e.pointerId) || this.pointers.size || this.way > STILL || e.type !== "pointerup") return;
+    if (
+      !this.pointers.delete(e.pointerId) ||
+      this.pointers.size ||
+      this.way > STILL ||
+      e.type !== "pointerup"
+    )
+      return;
     const box = this.canvas.getBoundingClientRect();
     this.hands.pick(e.clientX - box.left, e.clientY - box.top, e.pointerType === "touch");
   }
@@ -63,16 +78,23 @@ export class Gestures {
     if (document.activeElement !== this.canvas && !e.ctrlKey) return;
     e.preventDefault();
     const lines = e.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-    this.hands.look(nearer(this.hands.orbit(), Math.exp(-clamp(e.deltaY * lines, -240, 240) * 0.0018)));
+    this.hands.look(
+      nearer(this.hands.orbit(), Math.exp(-clamp(e.deltaY * lines, -240, 240) * 0.0018)),
+    );
   }
 
   private key(e: KeyboardEvent): void {
     if (e.ctrlKey || e.metaKey || e.altKey) return;
     const go = (x: number, y: number) => (): void => {
       const orbit = this.hands.orbit();
-      this.hands.look(e.shiftKey ? moved(orbit, x * KEY_MOVE, y * KEY_MOVE) : turned(orbit, x * KEY_TURN, y * KEY_TURN));
+      this.hands.look(
+        e.shiftKey
+          ? moved(orbit, x * KEY_MOVE, y * KEY_MOVE)
+          : turned(orbit, x * KEY_TURN, y * KEY_TURN),
+      );
     };
-    const enlarge = (times: number) => (): void => this.hands.look(nearer(this.hands.orbit(), times));
+    const enlarge = (times: number) => (): void =>
+      this.hands.look(nearer(this.hands.orbit(), times));
     const steps: Record<string, () => void> = {
       ArrowLeft: go(-1, 0),
       ArrowRight: go(1, 0),

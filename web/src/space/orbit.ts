@@ -26,7 +26,11 @@ interface Axes {
 }
 
 export function axesOf({ target, distance, around, above }: Orbit): Axes {
-  const back: Vec3 = [Math.cos(above) * Math.cos(around), Math.cos(above) * Math.sin(around), Math.sin(above)];
+  const back: Vec3 = [
+    Math.cos(above) * Math.cos(around),
+    Math.cos(above) * Math.sin(around),
+    Math.sin(above),
+  ];
   const forward = unit([-back[0], -back[1], -back[2]]);
   const right = unit(cross(forward, UP));
   return { eye: add(target, back, distance), right, up: cross(right, forward), forward };
@@ -50,12 +54,22 @@ export function matrixOf(orbit: Orbit, aspect: number): Matrix {
   return Float32Array.from({ length: 16 }, (_, i) => rows[i % 4][Math.floor(i / 4)]);
 }
 
-const scaled = (axis: Vec3, by: number, eye: Vec3): number[] => [...axis.map((c) => by * c), -by * dot(axis, eye)];
+const scaled = (axis: Vec3, by: number, eye: Vec3): number[] => [
+  ...axis.map((c) => by * c),
+  -by * dot(axis, eye),
+];
 
 /** Turn about what is looked at, radians. */
-export const turned = (o: Orbit, around: number, above: number): Orbit => ({ ...o, around: o.around + around, above: clamp(o.above + above, -STEEPEST, STEEPEST) });
+export const turned = (o: Orbit, around: number, above: number): Orbit => ({
+  ...o,
+  around: o.around + around,
+  above: clamp(o.above + above, -STEEPEST, STEEPEST),
+});
 
-export const nearer = (o: Orbit, times: number): Orbit => ({ ...o, distance: clamp(o.distance / times, NEAREST, FARTHEST) });
+export const nearer = (o: Orbit, times: number): Orbit => ({
+  ...o,
+  distance: clamp(o.distance / times, NEAREST, FARTHEST),
+});
 
 /** Move what is looked at to the right and up, in heights of the screen. */
 export function moved(o: Orbit, right: number, up: number): Orbit {

@@ -20,7 +20,9 @@ export interface Ray {
 }
 
 export function raysOf(table: Columns): Ray[] {
-  const columns = NODES.map((node) => ["x", "y", "z"].map((axis) => table.column(`${node}_${axis}`)));
+  const columns = NODES.map((node) =>
+    ["x", "y", "z"].map((axis) => table.column(`${node}_${axis}`)),
+  );
   const at = (name: string, i: number): number => table.column(name)[i];
   return Array.from({ length: table.rows }, (_, index): Ray => {
     const all = columns.map((c): Vec3 => [c[0][index], c[1][index], c[2][index]]);
@@ -41,14 +43,23 @@ export function raysOf(table: Columns): Ray[] {
 const near0 = (mm: number): number => (Math.abs(mm) < 1e-6 ? 0 : mm);
 
 /** The ray that passes nearest to a place on the screen, px, if one does within some px. */
-export function nearest(rays: Ray[], matrix: Matrix, [width, height]: readonly [number, number], [x, y]: readonly [number, number], within: number): Ray | null {
+export function nearest(
+  rays: Ray[],
+  matrix: Matrix,
+  [width, height]: readonly [number, number],
+  [x, y]: readonly [number, number],
+  within: number,
+): Ray | null {
   let [best, found]: [number, Ray | null] = [within, null];
   for (const ray of rays) {
     const places = ray.nodes.map((node) => transformed(matrix, node));
     for (let i = 0; i + 1 < places.length; i++) {
       const ends = inFront(places[i], places[i + 1]);
       if (!ends) continue;
-      const [a, b] = ends.map(([u, v, , w]) => [(u / w + 1) * (width / 2), (1 - v / w) * (height / 2)]);
+      const [a, b] = ends.map(([u, v, , w]) => [
+        (u / w + 1) * (width / 2),
+        (1 - v / w) * (height / 2),
+      ]);
       const distance = apart([x, y], a, b);
       if (distance < best) [best, found] = [distance, ray];
     }

@@ -3,7 +3,9 @@ import type { Vec3 } from "./vectors";
 
 const SECTORS = 72;
 const CORNER = 6; // numbers of a corner of a triangle
-const [COSINES, SINES] = [Math.cos, Math.sin].map((f) => Float64Array.from({ length: SECTORS + 1 }, (_, k) => f((2 * Math.PI * k) / SECTORS)));
+const [COSINES, SINES] = [Math.cos, Math.sin].map((f) =>
+  Float64Array.from({ length: SECTORS + 1 }, (_, k) => f((2 * Math.PI * k) / SECTORS)),
+);
 const SMOOTH = Math.cos((32 * Math.PI) / 180); // edges that bend less are rounded
 
 /** Triangles of a part: per corner a place and the direction square to the surface. */
@@ -29,14 +31,23 @@ export function revolved(profile: Columns, frame: Frame): Mesh {
   const strips = Array.from({ length: profile.rows - 1 }, (_, i) => {
     const own = squareTo(r, z, i);
     if (!own) return null;
-    const [before, after] = [i - 1, i + 1].map((j) => between(own, j >= 0 && j + 1 < profile.rows ? squareTo(r, z, j) : null));
+    const [before, after] = [i - 1, i + 1].map((j) =>
+      between(own, j >= 0 && j + 1 < profile.rows ? squareTo(r, z, j) : null),
+    );
     return [ring(frame, r[i], z[i], before), ring(frame, r[i + 1], z[i + 1], after)];
   }).filter((strip) => strip !== null);
   const mesh = new Float32Array(strips.length * SECTORS * 6 * CORNER);
   let at = 0;
   for (const [low, high] of strips)
     for (let k = 0; k < SECTORS; k++)
-      for (const [from, turn] of [[low, k], [high, k], [high, k + 1], [low, k], [high, k + 1], [low, k + 1]] as const) {
+      for (const [from, turn] of [
+        [low, k],
+        [high, k],
+        [high, k + 1],
+        [low, k],
+        [high, k + 1],
+        [low, k + 1],
+      ] as const) {
         mesh.set(from.subarray(CORNER * turn, CORNER * (turn + 1)), at);
         at += CORNER;
       }
@@ -61,7 +72,12 @@ function between(own: Flat, other: Flat | null): Flat {
 }
 
 /** A point of a profile all around: places, and directions square to the surface. */
-function ring({ axes: [x, y, z], origin }: Frame, radius: number, height: number, [across, along]: Flat): Float32Array {
+function ring(
+  { axes: [x, y, z], origin }: Frame,
+  radius: number,
+  height: number,
+  [across, along]: Flat,
+): Float32Array {
   const corners = new Float32Array((SECTORS + 1) * CORNER);
   for (let turn = 0; turn <= SECTORS; turn++)
     for (let i = 0; i < 3; i++) {
@@ -74,7 +90,10 @@ function ring({ axes: [x, y, z], origin }: Frame, radius: number, height: number
 
 /** The box that places of meshes fill. */
 export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
-  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  const [low, high] = [
+    [Infinity, Infinity, Infinity],
+    [-Infinity, -Infinity, -Infinity],
+  ];
   for (const mesh of meshes)
     for (let i = 0; i < mesh.length; i += 6)
       for (let k = 0; k < 3; k++) {
@@ -86,9 +105,16 @@ export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
 
 /** The twelve edges of each box, from end to end. */
 export function edgesOf(boxes: Columns): [Vec3, Vec3][][] {
-  const [low, high] = ["0", "1"].map((end) => ["x", "y", "z"].map((axis) => boxes.column(axis + end)));
+  const [low, high] = ["0", "1"].map((end) =>
+    ["x", "y", "z"].map((axis) => boxes.column(axis + end)),
+  );
   return Array.from({ length: boxes.rows }, (_, i) => {
-    const corner = (bits: number): Vec3 => [0, 1, 2].map((k) => (bits & (1 << k) ? high : low)[k][i]) as unknown as Vec3;
-    return [0, 1, 2].flatMap((k) => [0, 1, 2, 3, 4, 5, 6, 7].filter((bits) => !(bits & (1 << k))).map((bits): [Vec3, Vec3] => [corner(bits), corner(bits | (1 << k))]));
+    const corner = (bits: number): Vec3 =>
+      [0, 1, 2].map((k) => (bits & (1 << k) ? high : low)[k][i]) as unknown as Vec3;
+    return [0, 1, 2].flatMap((k) =>
+      [0, 1, 2, 3, 4, 5, 6, 7]
+        .filter((bits) => !(bits & (1 << k)))
+        .map((bits): [Vec3, Vec3] => [corner(bits), corner(bits | (1 << k))]),
+    );
   });
 }

@@ -23,10 +23,14 @@ const STANDING = ["soft", 0.4, 0] as const; // what holds or hides: camera, rod,
 const [REACH, TOUCH_REACH] = [9, 18]; // px within which a ray is picked
 const [GROWN, AWAY] = [1.7, 0.3]; // a sensor that is so many times as large or small, or this share of it away, is looked at anew
 const FIRST: Orbit = { target: [0, 0, 0], distance: 400, around: -1.15, above: -0.14 };
-const [SIDE, ABOVE] = [{ around: -Math.PI / 2, above: 0 }, { around: -Math.PI / 2, above: Math.PI / 2 }];
+const [SIDE, ABOVE] = [
+  { around: -Math.PI / 2, above: 0 },
+  { around: -Math.PI / 2, above: Math.PI / 2 },
+];
 const ROOM_ABOVE = 0.32; // radians from which a room is seen at least
 const ROOM_SHARE = 0.62; // of the distance from which all of a room is seen: its near walls may be cut
-const KEYS = "Arrow keys turn it, with Shift they move it; plus and minus enlarge it; Page Up and Page Down read rays.";
+const KEYS =
+  "Arrow keys turn it, with Shift they move it; plus and minus enlarge it; Page Up and Page Down read rays.";
 
 /** A sensor in space: its parts, its rays, and the room around it; drawn when something has changed. */
 export class SpaceView {
@@ -40,19 +44,34 @@ export class SpaceView {
   private readonly readout = h("output", { className: "readout" });
   private readonly around = h("input", { type: "checkbox", name: "Rays all round" });
   private found: Answered | null = null;
-  private bounds: [Vec3, Vec3] = [[0, 0, 0], [0, 0, 0]];
+  private bounds: [Vec3, Vec3] = [
+    [0, 0, 0],
+    [0, 0, 0],
+  ];
   private isDue = false;
 
-  constructor(private readonly host: Host, gl: WebGL2RenderingContext) {
+  constructor(
+    private readonly host: Host,
+    gl: WebGL2RenderingContext,
+  ) {
     this.canvas = gl.canvas as HTMLCanvasElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", `The sensor in space. ${KEYS}`);
     this.drawing = new Drawing(gl);
-    const look = { orbit: () => this.orbit, look: (from: Orbit) => this.look(from), fit: () => this.fit() };
-    new Gestures(this.canvas, { ...look, pick: (x, y, isTouch) => this.pick(x, y, isTouch), step: (by) => this.step(by) });
+    const look = {
+      orbit: () => this.orbit,
+      look: (from: Orbit) => this.look(from),
+      fit: () => this.fit(),
+    };
+    new Gestures(this.canvas, {
+      ...look,
+      pick: (x, y, isTouch) => this.pick(x, y, isTouch),
+      step: (by) => this.step(by),
+    });
     this.around.addEventListener("change", () => this.show(this.found!));
-    const button = (text: string, title: string, act: () => void): HTMLElement => h("button", { type: "button", className: "small", title, onclick: act }, text);
+    const button = (text: string, title: string, act: () => void): HTMLElement =>
+      h("button", { type: "button", className: "small", title, onclick: act }, text);
     const buttons = [
       button("Sensor", "All of the sensor (Home)", () => this.fit()),
       button("From the side", "Level with it", () => this.fit(SIDE)),
@@ -62,7 +81,15 @@ export class SpaceView {
       button("‹ Ray", "Read the ray before (Page Up)", () => this.step(-1)),
       button("Ray ›", "Read the next ray (Page Down)", () => this.step(1)),
     ];
-    host.place.replaceChildren(this.canvas, this.readout, h("div", { className: "row", role: "group", "aria-label": "How it is looked at" }, ...buttons));
+    host.place.replaceChildren(
+      this.canvas,
+      this.readout,
+      h(
+        "div",
+        { className: "row", role: "group", "aria-label": "How it is looked at" },
+        ...buttons,
+      ),
+    );
     new ResizeObserver(() => this.due()).observe(this.canvas);
   }
 
@@ -76,7 +103,8 @@ export class SpaceView {
     this.drawing.setBodies(bodies);
     this.measure(boundsOf(bodies.map((b) => b.mesh)));
     this.rays = raysOf(table).filter((ray) => this.around.checked || ray.isForward);
-    if (this.picked) this.picked = this.rays.find((ray) => ray.index === this.picked!.index) ?? null;
+    if (this.picked)
+      this.picked = this.rays.find((ray) => ray.index === this.picked!.index) ?? null;
     this.drawLines();
   }
 
@@ -86,7 +114,14 @@ export class SpaceView {
     const names = partsOf(this.found).map(({ name }) => name);
     const [low, high] = this.bounds;
     const angles = this.rays.map((ray) => ray.omega);
-    this.canvas.setAttribute("aria-label", `The sensor in space: ${names.join(", ")}, ${add(high, low, -1).map((mm) => words(mm, 3)).join(" by ")} mm, with ${this.rays.length} rays of field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `The sensor in space: ${names.join(", ")}, ${add(high, low, -1)
+        .map((mm) => words(mm, 3))
+        .join(
+          " by ",
+        )} mm, with ${this.rays.length} rays of field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`,
+    );
   }
 
   look(from: Orbit): void {
@@ -102,7 +137,11 @@ export class SpaceView {
   private fitRoom(): void {
     const room = this.found?.block("room");
     if (!room) return;
-    const corner = (end: string): Vec3 => [room.column(`x${end}`)[0], room.column(`y${end}`)[0], room.column(`z${end}`)[0]];
+    const corner = (end: string): Vec3 => [
+      room.column(`x${end}`)[0],
+      room.column(`y${end}`)[0],
+      room.column(`z${end}`)[0],
+    ];
     const orbit = { ...this.orbit, above: Math.max(ROOM_ABOVE, this.orbit.above) };
     const whole = fitting(orbit, corner("0"), corner("1"), this.aspect());
     this.look({ ...whole, distance: ROOM_SHARE * whole.distance });
@@ -120,7 +159,15 @@ export class SpaceView {
 
   private pick(x: number, y: number, isTouch: boolean): void {
     const { clientWidth, clientHeight } = this.canvas;
-    this.read(nearest(this.rays, matrixOf(this.orbit, this.aspect()), [clientWidth, clientHeight], [x, y], isTouch ? TOUCH_REACH : REACH));
+    this.read(
+      nearest(
+        this.rays,
+        matrixOf(this.orbit, this.aspect()),
+        [clientWidth, clientHeight],
+        [x, y],
+        isTouch ? TOUCH_REACH : REACH,
+      ),
+    );
   }
 
   private step(by: number): void {
@@ -135,16 +182,27 @@ export class SpaceView {
   }
 
   private drawLines(): void {
-    this.readout.textContent = this.picked?.words ?? "Click a ray to read it; drag to turn, with Shift to move.";
+    this.readout.textContent =
+      this.picked?.words ?? "Click a ray to read it; drag to turn, with Shift to move.";
     const [hidden, ray, ink, soft] = ["bad", "accent", "ink", "soft"].map((name) => inkOf(name));
     const of = (each: Ray): Line[] => {
       const isPicked = each === this.picked;
-      const look = { ink: isPicked ? ink : faded(each.isHidden ? hidden : ray, 0.75), width: isPicked ? 2.6 : 1.3 };
+      const look = {
+        ink: isPicked ? ink : faded(each.isHidden ? hidden : ray, 0.75),
+        width: isPicked ? 2.6 : 1.3,
+      };
       return each.nodes.slice(1).map((to, i) => ({ from: each.nodes[i], to, ...look }));
     };
-    const boxes = edgesOf(this.found!.block("room")!).flatMap((edges, i) => edges.map(([from, to]): Line => ({ from, to, ink: faded(soft, i ? 0.4 : 0.8), width: 1 })));
+    const boxes = edgesOf(this.found!.block("room")!).flatMap((edges, i) =>
+      edges.map(([from, to]): Line => ({ from, to, ink: faded(soft, i ? 0.4 : 0.8), width: 1 })),
+    );
     const met = this.picked?.nodes[this.picked.mirror];
-    this.drawing.setLines([...boxes, ...this.rays.flatMap(of), ...(this.picked ? of(this.picked) : []), ...(met ? [{ from: met, to: met, ink, width: 8 }] : [])]);
+    this.drawing.setLines([
+      ...boxes,
+      ...this.rays.flatMap(of),
+      ...(this.picked ? of(this.picked) : []),
+      ...(met ? [{ from: met, to: met, ink, width: 8 }] : []),
+    ]);
     this.due();
   }
 
@@ -165,20 +223,36 @@ export class SpaceView {
   draw(): void {
     const { canvas, orbit } = this;
     const dots = devicePixelRatio;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((px) => Math.max(1, Math.round(px * dots)));
-    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    this.drawing.draw({ matrix: matrixOf(orbit, this.aspect()), eye: axesOf(orbit).eye, near: nearOf(orbit), ground: inkOf("panel"), dots });
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((px) =>
+      Math.max(1, Math.round(px * dots)),
+    );
+    if (canvas.width !== width || canvas.height !== height)
+      [canvas.width, canvas.height] = [width, height];
+    this.drawing.draw({
+      matrix: matrixOf(orbit, this.aspect()),
+      eye: axesOf(orbit).eye,
+      near: nearOf(orbit),
+      ground: inkOf("panel"),
+      dots,
+    });
     this.frames++;
   }
 }
 
 /** The parts of an answer: their names, and their profiles. */
-const partsOf = (found: Answered): { name: string; block: string }[] => found.blocks.filter((b) => b.name.startsWith("part ")).map(({ name }) => ({ name: name.slice(5), block: name }));
+const partsOf = (found: Answered): { name: string; block: string }[] =>
+  found.blocks
+    .filter((b) => b.name.startsWith("part "))
+    .map(({ name }) => ({ name: name.slice(5), block: name }));
 
 const bodiesOf = (found: Answered): Body[] =>
   partsOf(found).map(({ name, block }) => {
     const [ink, alpha, shine] = LOOKS[name] ?? STANDING;
-    return { mesh: revolved(found.block(block)!, frameOf(found.block(`frame ${name}`)!)), ink: faded(inkOf(ink), alpha), shine };
+    return {
+      mesh: revolved(found.block(block)!, frameOf(found.block(`frame ${name}`)!)),
+      ink: faded(inkOf(ink), alpha),
+      shine,
+    };
   });
 
 const faded = ([r, g, b]: Ink, alpha: number): Ink => [r, g, b, alpha];

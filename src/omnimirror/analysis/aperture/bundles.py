@@ -52,15 +52,23 @@ class Bundles:
     density: Array
     """(k, n) light through equal parts of the aperture from a point object, its mean 1."""
     passes: Mask
-    """(k, n) False for rays that would need a mirror beyond the rim."""
+    """(k, n) False for rays that an edge blocks: see :meth:`clearances`."""
     chief: Specular
     """The chief rays (k,)."""
     seen_at: Array
     """(k, n, 3) points that the lens looks at: the mirror points, or those of a second mirror."""
+    to_targets: Array
+    """(k, n, 3) unit vectors from the mirror points into the world."""
 
     def focused_at(self, focus_mm: float) -> Sensor:
         """The sensor with its lens focused elsewhere."""
         return replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
+
+    def clearances(self) -> dict[str, Array]:
+        """Return the clearance (k, n), mm, of the rays at every edge, by its name."""
+        shape = self.path.shape
+        flat = (a.reshape(-1, 3) for a in (self.seen_at, self.points, self.to_pupils, self.to_targets))
+        return {name: edge.reshape(shape) for name, edge in self.sensor.optical_train.clearances(*flat).items()}
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
@@ -155,11 +163,14 @@ def trace_bundles(
             f"{_named(omega, azimuth, whole)} is not seen through all of the aperture, which is too wide for the mirror"
         )
     mean = density @ pupil.weights
-    return Bundles(
+    bundles = Bundles(
         sensor, omega, azimuth, p, pupil,
         found.points.reshape(k, n, 3), found.to_pupils.reshape(k, n, 3), found.path.reshape(k, n),
         density / mean[:, None], found.valid.reshape(k, n), chief, found.seen_at.reshape(k, n, 3),
+        found.to_targets.reshape(k, n, 3),
     )  # fmt: skip
+    clear = [edge >= 0 for edge in bundles.clearances().values()]
+    return replace(bundles, passes=np.logical_and.reduce([bundles.passes, *clear]))
 
 
 def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: Array) -> tuple[Specular, Array]:

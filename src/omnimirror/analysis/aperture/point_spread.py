@@ -196,9 +196,10 @@ def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
     y = np.cos(psi)
     t, s = np.sin(psi)[:, None] * x, np.broadcast_to(y[:, None], (nodes, nodes))
     area = np.pi / (nodes + 1) * np.sin(psi)[:, None] ** 2 * weight
-    phase, amplitude = wave.phase_and_amplitude(np.stack([t, s], axis=-1).reshape(-1, 2), SOFT / nodes)
+    points = np.stack([t, s], axis=-1).reshape(-1, 2)
+    phase, amplitude = wave.phase_and_amplitude(points, SOFT / nodes)
     field = (area.ravel() * amplitude * np.exp(1j * k * phase)).reshape(nodes, nodes)
-    power = float(area.ravel() @ amplitude**2)
+    power = float(area.ravel() @ wave.light(points, SOFT / nodes))
     rows = np.empty((nodes, len(offset_mm)), dtype=complex)
     for i in range(nodes):  # along t, whose nodes differ from row to row
         rows[i] = np.einsum("j,jn->n", field[i], _powers(k * t[i] / (2 * F_t), offset_mm))

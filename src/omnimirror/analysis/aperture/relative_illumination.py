@@ -39,7 +39,7 @@ class Illumination(Recorded):
     reflectance: Array
     """(k,) mean R(gamma) over the aperture, of the light that the mirror catches."""
     filled: Array
-    """(k,) share of the aperture that the mirror fills; below 1 next to the rim."""
+    """(k,) unvignetted share of the aperture; below 1 where the rim, the lens or the housing blocks rays."""
 
     def records(self) -> list[dict[str, float]]:
         """One record per field angle."""
@@ -59,11 +59,11 @@ def illumination(
     """Illumination over the field: ``E = L T integral of R(gamma) cos^4 dA / b0^2`` over the aperture.
 
     The angle of the cosine is that of each ray at the imager, and R that at the mirror: rays are traced from the
-    pixel outwards through every part of the aperture, a flat disk as everywhere here, and those that miss the mirror
-    bring nothing. On the axis this is ``pi L T R sin^2(u)`` with ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine
-    condition has ``sin(u) = 1/(2 F_w)`` instead and gets 1/(4 F_w^2) of it more: 1.4 % at F/4, 11 % at F/1.4.
-    Radiance is conserved by mirrors, so the image area of a degree (the paper's Ds) does not enter. What a cover throws
-    back (Fresnel's formulas, both sides) is lost.
+    pixel outwards through every part of the aperture, a flat disk as everywhere here; those that miss the mirror or
+    that lens or housing block contribute nothing. On the axis this is ``pi L T R sin^2(u)`` with
+    ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine condition has ``sin(u) = 1/(2 F_w)`` instead and gets
+    1/(4 F_w^2) of it more: 1.4 % at F/4, 11 % at F/1.4. Radiance is conserved by mirrors, so the image area of a
+    degree (the paper's Ds) does not enter. What a cover reflects (Fresnel's formulas, both sides) is lost.
 
     Parameters
     ----------
@@ -122,12 +122,15 @@ def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflecti
     """Light, reflectance and share of the aperture (k,) that reach image points (k, 2) mm, each summed over it."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
-    found = sensor.optical_train.posed_mirror.trace(*sensor.optical_train.rays_of_image(image, aperture))
+    train = sensor.optical_train
+    start, towards = train.rays_of_image(image, aperture)
+    found = train.posed_mirror.trace(start, towards)
+    passes = train.passes(start, towards, found)
     cos_gamma = np.clip(np.einsum("ni,ni->n", found.directions, found.normals), -1, 1)
-    gamma = np.where(found.valid, np.arccos(cos_gamma), 0.0)
-    reflected = np.where(found.valid, reflectance(gamma, reflectivity), 0.0)
+    gamma = np.where(passes, np.arccos(cos_gamma), 0.0)
+    reflected = np.where(passes, reflectance(gamma, reflectivity), 0.0)
     light = reflected * sensor.lens.falloff(image, aperture)
     if (shell := sensor.obstructions.housing.shell) is not None:
-        hit = found.valid
+        hit = passes
         light[hit] *= let_out(shell, found.points[hit], found.directions[hit]).passed
-    return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, found.valid))  # type: ignore[return-value]
+    return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, passes))  # type: ignore[return-value]

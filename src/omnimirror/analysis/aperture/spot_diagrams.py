@@ -35,7 +35,7 @@ class Spots(Recorded):
     s_px: Array
     """(k, m, n)"""
     weights: Array
-    """(k, n) share of the light in each ray, together 1; 0 for rays that miss the mirror."""
+    """(k, n) share of the light in each ray, together 1; 0 for blocked rays, NaN for an object whose rays all are."""
     chief_px: Array
     """(k, m) distance from the optical axis of where the chief ray lands."""
 
@@ -50,7 +50,7 @@ class Spots(Recorded):
 
     @property
     def filled(self) -> Array:
-        """Share (k,) of the aperture that the mirror fills."""
+        """Unvignetted share (k,) of the aperture: of rays that mirror, lens and housing let through."""
         share: Array = self.bundles.passes @ self.bundles.pupil.weights
         return share
 
@@ -100,7 +100,8 @@ class Spots(Recorded):
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
-        mean: Array = np.einsum("kn,kmn->km", self.weights, values)
+        # rays that miss a surface of the lens land nowhere and have no weight
+        mean: Array = np.einsum("kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0))
         return mean
 
 
@@ -167,6 +168,6 @@ def spots(
         heights.append(np.hypot(*chief.T) / pitch)
     t, s = np.stack(across, axis=2)
     weights = bundles.density * bundles.pupil.weights * bundles.passes
-    return Spots(
-        bundles, focus, t, s, weights / weights.sum(axis=1, keepdims=True), np.stack(heights, axis=1)
-    )  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        weights = weights / weights.sum(axis=1, keepdims=True)
+    return Spots(bundles, focus, t, s, weights, np.stack(heights, axis=1))

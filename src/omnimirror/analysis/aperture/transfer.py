@@ -189,7 +189,10 @@ def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: fl
             ends.append(wave.phase_and_amplitude(_points(place, axis), SOFT / nodes))
         (W1, A1), (W2, A2) = ends
         otf[i] = (area.ravel() * A1 * A2) @ np.exp(2j * np.pi / wavelength_mm * (W1 - W2))
-    otf /= _all_light(wave, nodes, axis)
+    # a copy shifted by less than the width of the softened edges overlaps with these, where amplitudes are squared
+    squared, light = _all_light(wave, nodes, axis)
+    apart = np.minimum(shift * nodes / SOFT, 1.0)
+    otf /= squared + (light - squared) * apart
     return otf
 
 
@@ -204,15 +207,16 @@ def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.compl
     return otf
 
 
-def _all_light(wave: Wavefront, nodes: int, axis: int) -> float:
-    """The light through the whole aperture, by the same rule as at a shift of 0."""
+def _all_light(wave: Wavefront, nodes: int, axis: int) -> tuple[float, float]:
+    """Return the integrals of the squared amplitude and of the light, which differ where edges are softened."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     psi = x * np.pi / 2
     along = np.cos(psi)[:, None] * x
     place = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
     area = (np.pi / 2 * weight * np.cos(psi) ** 2)[:, None] * weight
-    _, amplitude = wave.phase_and_amplitude(_points(place, axis), SOFT / nodes)
-    return float(area.ravel() @ amplitude**2)
+    points = _points(place, axis)
+    _, amplitude = wave.phase_and_amplitude(points, SOFT / nodes)
+    return float(area.ravel() @ amplitude**2), float(area.ravel() @ wave.light(points, SOFT / nodes))
 
 
 def _points(place: tuple[Array, Array], axis: int) -> Array:

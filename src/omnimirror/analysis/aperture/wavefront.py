@@ -1,4 +1,4 @@
-"""What the aperture does to the light of one object: phase, landing places, brightness, and what the rim cuts off.
+"""What the aperture does to the light of one object: phase, landing places, brightness, and edges that block light.
 
 Rays through a few hundred points of the aperture are fitted with polynomials, smooth as these functions
 are, and from then on everything can be integrated exactly. The phase is the length of the path of light
@@ -21,13 +21,16 @@ from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
 from .lens_phase import check_wave_is_known, phase_of_real_lens
-from .pupil_fit import DEGREE, FITTED, basis, fit, orders
+from .pupil_fit import DEGREE, FITTED, basis, fit, orders, slopes
 
 Array = NDArray[np.float64]
 
-SOFT = 3.0  # distances of neighbouring nodes over which sums soften the shadow of the rim
+SOFT = 5.0  # over nodes: width of softened edges in radii, the largest distance between neighbouring nodes
+CUT_NODES = 128  # per side, of integrals over an aperture that an edge cuts
+MANY = 4096  # points at which products of matrices are worth their start
+CLEAR_OF = 0.1  # of the range of its clearance: an edge that all rays pass by more does not cut the aperture
 ROUGHEST = 0.02  # of a wavelength of 550 nm: an rms misfit of the phase beyond this is refused
-PHASE, LANDING, RIM, DENSITY = 0, (1, 2), 3, 4  # columns of what is fitted
+PHASE, LANDING, DENSITY, EDGES = 0, (1, 2), 3, 4  # columns of what is fitted; edges from the last on
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,9 @@ class Wavefront:
 
     Attributes
     ----------
-    coefficients : (terms, 5)
-        Of phase W (mm), landing place t and s (mm from the chief ray), distance beyond the rim (mm), and
-        density of light.
+    coefficients : (terms, 4 + edges)
+        Of phase W (mm), landing place t and s (mm from the chief ray), density of light, and the clearance (mm) at
+        each edge that cuts the aperture.
     axes : (2, 2)
         Unit vectors of the tangential and the sagittal direction in the aperture.
     f_numbers
@@ -50,19 +53,24 @@ class Wavefront:
     f_numbers: tuple[float, float]
 
     def at(self, points: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
-        """Phase (n,) mm, landing places (n, 2) mm and light (n,) at points (n, 2) of the disk; none past the rim.
+        """Return phase (n,) mm, landing places (n, 2) mm and light (n,) at points (n, 2) of the disk.
 
-        The rim's shadow may be softened over a part of the aperture's radius, so that sums over points as
-        far apart as that do not jump.
+        No light passes where an edge blocks it. Its shadow may be softened over a part of the aperture's radius, so
+        that sums over points as far apart as that do not jump.
         """
         x, y = self._polynomials(points)
         t, s = (self._value(column, x, y) for column in LANDING)
         return self._value(PHASE, x, y), np.stack([t, s], axis=-1), self._light(x, y, soft)
 
+    def light(self, points: Array, soft: float = 0.0) -> Array:
+        """Return the light (n,) at points (n, 2); its integral over a softened edge is that over a sharp one."""
+        return self._light(*self._polynomials(points), soft)
+
     def phase_and_amplitude(self, points: Array, soft: float = 0.0) -> tuple[Array, Array]:
-        """Phase (n,) mm and amplitude (n,)."""
+        """Return phase (n,) mm and amplitude (n,), whose integral over a softened edge is that over a sharp one."""
         x, y = self._polynomials(points)
-        return self._value(PHASE, x, y), np.sqrt(self._light(x, y, soft))
+        light = np.maximum(self._value(DENSITY, x, y), 0.0)
+        return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
 
     def _polynomials(self, points: Array) -> tuple[Array, Array]:
         """Chebyshev polynomials (n, orders) of the aperture's x and of its y, at tangential and sagittal points."""
@@ -70,37 +78,45 @@ class Wavefront:
         return x, y
 
     def _light(self, x: Array, y: Array, soft: float) -> Array:
-        light = np.maximum(self._value(DENSITY, x, y), 0.0)
-        if not (self.is_cut and soft):
-            return np.where(self._value(RIM, x, y) <= 0, light, 0.0) if self.is_cut else light
-        inside = -self._value(RIM, x, y) / (soft * self._rim_slope)
-        return np.asarray(np.clip(0.5 + inside, 0.0, 1.0) * light)
+        light: Array = np.maximum(self._value(DENSITY, x, y), 0.0) * self._transmission(x, y, soft)
+        return light
+
+    def _transmission(self, x: Array, y: Array, soft: float) -> Array:
+        """Return 1 (n,) where all edges let light pass and 0 where one blocks it, with a ramp over softened edges."""
+        passed = np.ones(len(x))
+        for column, slope in enumerate(self._edge_slopes, start=EDGES):
+            clearance = self._value(column, x, y)
+            passed *= np.clip(0.5 + clearance / (soft * slope), 0.0, 1.0) if soft else clearance >= 0
+        return passed
 
     def _value(self, column: int, x: Array, y: Array) -> Array:
         """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
         square = np.zeros((DEGREE + 1, DEGREE + 1))
         square[orders()] = self.coefficients[:, column]
-        # einsum, and no product of matrices: waking BLAS's threads for so little takes longer
-        value: Array = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", x, square), y)
+        # for few points waking BLAS's threads takes longer than the product
+        along = x @ square if len(x) > MANY else np.einsum("ni,ij->nj", x, square)
+        value: Array = np.einsum("nj,nj->n", along, y)
         return value
 
-    @property
-    def _rim_slope(self) -> float:
-        """How fast (mm) the distance from the rim changes over a radius of the aperture."""
-        i, j = orders()
-        return float(np.hypot(*self.coefficients[(i + j) == 1, RIM]))
-
     @cached_property
+    def _edge_slopes(self) -> list[float]:
+        """How fast (mm) the clearance at each edge changes over a radius of the aperture, where it is near 0."""
+        found = []
+        for column in self.coefficients.T[EDGES:]:
+            by_x, by_y = (rate @ column for rate in slopes())
+            near = np.argsort(np.abs(basis(FITTED.points) @ column))[: len(by_x) // 10]
+            found.append(float(np.sqrt(np.mean(by_x[near] ** 2 + by_y[near] ** 2))))
+        return found
+
+    @property
     def is_cut(self) -> bool:
-        """Whether the rim cuts off some of the aperture."""
-        edge = np.linspace(0, 2 * np.pi, 73)
-        beyond = basis(np.stack([np.cos(edge), np.sin(edge)], axis=-1)) @ self.coefficients[:, RIM]
-        return bool(beyond.max() > 0)
+        """Whether an edge blocks some of the aperture."""
+        return bool(self.coefficients.shape[1] > EDGES)
 
     def nodes(self, wavelength_mm: float) -> int:
         """Nodes per side that integrals over the disk need, for all the waves that cross it."""
         phase = (basis(FITTED.points) @ self.coefficients)[:, 0]
-        return int(np.clip(24 + 2 * np.ptp(phase) / wavelength_mm, 96 if self.is_cut else 32, 400))
+        return int(np.clip(24 + 2 * np.ptp(phase) / wavelength_mm, CUT_NODES if self.is_cut else 32, 400))
 
 
 def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
@@ -116,7 +132,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     chief = bundles.chief_mm(sensor)
     strayed = bundles.image_mm(sensor) - chief[:, None]
     landing = np.einsum("knc,kac->kna", strayed, turn)
-    beyond = sensor.optical_train.seen_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
+    edges = bundles.clearances()
     if isinstance(sensor.lens, FieldLens):
         check_wave_is_known(sensor.lens)
         phase, rough = phase_of_real_lens(bundles, sensor, strayed)
@@ -125,7 +141,8 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
         rough = _misfit(phase)
     found = []
     for i in range(len(chief)):
-        columns = np.column_stack([phase[i], landing[i], beyond[i], bundles.density[i]])
+        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
+        columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
         if not rough[i] <= ROUGHEST * 550e-6:
             raise InvalidParameter(
                 f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
@@ -135,6 +152,17 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
         f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
         found.append(Wavefront(np.einsum("tn,nc->tc", fit(), columns), turn[i], f_numbers))
     return found
+
+
+def _cuts(clearance: Array) -> bool:
+    """Return whether an edge cuts the aperture, by its clearance (n,) at the points that are fitted."""
+    known = clearance[np.isfinite(clearance)]
+    return bool(known.size and known.min() < CLEAR_OF * np.ptp(known))
+
+
+def _bounded(clearance: Array) -> Array:
+    """Return a clearance (n,) of which rays that never meet the edge pass it by as much as the best of the others."""
+    return np.where(np.isposinf(clearance), np.max(clearance, where=np.isfinite(clearance), initial=0.0), clearance)
 
 
 def _misfit(phase: Array) -> Array:

@@ -26,6 +26,8 @@ class VirtualImages(NamedTuple):
     z_t: Array
     x_s: Array
     z_s: Array
+    object_distance: Array = np.array(np.inf)
+    """() or (n,): distance p of the objects from the mirror points, mm."""
 
 
 def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:
@@ -53,7 +55,8 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
         raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
-    return _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
+    images = _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
+    return images._replace(object_distance=p)
 
 
 def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
 from .coddington import VirtualImages, distances_from_lens, virtual_images
 from .focus_merits import FOCUS_MERITS, FocusedBlur, FocusFunction, FocusMerit, Scales, Sides
-from .imaging import imaging_characteristics
+from .imaging import ImagingCharacteristics, imaging_characteristics
 
 Array = NDArray[np.float64]
 
@@ -53,9 +53,29 @@ class FocusStudy:
         return L_t + displaced, L_s + displaced  # m itself holds it under a perspective lens
 
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:
-        """h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""
+        """Return h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""
         scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
         return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
+
+    def imaging(self, sensor: Sensor) -> ImagingCharacteristics:
+        """Return the image (n,) of one degree of the objects, seen from the mirror points at their distance."""
+        return imaging_characteristics(self.rays.omega, *self.heights(sensor), *self._parallax)
+
+    @cached_property
+    def _parallax(self) -> tuple[Array, Array]:
+        """Motion (n,), (n,) of a finite object over that of a distant one: across the ray, and around the axis.
+
+        At a distance D from where the ray begins, ``spread + D Omega'`` and ``x + D sin(Omega)`` per motion of the
+        mirror point and per radian of azimuth, both over the distance p from the mirror point.
+        """
+        rays, p = self.rays, self.images.object_distance
+        near = 1 / p
+        offset = 0.0 if rays.outside is None else rays.outside.reach - rays.outside.inside
+        further = 1 + near * offset
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = further + near * rays.spread() / rays.domega_dx()
+            s = further + near * rays.start[0] / np.sin(rays.omega)
+        return t, np.where(rays.omega == 0.0, t, s)
 
     def ideal_height(self, lens: Lens) -> Array:
         """Image heights (n,) mm under a lens without distortion."""
@@ -99,13 +119,12 @@ class FocusStudy:
         sensor = self.sensor
         if focus_mm != sensor.lens.focus_distance_mm:
             sensor = sensor.with_lens(sensor.lens.focused_at(focus_mm))
-        h, dh = self.heights(sensor)
         pitch = sensor.imager.pitch_mm
         lens = sensor.lens
         focused = lens.focus_coordinate(focus_mm)
         rate = lens.through_focus(focused, self.mode).blur_rate / pitch
         t, s = (w * rate * (focused - v) for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True))
-        imaging, airy = imaging_characteristics(self.rays.omega, h, dh), lens.airy_diameter(self.wavelength_nm) / pitch
+        imaging, airy = self.imaging(sensor), lens.airy_diameter(self.wavelength_nm) / pitch
         return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.own_px(lens))
 
 
@@ -206,7 +225,7 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
     """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
     sensor = study.sensor
-    imaging = imaging_characteristics(study.rays.omega, *study.heights(sensor))
+    imaging = study.imaging(sensor)
     t, s = (study.own_coordinates - middle) / unit
     own_t, own_s = study.own_px(sensor.lens)
     own2 = None if sensor.lens.IS_THIN else (own_t**2, own_s**2)

@@ -23,8 +23,10 @@ class ImagingCharacteristics(NamedTuple):
     """Dw / Dh (Eq. 12)."""
 
 
-def imaging_characteristics(omega: Array, h_px: Array, dh_domega_px: Array) -> ImagingCharacteristics:
-    """Image-forming characteristics from the mapping.
+def imaging_characteristics(
+    omega: Array, h_px: Array, dh_domega_px: Array, parallax_t: Array | float = 1.0, parallax_s: Array | float = 1.0
+) -> ImagingCharacteristics:
+    """Compute image-forming characteristics from the mapping.
 
     Parameters
     ----------
@@ -32,6 +34,9 @@ def imaging_characteristics(omega: Array, h_px: Array, dh_domega_px: Array) -> I
     h_px : (n,) px
         Image height.
     dh_domega_px : (n,) px per radian
+    parallax_t, parallax_s : (n,)
+        Motion of a finite object over that of a distant one, seen from the mirror point at its distance p: across the
+        ray ``1 + cos(gamma)/(cos(beta) p dOmega/dx)``, around the axis ``1 + x/(p sin(Omega))``.
 
     Notes
     -----
@@ -49,5 +54,6 @@ def imaging_characteristics(omega: Array, h_px: Array, dh_domega_px: Array) -> I
     degree = np.pi / 180
     height = dh_domega_px * degree
     with np.errstate(divide="ignore", invalid="ignore"):
-        width = np.where(omega == 0.0, height, h_px * degree / np.sin(omega))
+        width = np.where(omega == 0.0, height, h_px * degree / np.sin(omega)) / parallax_s
+        height = height / parallax_t
         return ImagingCharacteristics(height, width, height * width, width / height)

@@ -48,7 +48,7 @@ class Conversion:
     exact : whether the file has the very numbers of the source
     costs : how far its picture lies from the source's, for points at each distance; of a central camera one row
     viewpoint_mm : where the origin of the file's frame lies in the camera frame of the source
-    notes : what the file does not hold, and which way its frame looks
+    notes : assumptions and contradictions in the source, what the file does not hold, and the direction of its frame
     """
 
     path: Path
@@ -179,7 +179,7 @@ def convert(
         exact = not made.costs
     written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
     content = made.target.layout.write(written, stored.name)
-    notes = tuple(_notes(stored.camera, written, made))
+    notes = (*stored.notes, *_notes(stored.camera, written, made))
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)

@@ -394,10 +394,11 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
     if certain.free:
         notes.append(TOGETHER)
     held = course.held.rms_px if course.held else float("nan")
+    moving = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held > OVERFIT * fit.rms_px:
         notes.append(
             f"The error in pictures left out, {held:.3f} px, is well above that of the fit, {fit.rms_px:.3f} px: the "
-            "model has more freedom than these pictures determine, or takes up that the mirror moved between them."
+            f"model has more freedom than these pictures determine, or takes up that the {moving} moved between them."
         )
     notes += _viewpoint_notes(fit, course.wandering)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in course.failures.items()]

@@ -29,7 +29,7 @@ from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
-from .stillness import SEVERAL, check_still, flipped_pictures
+from .stillness import SEVERAL, check_still, flipped_pictures, reason
 
 THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
 TERMS = "mirror.coefficients"
@@ -294,7 +294,7 @@ def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: Calibration
             robust.again([s for s in robust.sightings if s.name not in odd], loss="cauchy")
         )
         if more := check_still(fit):
-            raise InvalidParameter(f"{listed([*odd, *more])}: {SEVERAL}")
+            raise InvalidParameter(f"{listed([*odd, *more])}: {reason(SEVERAL, fit)}")
     return fit
 
 

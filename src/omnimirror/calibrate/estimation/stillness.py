@@ -35,15 +35,19 @@ WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
 the least share that two centres explain of what all do, where flips are to explain the rest."""
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
 ROUNDING = 1e-9  # of the largest eigenvalue
-MOVED = "the mirror moved against the camera"
+CENTRE = {"mirror": "the mirror's centre", "fisheye": "the optical centre"}
+MOVED = {
+    "mirror": "the mirror moved against the camera",
+    "fisheye": "the lens moved against the image sensor, as by zoom, focus or stabilisation",
+}
 SEVERAL = (
-    f"the mirror's centre in each lies elsewhere than in the other pictures: {MOVED}, or pictures are flipped or cut; "
+    "{centre} in each lies elsewhere than in the other pictures: {moved}, or pictures are flipped or cut; "
     "calibrate them apart"
 )
-ALONE = f"the mirror's centre in it lies {{:.1f}} px from that in the others: {MOVED}, or it is flipped or cut"
+ALONE = "{centre} in it lies {:.1f} px from that in the others: {moved}, or it is flipped or cut"
 GROUPS = (
-    f"the mirror's centre in {{}} lies {{:.1f}} px from that in {{}}: {MOVED} between them, or pictures are flipped or "
-    "cut; calibrate them apart"
+    "{centre} in {} lies {:.1f} px from that in {}: {moved} between them, or pictures are flipped or cut; "
+    "calibrate them apart"
 )
 FLIPPED = "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
 HALF_FLIPPED = (
@@ -75,8 +79,15 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
     second, distance = apart
     names = np.array([s.name for s in adjustment.sightings])
     if second.sum() == 1:
-        return {str(names[second][0]): ALONE.format(distance)}
-    raise InvalidParameter(GROUPS.format(listed(list(names[second])), distance, listed(list(names[~second]))))
+        return {str(names[second][0]): reason(ALONE, adjustment, distance)}
+    smaller, larger = listed(list(names[second])), listed(list(names[~second]))
+    raise InvalidParameter(reason(GROUPS, adjustment, smaller, distance, larger))
+
+
+def reason(sentence: str, adjustment: Adjustment, *values: object) -> str:
+    """Fill in a sentence about centres that differ, for a mirror or for a fisheye."""
+    optics = getattr(adjustment.model, "optics", "mirror")
+    return sentence.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
 
 
 def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:

@@ -1,10 +1,11 @@
 """Camera files of other programs, a format to each file."""
 
-from .base import CameraFormat, Layout, Reading, Stored
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored
 from .registry import FORMATS, read_cameras, register_camera_format, targets_of
 
 __all__ = [
     "FORMATS",
+    "CameraFile",
     "CameraFormat",
     "Layout",
     "Reading",

@@ -13,14 +13,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...camera_models.base import Optics
 from ...cameras import Camera
 from ...errors import SpecError
+from ...files import LARGEST_TEXT, decompressed
 from ...frames import Mount
+from ...numerics.lazy import cached_property
+from .entries import Node, read_json, read_xml, read_yaml
 
 Content = str | bytes
+GZIP = b"\x1f\x8b"
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 NOTHING = 1e-9  # of a parameter's typical change: the rounding of a fit
 ALIKE = {"c": 1.0}  # of what does nothing at another value than 0: OCamCalib's stretch
 
@@ -53,6 +59,21 @@ class Reading:
         """What every model of ours takes that no file says."""
         return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
 
+    def size_in(self, table: Node, name: str) -> tuple[int, int]:
+        """Return the size that a table gives as two numbers, width and height, or the one that was given.
+
+        Raises
+        ------
+        SpecError
+            Neither gives it, or the table's is not valid.
+        """
+        if name not in table:
+            return self.size()
+        entries = table[name].entries()
+        if len(entries) != 2:
+            table[name].refuse("is valid as two numbers, width and height")
+        return entries[0].whole(), entries[1].whole()
+
     def size(self) -> tuple[int, int]:
         """The size of the picture, of a file that does not tell it.
 
@@ -75,6 +96,145 @@ class Stored(NamedTuple):
     name: str
     """What the file calls it: "cam0", "1"; "" where it has no name."""
     camera: Camera
+    notes: tuple[str, ...] = ()
+    """Assumptions that were made to read it, and contradictions in the file."""
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """Content of a camera file, parsed once for all formats.
+
+    Attributes
+    ----------
+    source
+        The file's name, for errors.
+    data
+        Its content; that of a gzip file is decompressed (:meth:`of`).
+    """
+
+    source: str
+    data: bytes
+
+    @classmethod
+    def of(cls, source: str, data: bytes) -> CameraFile:
+        """Take a file's content, decompressed where it is a gzip file, such as OpenCV's ``.yml.gz``.
+
+        Raises
+        ------
+        SpecError
+            The compressed content is damaged or too large.
+        """
+        if data.startswith(GZIP):
+            try:
+                data = decompressed(data, LARGEST_TEXT)
+            except ValueError as problem:
+                raise SpecError(f"cannot read {source}: {problem}") from None
+        return cls(source, data)
+
+    @property
+    def name(self) -> str:
+        """File name without its folder, in lower case."""
+        return Path(self.source).name.lower()
+
+    @property
+    def is_binary(self) -> bool:
+        """Whether the content is not text."""
+        return b"\0" in self.data
+
+    @cached_property
+    def text(self) -> str:
+        """The text.
+
+        Raises
+        ------
+        SpecError
+            It is none.
+        """
+        try:
+            return self.data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        except UnicodeDecodeError:
+            raise SpecError(f"cannot read {self.source}: it is not a text file") from None
+
+    @cached_property
+    def _parsed(self) -> Node | SpecError:
+        """The entries of JSON, XML or YAML, whichever it is, or the reason why there are none."""
+        if self.is_binary:
+            return SpecError(f"cannot read {self.source}: it is not a text file")
+        problem: SpecError | None = None
+        for parse in self._parsers:
+            try:
+                return parse()
+            except SpecError as reason:
+                problem = problem or reason
+        assert problem is not None
+        return problem
+
+    @property
+    def _parsers(self) -> list[Callable[[], Node]]:
+        """Parsers by the first character, in this order; YAML's tables may begin as those of JSON do."""
+
+        def yaml() -> Node:
+            return read_yaml(self._documents[0], self.source)
+
+        match self.data.removeprefix(BYTE_ORDER_MARK).lstrip()[:1]:
+            case b"<":
+                return [lambda: read_xml(self.text, self.source)]
+            case b"{":
+                return [lambda: read_json(self.text, self.source), yaml]
+        return [yaml]
+
+    @cached_property
+    def _documents(self) -> list[str]:
+        """Documents of a YAML text, which lines ``---`` separate, as after each message of ``ros2 topic echo``."""
+        documents: list[list[str]] = [[]]
+        has_begun = False
+        for line in self.text.splitlines():
+            if line.rstrip() in ("---", "...") and has_begun:
+                documents.append([])
+                has_begun = False
+                continue
+            documents[-1].append(line)
+            has_begun = has_begun or bool(line.split("#")[0].strip("- ") and not line.startswith("%"))
+        if len(documents) == 1:
+            return [self.text]
+        texts = ["\n".join(document) + "\n" for document in documents]
+        return [text for i, text in enumerate(texts) if i == 0 or text.strip()]
+
+    @property
+    def entries(self) -> Node:
+        """The entries of the file.
+
+        Raises
+        ------
+        SpecError
+            It is not valid JSON, XML or YAML.
+        """
+        if isinstance(self._parsed, SpecError):
+            raise self._parsed
+        return self._parsed
+
+    @property
+    def table(self) -> Node | None:
+        """The entries, if they have names; None of other content."""
+        is_table = isinstance(self._parsed, Node) and isinstance(self._parsed.value, dict)
+        return self.entries if is_table else None
+
+    def has(self, *names: str) -> bool:
+        """Whether the file is a table with these names."""
+        return self.table is not None and all(name in self.table for name in names)
+
+    @property
+    def problem(self) -> SpecError | None:
+        """Why a file that is JSON, XML or YAML by its beginning or by its name cannot be parsed."""
+        claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
+        return self._parsed if isinstance(self._parsed, SpecError) and claims else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was passed over."""
+        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
+        count = len(self._documents) if several else 1
+        return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
 
 
 @dataclass(frozen=True)
@@ -134,9 +294,9 @@ class CameraFormat:
     title
         In words: "Kalibr camchain YAML".
     recognises
-        Whether a file is one of these, by its name and content.
+        Whether a file is one of these, by its parsed content; a file that several formats recognise is rejected.
     read
-        The cameras of a file's content; raises :class:`SpecError` with the line.
+        Read the cameras of a file; raises :class:`SpecError` with the line.
     layouts
         What can be written, the one that is preferred first, by the name that is asked for.
     names
@@ -144,24 +304,10 @@ class CameraFormat:
     """
 
     title: str
-    recognises: Callable[[str, bytes], bool]
-    read: Callable[[bytes, Reading], list[Stored]]
+    recognises: Callable[[CameraFile], bool]
+    read: Callable[[CameraFile, Reading], list[Stored]]
     layouts: Mapping[str, Layout]
     names: tuple[str, ...] = ()
-
-
-def text_of(data: bytes, source: str) -> str:
-    """The text of a file's content.
-
-    Raises
-    ------
-    SpecError
-        It is none.
-    """
-    try:
-        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError:
-        raise SpecError(f"cannot read {source}: it is not a text file") from None
 
 
 def named(names: Iterable[str], numbers: Iterable[float]) -> dict[str, Any]:

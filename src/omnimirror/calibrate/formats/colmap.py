@@ -16,7 +16,7 @@ from ...arguments import float_of
 from ...camera_models import EnhancedUnified, KannalaBrandt, RationalPinhole, ThinPrismFisheye, Unified
 from ...dewarp.views import sphere
 from ...errors import OmnimirrorError, SpecError
-from .base import CameraFormat, Content, Layout, Reading, Stored, named, row, text_of
+from .base import CameraFile, CameraFormat, Content, Layout, Reading, Stored, named, row
 
 HALF = 0.5  # of a pixel, that COLMAP's pixel centres are further from the picture's corner
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
@@ -63,17 +63,13 @@ NAMES = {kind.number: name for name, kind in KINDS.items()}
 # -- reading -------------------------------------------------------------------------------------------
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The cameras of the file, by their ids."""
-    cameras = _binary(data, reading.source) if _is_binary(data) else _lines(text_of(data, reading.source), reading)
+    cameras = _binary(file.data, file.source) if file.is_binary else _lines(file.text, reading)
     found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
     if not found:
         raise SpecError(f"{reading.source} has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT and parameters")
     return found
-
-
-def _is_binary(data: bytes) -> bool:
-    return b"\0" in data
 
 
 Line = tuple[int, str, tuple[int, int], Numbers, str]
@@ -186,12 +182,16 @@ def _layout(kind: Any, model: str, words: str, extra: frozenset[str], is_binary:
     return Layout(kind, write, words, MATRIX | extra, 90.0, (".bin",) if is_binary else (".txt",))
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether it is a file of cameras by its name, or has a line with one of COLMAP's models."""
-    if _is_binary(data):
+def recognises(file: CameraFile) -> bool:
+    """Check for a binary file with a plausible number of cameras, or a line with one of COLMAP's models."""
+    data = file.data
+    if file.is_binary:
         count = int.from_bytes(data[:8], "little")
-        return name.lower().endswith(".bin") or 0 < count < len(data) / 32
-    return re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M) is not None
+        return file.name.endswith(".bin") or 0 < count < len(data) / 32
+    return (
+        file.table is None
+        and re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M) is not None
+    )
 
 
 LAYOUTS = {

@@ -1,4 +1,4 @@
-"""What stands in a YAML or JSON file, each value with its place, so that an error can name the line."""
+"""Values of a YAML, JSON or XML file, each with its place, so that an error can name the line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...arguments import float_of, shown
 from ...errors import SpecError
-from ...files import MOST_NESTED
+from ...files import TOO_DEEP, compose_yaml, parse_json, parse_xml
 from ...specs.tables import did_you_mean
 
 Array = NDArray[np.float64]
@@ -59,6 +59,13 @@ class Node:
             self.refuse(f"has no {name}, which is needed{did_you_mean(name, self.value)}")
         entry: Node = self.value[name]
         return entry
+
+    def polynomial(self, prefix: str) -> tuple[float, ...]:
+        """Return the coefficients that a mapping names by their powers: p0, p1, ..."""
+        numbers = [self[f"{prefix}0"].number()]
+        while f"{prefix}{len(numbers)}" in self:
+            numbers.append(self[f"{prefix}{len(numbers)}"].number())
+        return tuple(numbers)
 
     # -- values ------------------------------------------------------------------------------------
 
@@ -165,31 +172,14 @@ def read_yaml(text: str, source: str) -> Node:
     >>> read_yaml("cam0:\\n  resolution: [640, 480]\\n", "a.yaml")["cam0"]["resolution"].numbers(2)
     (640.0, 480.0)
     """
-    import yaml
-
     if text.startswith("%YAML:"):  # OpenCV's; the line is kept, for counting
         text = "#" + text
-    try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                line = event.start_mark.line + 1
-                raise SpecError(f"{source} line {line}: references (*{event.anchor}) are not read; write the value out")
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        return Node(None, source) if node is None else _entry(node, source, "")
-    except yaml.MarkedYAMLError as problem:
-        mark = problem.problem_mark or problem.context_mark
-        where = f" line {mark.line + 1}" if mark else ""
-        raise SpecError(f"{source}{where} is not valid YAML: {problem.problem or problem.context}") from None
-    except yaml.YAMLError as problem:
-        raise SpecError(f"{source} is not valid YAML: {' '.join(str(problem).split())[:120]}") from None
-    except RecursionError:
-        raise _too_deep(source) from None
+    node = compose_yaml(text, source)
+    return Node(None, source) if node is None else _entry(node, source, "")
 
 
-def _entry(tree: Any, source: str, name: str, depth: int = 0) -> Node:
-    """The entry of a node of PyYAML's tree; words and numbers stay as they are written."""
-    if depth > MOST_NESTED:
-        raise _too_deep(source)
+def _entry(tree: Any, source: str, name: str) -> Node:
+    """Convert a node of PyYAML's tree; words and numbers stay as they are written."""
     line = tree.start_mark.line + 1
     if tree.id == "mapping":
         pairs = [(str(k.value) if k.id == "scalar" else "?", k, v) for k, v in tree.value]
@@ -197,10 +187,10 @@ def _entry(tree: Any, source: str, name: str, depth: int = 0) -> Node:
         for key, key_node, value in pairs:
             if key in table:
                 raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time")
-            table[key] = _entry(value, source, f"{name}.{key}" if name else key, depth + 1)
+            table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
     if tree.id == "sequence":
-        items = [_entry(v, source, f"{name}[{i}]", depth + 1) for i, v in enumerate(tree.value)]
+        items = [_entry(v, source, f"{name}[{i}]") for i, v in enumerate(tree.value)]
         return Node(items, source, name, line)
     is_empty = tree.style is None and tree.value in ("", "~", "null")
     return Node(None if is_empty else tree.value, source, name, line)
@@ -220,27 +210,63 @@ def read_json(text: str, source: str) -> Node:
     (319.5, 239.5)
     """
     try:
-        return _plain(json.loads(text), source, "")
+        return _plain(parse_json(text), source, "")
     except json.JSONDecodeError as problem:
         raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
-    except RecursionError:
-        raise _too_deep(source) from None
     except ValueError as problem:
-        if isinstance(problem, SpecError):
-            raise
-        raise SpecError(f"{source} holds a whole number of thousands of digits") from None
+        reason = f": {problem}" if str(problem) == TOO_DEEP else " holds a whole number of thousands of digits"
+        raise SpecError(f"{source}{reason}") from None
 
 
-def _plain(value: Any, source: str, name: str, depth: int = 0) -> Node:
-    if depth > MOST_NESTED:
-        raise _too_deep(source)
+def _plain(value: Any, source: str, name: str) -> Node:
     if isinstance(value, dict):
-        table = {k: _plain(v, source, f"{name}.{k}" if name else k, depth + 1) for k, v in value.items()}
+        table = {k: _plain(v, source, f"{name}.{k}" if name else k) for k, v in value.items()}
         return Node(table, source, name)
     if isinstance(value, list):
-        return Node([_plain(v, source, f"{name}[{i}]", depth + 1) for i, v in enumerate(value)], source, name)
+        return Node([_plain(v, source, f"{name}[{i}]") for i, v in enumerate(value)], source, name)
     return Node(value, source, name)
 
 
-def _too_deep(source: str) -> SpecError:
-    return SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid")
+def read_xml(text: str, source: str) -> Node:
+    """Read the entries of an XML text as OpenCV's ``FileStorage`` writes it.
+
+    An element with elements in it is a table, or a list where these are named ``_``; the content of ``data``, and
+    several numbers in a row, are lists; anything else is a word or number.
+
+    Raises
+    ------
+    SpecError
+        It is not valid XML, declares entities, or is nested too deeply.
+
+    Examples
+    --------
+    >>> read_xml("<opencv_storage><xi>1.3</xi><size>4 3</size></opencv_storage>", "a.xml")["size"].numbers(2)
+    (4.0, 3.0)
+    """
+    return _element(parse_xml(text, source), source, "")
+
+
+def _element(element: Any, source: str, name: str) -> Node:
+    """Convert an element of an XML tree."""
+    children = list(element)
+    if children and all(child.tag == "_" for child in children):
+        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
+    if children:
+        table: dict[str, Node] = {}
+        for child in children:
+            if child.tag in table:
+                raise SpecError(f"{source}: {child.tag} stands in {name or 'the file'} a second time")
+            table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
+        return Node(table, source, name)
+    words = (element.text or "").split()
+    if element.tag == "data" or (len(words) > 1 and all(map(_is_number, words))):
+        return Node([Node(w, source, f"{name}[{i}]") for i, w in enumerate(words)], source, name)
+    return Node(" ".join(words).strip('"') or None, source, name)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float_of(word)
+    except ValueError:
+        return False
+    return True

@@ -12,8 +12,8 @@ from typing import Any
 
 from ...camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, Unified
 from ...errors import OmnimirrorError, SpecError
-from .base import CameraFormat, Layout, Reading, Stored, named, row, text_of
-from .entries import Node, read_yaml
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored, named, row
+from .entries import Node
 
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
 RADTAN = frozenset({"k1", "k2", "p1", "p2"})
@@ -25,9 +25,11 @@ DISTORTIONS = {
 }
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The cameras of the chain, in its order; how they stand to each other is left aside."""
-    chain = read_yaml(text_of(data, reading.source), reading.source)
+    chain = file.entries
+    if "camera_model" in chain:  # the camera of a rig alone
+        return [Stored("", _camera(chain, reading))]
     names = [name for name in chain.names() if re.fullmatch(r"cam\d+", name)]
     if not names:
         chain.refuse("it has no camera cam0")
@@ -39,13 +41,11 @@ def _camera(table: Node, reading: Reading) -> Any:
     distortion = "none"
     if "distortion_model" in table:
         distortion = table["distortion_model"].choice(*DISTORTIONS[model])
-    size = table["resolution"].entries()
-    if len(size) != 2:
-        table["resolution"].refuse("is valid as two numbers, width and height")
+    size = reading.size_in(table, "resolution")
     numbers = table["intrinsics"].numbers({"omni": 5, "pinhole": 4}.get(model, 6))
     *law, fu, fv, pu, pv = numbers
     common: dict[str, Any] = {
-        "focal_px": (fu, fv), "centre_px": (pu, pv), "image_size": (size[0].whole(), size[1].whole()), **reading.told,
+        "focal_px": (fu, fv), "centre_px": (pu, pv), "image_size": size, **reading.told,
     }  # fmt: skip
     coefficients = () if distortion == "none" else table["distortion_coeffs"].numbers(4)
     try:
@@ -99,9 +99,12 @@ def write_equi(camera: KannalaBrandt, name: str = "") -> str:
     return _written(camera, "pinhole", (), "equidistant", (camera.k1, camera.k2, camera.k3, camera.k4))
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether it names a camera cam0 and a camera model."""
-    return re.search(rb"^cam\d+\s*:", data, re.M) is not None and b"camera_model" in data
+def recognises(file: CameraFile) -> bool:
+    """Check for a camera cam0 with a camera model, or one camera alone."""
+    if file.table is None:
+        return False
+    cameras = (entry for name, entry in file.table.value.items() if re.fullmatch(r"cam\d+", name))
+    return any("camera_model" in camera for camera in cameras) or file.has("camera_model", "intrinsics")
 
 
 FORMAT = CameraFormat(

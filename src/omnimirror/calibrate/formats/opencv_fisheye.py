@@ -6,21 +6,23 @@ formula itself goes on.
 
 from __future__ import annotations
 
-import re
-
 from ...camera_models import KannalaBrandt
 from ...errors import OmnimirrorError, SpecError
-from .base import CameraFormat, Layout, Reading, Stored, named, text_of
-from .entries import read_yaml
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored, named
+from .entries import Node
 from .opencv_omnidir import camera_matrix, image_size, opencv_matrix
 
 PLACES = frozenset({"fx", "fy", "skew", "cx", "cy", "k1", "k2", "k3", "k4"})
 BEHIND_DEG = 90.0
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of the file."""
-    table = read_yaml(text_of(data, reading.source), reading.source)
+    table = file.entries
+    if "xi" in table:
+        table["xi"].refuse("belongs to a camera of omnidir, and this is read as one of fisheye")
+    if fisheye_model(table) is False:
+        table["fisheye_model"].refuse("= 0 is that of a pinhole camera, and this is read as a fisheye")
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     distortion = table["distortion_coefficients"]
     if len(distortion.flat().entries()) > 4:
@@ -44,14 +46,35 @@ def write(camera: KannalaBrandt, name: str = "") -> str:
     )
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether it has a camera matrix, and nothing that ROS or omnidir write beside one."""
-    others = re.search(rb"^(xi|distortion_model)\s*:", data, re.M)
-    return b"camera_matrix" in data and b"distortion_coefficients" in data and others is None
+def fisheye_model(table: Node) -> bool | None:
+    """Return what the entry ``fisheye_model`` of OpenCV's calibration sample says; None where there is none."""
+    if "fisheye_model" not in table:
+        return None
+    return str(table["fisheye_model"].value).lower() not in ("0", "false", "0.0", "0.")
+
+
+def recognises(file: CameraFile) -> bool:
+    """Check for a camera matrix with four coefficients that are not known to be of another model."""
+    if not is_matrix_with_coefficients(file):
+        return False
+    said = fisheye_model(file.entries)
+    return count_of(file) == 4 if said is None else said
+
+
+def count_of(file: CameraFile) -> int:
+    """Count the distortion coefficients; 0 where these are no list."""
+    numbers = file.entries["distortion_coefficients"].flat().value
+    return len(numbers) if isinstance(numbers, list) else 0
+
+
+def is_matrix_with_coefficients(file: CameraFile) -> bool:
+    """Check for a camera matrix and coefficients, without the entries that ROS or omnidir write beside them."""
+    has_both = file.has("camera_matrix", "distortion_coefficients")
+    return has_both and not (file.has("xi") or file.has("distortion_model"))
 
 
 FORMAT = CameraFormat(
-    "OpenCV fisheye YAML",
+    "OpenCV fisheye FileStorage: k1, k2, k3, k4",
     recognises,
     read,
     {"opencv-fisheye": Layout(KannalaBrandt, write, "Kannala and Brandt's polynomial", PLACES, BEHIND_DEG)},

@@ -6,22 +6,20 @@ OpenCV's other samples use. omnidir has no k3.
 
 from __future__ import annotations
 
-import re
-
 from ...camera_models import Unified
 from ...errors import OmnimirrorError, SpecError
-from .base import CameraFormat, Layout, Reading, Stored, row, text_of
-from .entries import Node, read_yaml
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored, row
+from .entries import Node
 
 PLACES = frozenset({"xi", "fx", "fy", "skew", "cx", "cy", "k1", "k2", "p1", "p2"})
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of the file."""
-    table = read_yaml(text_of(data, reading.source), reading.source)
+    table = file.entries
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k1, k2, p1, p2 = table["distortion_coefficients"].row(4)
-    xi = table["xi"].row(1)[0] if "data" in table["xi"] else table["xi"].number()
+    xi = table["xi"].row(1)[0] if isinstance(table["xi"].value, dict | list) else table["xi"].number()
     size = image_size(table, reading)
     try:
         camera = Unified(xi, focal, centre, size, skew, k1=k1, k2=k2, p1=p1, p2=p2, **reading.told)
@@ -62,13 +60,13 @@ def write(camera: Unified, name: str = "") -> str:
     )
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether it has a camera matrix and xi."""
-    return b"camera_matrix" in data and re.search(rb"^xi\s*:", data, re.M) is not None
+def recognises(file: CameraFile) -> bool:
+    """Check for a camera matrix and xi."""
+    return file.has("camera_matrix", "xi")
 
 
 FORMAT = CameraFormat(
-    "OpenCV omnidir YAML",
+    "OpenCV omnidir FileStorage",
     recognises,
     read,
     {"opencv-omnidir": Layout(Unified, write, "the unified sphere", PLACES)},

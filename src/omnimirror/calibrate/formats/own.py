@@ -7,12 +7,12 @@ from pathlib import Path
 from ...camera_models import RadialModel
 from ...sensor import Sensor
 from ...specs import format_camera, format_sensor, parse_camera
-from .base import CameraFormat, Layout, Reading, Stored, text_of
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera or the sensor; how it stands and what it looks at is in the file itself."""
-    camera = parse_camera(text_of(data, reading.source), reading.source, Path(reading.source).parent)
+    camera = parse_camera(file.text, reading.source, Path(reading.source).parent)
     return [Stored(getattr(camera, "name", ""), camera)]
 
 
@@ -28,7 +28,7 @@ def write_sensor(sensor: Sensor, name: str = "") -> str:
 
 FORMAT = CameraFormat(
     "omnimirror camera or sensor TOML",
-    lambda name, data: name.lower().endswith(".toml"),
+    lambda file: file.name.endswith(".toml"),
     read,
     {
         "camera": Layout(RadialModel, write_camera, "a calibrated model"),

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...arguments import WrongKind, choice, shown
+from ...camera_models import RadialModel
+from ...camera_models.consistency import doubts
 from ...errors import InvalidParameter, SpecError
 from ...files import LARGEST_TEXT, read_bytes
 from ...numerics.registry import Registry
 from ...specs.camera_file import NUMBERS_OF_A_CALIBRATION
-from . import colmap, kalibr, opencv_fisheye, opencv_omnidir, own, ros
-from .base import CameraFormat, Layout, Reading, Stored
-from .scaramuzza import matlab, ocamcalib, py_ocamcalib, py_omnicalib
+from . import basalt, camodocal, colmap, kalibr, opencv_fisheye, opencv_omnidir, opencv_pinhole, own, ros
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored
+from .scaramuzza import matlab, multicol, ocamcalib, py_ocamcalib, py_omnicalib
 
 OURS = {
     "ocamcalib": ocamcalib.FORMAT,
@@ -23,6 +25,10 @@ OURS = {
     "matlab": matlab.FORMAT,
     "opencv-omnidir": opencv_omnidir.FORMAT,
     "opencv-fisheye": opencv_fisheye.FORMAT,
+    "opencv-pinhole": opencv_pinhole.FORMAT,
+    "camodocal": camodocal.FORMAT,
+    "multicol": multicol.FORMAT,
+    "basalt": basalt.FORMAT,
     "kalibr": kalibr.FORMAT,
     "ros": ros.FORMAT,
     "colmap": colmap.FORMAT,
@@ -65,7 +71,7 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
     >>> import omnimirror as om
     >>> from omnimirror.calibrate.formats import FORMATS, CameraFormat, Layout
     >>> two = Layout(om.OCam, lambda camera, name: "{} {}".format(*camera.centre_px), "the centre alone")
-    >>> om.register_camera_format("docs", CameraFormat("centre", lambda n, d: False, lambda d, r: [], {"docs": two}))
+    >>> om.register_camera_format("docs", CameraFormat("centre", lambda f: False, lambda f, r: [], {"docs": two}))
     >>> FORMATS["docs"].layouts["docs"].write(om.OCam((-100.0,), (5.0, 4.0), (11, 9)), "")
     '5.0 4.0'
     >>> FORMATS.withdraw("docs")
@@ -104,16 +110,46 @@ def read_cameras(path: str | Path, reading: Reading, name: str | None = None) ->
         raise SpecError(f"there is no camera file {path}") from None
     except OSError as e:
         raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
-    if name is None:
-        name = next((n for n, f in FORMATS.items() if f.recognises(Path(path).name, data)), None)
-    if name is None and NUMBERS_OF_A_CALIBRATION.encode() in data:
+    file = CameraFile.of(str(path), data)
+    name = _recognised(file) if name is None else name
+    stored = FORMATS[name].read(file, reading)
+    return name, [one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading))) for one in stored]
+
+
+def _recognised(file: CameraFile) -> str:
+    """Return the one format that recognises a file.
+
+    Raises
+    ------
+    SpecError
+        None does, or several do.
+    """
+    found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
         raise SpecError(
-            f"{path} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+            f"{file.source} is ambiguous: it can be read as {titles}; "
+            "give its format (from_, on the command line --from)"
         )
-    if name is None:
-        known = "; ".join(f"{n} ({f.title})" for n, f in FORMATS.items())
-        raise SpecError(f"{path} is not recognised as a camera file; say which it is, of {known}")
-    return name, FORMATS[name].read(data, reading)
+    if file.has(NUMBERS_OF_A_CALIBRATION.strip('":')):
+        raise SpecError(
+            f"{file.source} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        )
+    if file.problem:
+        raise file.problem
+    known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
+    raise SpecError(f"{file.source} is not recognised as a camera file; say which it is, of {known}")
+
+
+def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
+    """List contradictions in the numbers of a file of another program, and with what was given."""
+    if name == "omnimirror" or not isinstance(camera, RadialModel):
+        return []
+    (width, height), given = camera.image_size, reading.image_size
+    unused = [] if given in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
+    return [*unused, *doubts(camera)]
 
 
 # -- writing -------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...arguments import checked, choice, file_name, number
 from ...errors import InvalidParameter, MediaError
+from ...escaping import xml_text
 from ...files import replacing
 from .boards import Board, dictionary
 
@@ -276,7 +277,7 @@ def _svg(sheet: BoardSheet) -> str:
     foot = (
         f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" stroke-width="{LINE_MM}"/>'
         f'<text x="{left:.6g}" y="{bottom - 1.5:.6g}" font-family="sans-serif" font-size="{TEXT_MM}">'
-        f"{sheet.words}</text>"
+        f"{xml_text(sheet.words)}</text>"
         if ruler
         else ""
     )

@@ -202,6 +202,18 @@ _OURS: dict[str, Limitable] = {
         _one("dh_domega_px_per_deg", "smallest", lambda f: f.dh, is_scale=True),
         _one("width_px_per_deg", "smallest", lambda f: f.dw, is_scale=True),
         _one("aspect", "smallest", lambda f: f.dw / f.dh),
+        Limitable(
+            QUANTITIES["plane_mm_per_px"],
+            lambda f: (f.plane_t_mm_per_px, f.object_s_mm_per_px),
+            "largest",
+            is_scale=True,
+        ),
+        Limitable(
+            QUANTITIES["cylinder_mm_per_px"],
+            lambda f: (f.cylinder_t_mm_per_px, f.object_s_mm_per_px),
+            "largest",
+            is_scale=True,
+        ),
         _one("viewpoint_spread_mm", "spread", lambda f: f.viewpoint_z),
         _one("area_ratio", "ratio", lambda f: f.dh * f.dw),
         _one("lens_illumination", "smallest", lambda f: f.light),

@@ -67,6 +67,36 @@ class FieldValues(NamedTuple):
     """Of mirror and housing; 0 while a search does not look at that, as are those below."""
     whole_height_mm: Array = NOTHING
     whole_mass_g: Array = NOTHING
+    omega: Array = NOTHING
+    """Field angles, radians."""
+    near: Array = NOTHING
+    """1 over the distance of the objects from the mirror points, 1/mm."""
+
+    @property
+    def plane_t_mm_per_px(self) -> Array:
+        """Tangential length per pixel on a plane perpendicular to the axis through the objects."""
+        cosine = np.cos(self.omega)
+        return self.object_t_mm_per_px / np.where(cosine.real < 0, -cosine, cosine)
+
+    @property
+    def cylinder_t_mm_per_px(self) -> Array:
+        """Tangential length per pixel on a cylinder about the axis through the objects."""
+        return self.object_t_mm_per_px / np.sin(self.omega)
+
+    @property
+    def object_t_mm_per_px(self) -> Array:
+        """Tangential length per pixel across the ray."""
+        return self._length(self.dh)
+
+    @property
+    def object_s_mm_per_px(self) -> Array:
+        """Sagittal length per pixel at the objects."""
+        return self._length(self.dw)
+
+    def _length(self, px_per_deg: Array) -> Array:
+        with np.errstate(all="ignore"):
+            length: Array = np.where(self.near == 0, np.inf, np.radians(1.0) / (self.near * px_per_deg))
+        return length
 
     @property
     def t_deg(self) -> Array:
@@ -158,7 +188,7 @@ def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag
     b0 = camera.image_distance(v)
     return FieldValues(
         t, s, look.dh, look.dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, look.airy_px,
-        look.light, own_t, own_s,
+        look.light, own_t, own_s, omega=o.omega, near=np.broadcast_to(o.near, np.shape(o.omega)),
     )  # fmt: skip
 
 
@@ -170,11 +200,12 @@ def values_of(
     sag: ArrayLike,
     airy_px: ArrayLike,
     own_px: tuple[Array, Array] | None = None,
+    object_distance_mm: ArrayLike = np.inf,
 ) -> FieldValues:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
     Field angles have to grow along the last axis; the numbers (..) are those of :class:`FieldValues`; ``own_px``
-    (.., k) is the blur of a real lens alone.
+    (.., k) is the blur of a real lens alone, ``object_distance_mm`` the distance or distances (k,) of the objects.
     """
     omega = np.radians(result.omega_deg)
     b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
@@ -182,7 +213,8 @@ def values_of(
         return FieldValues(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
             np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), b0, reach, height, airy, light,
-            *(own_px or (0 * airy, 0 * airy)),
+            *(own_px or (0 * airy, 0 * airy)), omega=omega,
+            near=np.broadcast_to(1 / np.asarray(object_distance_mm), omega.shape),
         )  # fmt: skip
 
 
@@ -194,11 +226,11 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     if isinstance(lens, FieldLens):
         real = result.of_lens
         own = real["lens_blur_t_px"], real["lens_blur_s_px"]
-        found = values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own)
+        found = values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own, result.object_distance_mm)
     else:
         b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
         tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
-        found = values_of(result, light_of(tangent), b0, *numbers)
+        found = values_of(result, light_of(tangent), b0, *numbers, None, result.object_distance_mm)
     return with_whole(found, result.sensor)
 
 

@@ -379,9 +379,10 @@ class DesignSpace:
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
         b0, length, height, airy = (v[:, 0] for v in numbers)
+        p = np.repeat(self.problem.distances_mm, self._count(result.h_px))
         if not isinstance(camera, RealCamera):
             light = camera.light(result.h_px / camera.px_per_ray(g.focus))
-            return with_size(values_of(result, light, b0, length, height, airy), self, y, g)
+            return with_size(values_of(result, light, b0, length, height, airy, None, p), self, y, g)
         u = np.tile(np.linspace(0.0, 1.0, self._count(result.h_px)), len(self.problem.distances_mm))
         z = g.M * self.sags(y, g, u)
         found, q = (
@@ -389,7 +390,7 @@ class DesignSpace:
             camera.tables.defocus(g.focus),
         )
         own_t, own_s = (focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s))
-        field = values_of(result, found.light, b0, length, height, airy, (own_t, own_s))
+        field = values_of(result, found.light, b0, length, height, airy, (own_t, own_s), p)
         return with_size(field, self, y, g)
 
     def image(self, g: Given) -> Array:

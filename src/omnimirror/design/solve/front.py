@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...arguments import checked, file_name, instance
 from ...errors import InvalidParameter, OmnimirrorError
-from ...files import parse_json, replacing
+from ...files import check_file, parse_json, replacing
 from ...lenses import BlurMode
 from ...sensor import Sensor
 from ..criteria.merits import merit_named
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 EPOCH = 20  # generations between two files
 FORMAT = 3
+LARGEST_FRONT = 256 << 20  # bytes
+MOST_FRONT_VALUES = 20_000_000  # a short file may declare more than the memory holds
 
 
 @dataclass(frozen=True)
@@ -289,6 +291,10 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any], Generation]:
     import pyarrow.parquet as pq
 
     try:
+        check_file(path, LARGEST_FRONT)
+        metadata = pq.read_metadata(path)
+        if metadata.num_rows * metadata.num_columns > MOST_FRONT_VALUES:
+            raise ValueError
         table = pq.read_table(path)
         about = parse_json(table.schema.metadata[b"omnimirror"])
         tables = about.pop("requirements")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...cameras import AxialSymmetry, Camera, Mask, inside_image
 from ...frames import turned
-from ...native import AxialCamera, backend
+from ...native import AxialCamera, backend, kernel_array
 from ...numerics.lazy import cached_property
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ class RadialTable:
         if not backend.is_compiled:
             return self._project_here(targets, are_points, excess)
         pixels = np.empty((*targets.shape[:-1], 2))
-        rows = np.ascontiguousarray(targets, np.float64).reshape(-1, 3)
+        rows = kernel_array(targets, np.float64).reshape(-1, 3)
         flat = None if excess is None else excess.reshape(-1)
         self._compiled.project(rows, are_points, pixels.reshape(-1, 2), flat)
         return pixels

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ...escaping import plot_text, visible
 from ..style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, new_figure
 
 Array = NDArray[np.float64]
@@ -138,5 +139,5 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
 
 def _short(name: str) -> str:
     """The end of a long name, which tells pictures apart."""
-    stem = name.rsplit("/", 1)[-1]
-    return stem if len(stem) <= 16 else f"…{stem[-15:]}"
+    stem = visible(name.rsplit("/", 1)[-1])
+    return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")

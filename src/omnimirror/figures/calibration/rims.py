@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from ...escaping import plot_text
 from ..style import PAGE, PALETTE, grid_of_axes, new_figure, styled
 
 LARGEST_PX = 1200  # of a side, as it is drawn
@@ -59,4 +60,4 @@ def _draw(ax: Axes, one: DrawnRim) -> None:
     ax.set_xlim(low, width - high)
     ax.set_ylim(height - high, low)
     ax.set_axis_off()
-    ax.set_title(one.title)
+    ax.set_title(plot_text(one.title))

@@ -23,8 +23,8 @@ from ...straighten.border import AskedBorder, BorderColour
 from ...straighten.request import Size
 from ..named_views import check_name
 from ..pinholes import Pinhole, pinhole_of
-from .files import damage_told, reading, rosbags, writing
-from .messages import STATIC, Messages, mirror_in_optical
+from .files import damage_told, is_ros1, reading, rosbags, writing
+from .messages import STATIC, TF, Messages, mirror_in_optical
 from .pictures import COMPRESSED, KINDS, Unpacked, compressed_bytes, picture_of, raw_values
 
 Views: TypeAlias = Mapping[str, View | Callable[[Camera], View]]
@@ -87,7 +87,7 @@ def dewarp_bag(
     source
         A file .mcap, .db3 or .bag, or a folder of rosbag2.
     output
-        A file .mcap or .db3, or a folder that is not there yet.
+        A file .mcap or .db3 (ROS 2), a file .bag (ROS 1), or a new folder (ROS 2).
     camera
         Which took the pictures: a sensor, or a calibrated camera; or a function of the picture's (width, height) in px
         that gives it.
@@ -97,7 +97,8 @@ def dewarp_bag(
     topic
         Of the pictures; not needed where there is one only.
     keep_topics
-        Other topics to pass through: names, or patterns such as ``"/odom*"``.
+        Other topics to copy unchanged: names, or patterns such as ``"/odom*"``; source and output are then of the
+        same ROS version.
     frame
         A frame of the robot that is the mirror's: x forward, y left, z up, from its vertex. By default one is made,
         where the camera's own optical frame (that of the pictures) has it.
@@ -162,10 +163,10 @@ def straighten_bag(
         raise InvalidParameter(f"{output} is the recording to straighten; write to another name")
     with reading(source) as reader:
         pictures = _pictures(reader, chosen.topic, source)
-        others = _others(reader, chosen.keep_topics, source)
+        others = _others(reader, chosen.keep_topics, source, output)
         meter = Meter(progress, pictures.msgcount or None)
         with interrupts.deferred(), writing(output, source) as writer:
-            rig = _Rig(how, chosen, pictures, _Recorder(writer))
+            rig = _Rig(how, chosen, pictures, _Recorder(writer, is_ros1(output)))
             passed = _run(reader, pictures, others, rig, meter, source)
             exit_code = interrupts.exit_code()
     meter.report()
@@ -187,8 +188,8 @@ def _pictures(reader: Any, topic: str | None, source: Path) -> Any:
     return next(iter(shown.values()))
 
 
-def _others(reader: Any, patterns: Iterable[str], source: Path) -> list[Any]:
-    """Connections that are passed through."""
+def _others(reader: Any, patterns: Iterable[str], source: Path, output: Path) -> list[Any]:
+    """Return the connections to copy; messages of ROS 1 and ROS 2 are not converted into each other."""
     found: dict[tuple[str, str], Any] = {}
     for pattern in patterns:
         fit = [c for c in reader.connections if fnmatchcase(c.topic, pattern)]
@@ -196,10 +197,11 @@ def _others(reader: Any, patterns: Iterable[str], source: Path) -> list[Any]:
             there = ", ".join(sorted({c.topic for c in reader.connections}))
             raise InvalidParameter(f"no topic of {source} is called {pattern}; there are {there}")
         found |= {(c.topic, c.msgtype): c for c in fit}
-    if found and not reader.is2:
+    if found and reader.is2 == is_ros1(output):
+        versions = ("ROS 2", "ROS 1", ".bag") if is_ros1(output) is False else ("ROS 1", "ROS 2", ".mcap or .db3")
         raise InvalidParameter(
-            f"{source} is a bag of ROS 1, whose messages ROS 2 reads only converted; leave out what is to be kept, or "
-            "convert it first by rosbags-convert"
+            f"{output} is a bag of {versions[0]}, and the topics to keep are messages of {versions[1]}; "
+            f"write {versions[2]}, keep no topics, or convert {source} with rosbags-convert first"
         )
     return list(found.values())
 
@@ -239,33 +241,54 @@ def _messages(reader: Any, wanted: list[Any], source: Path) -> Any:
         yield found
 
 
-class _Recorder:
-    """Puts messages into a bag, each under its topic."""
+def _store(of_ros1: bool) -> Any:
+    """Return the message types of ROS 1 Noetic, with those of TF, or of ROS 2 Humble."""
+    types = rosbags().typesys
+    store = types.get_typestore(types.Stores.ROS1_NOETIC if of_ros1 else types.Stores.ROS2_HUMBLE)
+    if TF not in store.types:
+        store.register(types.get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+    return store
 
-    def __init__(self, writer: Any) -> None:
-        stores = rosbags().typesys
-        self.messages = Messages(stores.get_typestore(stores.Stores.ROS2_HUMBLE))
+
+class _Recorder:
+    """Writer of messages to a bag of ROS 1 or ROS 2, one connection per topic."""
+
+    def __init__(self, writer: Any, of_ros1: bool) -> None:
+        self.messages = Messages(_store(of_ros1), of_ros1)
         self.topics: dict[str, Any] = {}
         self._writer = writer
 
-    def write(self, topic: str, message: Any, timestamp: int, qos: Sequence[Any] = ()) -> None:
-        """Of our own."""
+    def write(self, topic: str, message: Any, timestamp: int, *, is_latched: bool = False) -> None:
+        """Write a message made by :attr:`messages`."""
         if topic not in self.topics:
+            delivery = {"latching": int(is_latched)} if self.messages.is_ros1 else _quality(is_latched)
             self.topics[topic] = self._writer.add_connection(
-                topic, message.__msgtype__, typestore=self.messages.store, offered_qos_profiles=qos
+                topic, message.__msgtype__, typestore=self.messages.store, **delivery
             )
         elif self.topics[topic].msgtype != message.__msgtype__:
-            raise InvalidParameter(f"the topic {topic} is kept and holds {self.topics[topic].msgtype}; leave it out")
+            raise InvalidParameter(
+                f"the topic {topic} of a view is also kept, with type {self.topics[topic].msgtype}; do not keep it"
+            )
         self._writer.write(self.topics[topic], timestamp, self.messages.serialized(message))
 
     def pass_on(self, reader: Any, connection: Any, timestamp: int, data: bytes) -> None:
-        """Of another topic, as it is."""
+        """Write a message of the source unchanged; both bags are of the same ROS version."""
         if connection.topic not in self.topics:
+            if self.messages.is_ros1:
+                as_before = {
+                    "msgdef": connection.msgdef.data, "md5sum": connection.digest,
+                    "callerid": connection.ext.callerid, "latching": connection.ext.latching,
+                }  # fmt: skip
+            else:
+                as_before = {"typestore": reader.typestore, "offered_qos_profiles": connection.ext.offered_qos_profiles}
             self.topics[connection.topic] = self._writer.add_connection(
-                connection.topic, connection.msgtype, typestore=reader.typestore,
-                offered_qos_profiles=connection.ext.offered_qos_profiles,
-            )  # fmt: skip
+                connection.topic, connection.msgtype, **as_before
+            )
         self._writer.write(self.topics[connection.topic], timestamp, data)
+
+
+def _quality(is_latched: bool) -> dict[str, Any]:
+    return {"offered_qos_profiles": [_latched()] if is_latched else ()}
 
 
 class _VirtualCamera(NamedTuple):
@@ -328,7 +351,7 @@ class _Rig:
             child = _frame_of(optical, name)
             transforms.append(make.transform(stamp, mirror, child, pinhole.rotation, pinhole.position_mm))
         if any(camera.pinhole for camera in self._cameras):
-            self.recorder.write(STATIC, make.tree(transforms), timestamp, [_latched()])
+            self.recorder.write(STATIC, make.tree(transforms), timestamp, is_latched=True)
 
 
 def _frame_of(optical: str, name: str) -> str:

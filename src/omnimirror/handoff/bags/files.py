@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import MediaError, OmnimirrorError
-from ...files import MARK
+from ...files import MARK, check_file, compose_yaml, read_text
 
 STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
 """Of single files, by suffix."""
@@ -39,6 +39,7 @@ def rosbags() -> Any:
     """
     try:
         import rosbags.highlevel
+        import rosbags.rosbag1
         import rosbags.rosbag2
         import rosbags.typesys
     except ModuleNotFoundError as e:
@@ -62,10 +63,24 @@ def reading(source: Path) -> Iterator[Any]:
         raise MediaError(f"there is no recording {source}")
     if not is_bag(source):
         raise MediaError(f"{source} is no recording; valid are {', '.join(READABLE)} and rosbag2's folders")
+    _check_files(source)
     stores = library.typesys
     known = stores.get_typestore(stores.Stores.ROS2_HUMBLE)  # bags of SQLite may hold no definitions
     with damage_told(source), library.highlevel.AnyReader([source], default_typestore=known) as reader:
         yield reader
+
+
+def _check_files(source: Path) -> None:
+    """Check that a bag consists of ordinary files, and the size and nesting of its ``metadata.yaml``."""
+    parts = list(source.iterdir()) if source.is_dir() else [source]
+    try:
+        for part in parts:
+            if part.suffix.lower() in READABLE:
+                check_file(part)
+    except OSError as e:
+        raise MediaError(f"cannot read {part}: {e.strerror or e}") from None
+    if source / METADATA in parts:
+        compose_yaml(read_text(source / METADATA, "metadata of the recording", MediaError), str(source / METADATA))
 
 
 @contextmanager
@@ -88,31 +103,39 @@ def is_sqlite(source: Path) -> bool:
     return source.suffix.lower() == ".db3" or any(source.glob("*.db3*"))
 
 
+def is_ros1(path: Path) -> bool:
+    """Return whether a name is that of a ROS 1 bag."""
+    return path.suffix.lower() == ".bag"
+
+
 @contextmanager
 def writing(output: Path, source: Path) -> Iterator[Any]:
-    """An open writer of a bag, which takes its name once the block ends without an error.
+    """Open a writer of a bag; the file takes its name when the block ends without an error.
 
-    A folder is stored as its source is: by SQLite where that is, and otherwise as MCAP.
+    A folder has the storage of its source: SQLite or MCAP. A ``.bag`` is a bag of ROS 1.
 
     Raises
     ------
     OmnimirrorError
-        The folder is there already, or nothing can be written there.
+        The folder exists, or the file cannot be written.
     """
-    library = rosbags().rosbag2
+    library = rosbags()
     storage = STORAGES.get(output.suffix.lower())
-    if output.suffix.lower() == ".bag":
-        raise MediaError(f"{output} is a bag of ROS 1, which is read and not written; write .mcap, .db3 or a folder")
-    if storage is None and output.exists():
-        raise MediaError(f"{output} is there already; recordings in folders are not written over")
+    is_file = storage is not None or is_ros1(output)
+    if not is_file and output.exists():
+        raise MediaError(f"{output} exists; recordings in folders are not overwritten")
     target = Path(os.path.realpath(output))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.stem}{MARK}", dir=target.parent) as folder:
             made = Path(folder) / target.stem
-            plugin = library.StoragePlugin[storage or ("SQLITE3" if is_sqlite(source) else "MCAP")]
-            with library.Writer(made, version=VERSION, storage_plugin=plugin) as writer:
-                yield writer
+            if is_ros1(output):
+                with library.rosbag1.Writer(made) as writer:
+                    yield writer
+            else:
+                plugin = library.rosbag2.StoragePlugin[storage or ("SQLITE3" if is_sqlite(source) else "MCAP")]
+                with library.rosbag2.Writer(made, version=VERSION, storage_plugin=plugin) as writer:
+                    yield writer
             os.replace(made / f"{made.name}{target.suffix.lower()}" if storage else made, target)
     except OSError as e:
         raise OmnimirrorError(f"cannot write {output}: {e.strerror or e}") from None

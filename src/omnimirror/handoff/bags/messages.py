@@ -21,36 +21,45 @@ METRES = 1e-3
 
 
 class Messages:
-    """Makes messages of ROS 2's types.
+    """Factory of messages of ROS 2, or of ROS 1.
 
     Parameters
     ----------
     store
-        A type store of rosbags that knows them.
+        Type store of rosbags.
+    is_ros1
+        Whether messages are serialised for a bag of ROS 1.
     """
 
-    def __init__(self, store: Any) -> None:
-        self.store, self.types = store, store.types
+    def __init__(self, store: Any, is_ros1: bool = False) -> None:
+        self.store, self.types, self.is_ros1 = store, store.types, is_ros1
 
     def serialized(self, message: Any) -> bytes:
-        """The bytes of a message, as a bag holds them."""
-        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
+        """Return the bytes of a message as a bag stores them."""
+        serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
+        return bytes(serialize(message, message.__msgtype__))
 
     def header(self, stamp: Any, frame: str) -> Any:
-        """A header; the stamp is copied, so that it may come from a bag of ROS 1."""
+        """Return a header with a copy of a stamp, which may be of the other ROS version."""
         time = self.types["builtin_interfaces/msg/Time"](sec=stamp.sec, nanosec=stamp.nanosec)
-        return self.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+        sequence = {"seq": 0} if self.is_ros1 else {}
+        return self.types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **sequence)
 
     def camera_info(self, header: Any, pinhole: Pinhole) -> Any:
-        """What ROS knows of a camera: a pinhole without distortion."""
+        """Return the CameraInfo of a pinhole camera without distortion."""
         width, height = pinhole.size
         whole = self.types["sensor_msgs/msg/RegionOfInterest"](
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
+        matrices = {
+            "d": np.zeros(5), "k": pinhole.matrix.ravel(), "r": np.eye(3).ravel(),
+            "p": np.hstack([pinhole.matrix, np.zeros((3, 1))]).ravel(),
+        }  # fmt: skip
+        if self.is_ros1:
+            matrices = {name.upper(): values for name, values in matrices.items()}
         return self.types[INFO](
-            header=header, height=height, width=width, distortion_model="plumb_bob", d=np.zeros(5),
-            k=pinhole.matrix.ravel(), r=np.eye(3).ravel(),
-            p=np.hstack([pinhole.matrix, np.zeros((3, 1))]).ravel(), binning_x=0, binning_y=0, roi=whole,
+            header=header, height=height, width=width, distortion_model="plumb_bob", **matrices, binning_x=0,
+            binning_y=0, roi=whole,
         )  # fmt: skip
 
     def image(self, header: Any, encoding: str, values: NDArray[Any]) -> Any:

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import aclosing, asynccontextmanager
-from html import escape
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, aclosing, asynccontextmanager, contextmanager
 from typing import Any
 from urllib.parse import quote
 
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
-from pydantic import BaseModel, ConfigDict
-from starlette.types import ASGIApp
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ... import __version__
 from ...arguments import shown
-from ...errors import OmnimirrorError
+from ...errors import InvalidParameter, OmnimirrorError
+from ...escaping import html_text
 from ...serving.access import Guard
+from ...serving.bodies import invalid_entry, refuse_invalid_bodies
 from ...serving.limits import Bounded
 from .gateway import Gateway
 from .live_view import STEERING, LiveView
@@ -26,9 +27,13 @@ from .webrtc import Peers
 
 BOUNDARY = "frame"
 MOST_WATCHERS = 64
-"""Of all views together; more would have to wait too long."""
+"""Of all views together, those of WebRTC among them; more would have to wait too long."""
 PATIENCE_S = 15.0
 """For which a picture or a playlist is waited for."""
+BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number")
+"""Kinds of errors about the magnitude of a number."""
+MAX_TILT_DEG = 90.0
+MAX_ZOOM = 1e6
 WAYS = {"mjpg": "MJPEG", "ts": "MPEG-TS", "m3u8": "HLS", "jpg": "a picture"}
 """How a view is watched, by what is put behind its name."""
 
@@ -36,13 +41,13 @@ WAYS = {"mjpg": "MJPEG", "ts": "MPEG-TS", "m3u8": "HLS", "jpg": "a picture"}
 class Steering(BaseModel):
     """Where a view shall look; what is left out stays."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
-    pan_deg: float | None = None
-    tilt_deg: float | None = None
-    roll_deg: float | None = None
-    hfov_deg: float | None = None
-    zoom: float | None = None
+    pan_deg: float | None = Field(None, ge=-360, le=360)
+    tilt_deg: float | None = Field(None, ge=-MAX_TILT_DEG, le=MAX_TILT_DEG)
+    roll_deg: float | None = Field(None, ge=-360, le=360)
+    hfov_deg: float | None = Field(None, gt=-180, lt=180)
+    zoom: float | None = Field(None, gt=0, le=MAX_ZOOM)
     relative: bool = False
     """Whether the angles are added to what they are, and the zoom multiplies it."""
 
@@ -55,6 +60,7 @@ def create_app(gateway: Gateway, token: str | None, publish_to: str | None = Non
 def api(gateway: Gateway, token: str | None = None, publish_to: str | None = None) -> FastAPI:
     """The routes; what a playlist names is asked for with the token."""
     peers = Peers()
+    seats = Seats(peers)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -68,13 +74,11 @@ def api(gateway: Gateway, token: str | None = None, publish_to: str | None = Non
 
     app = FastAPI(title="omnimirror gateway", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None)
 
+    refuse_invalid_bodies(app, _misread)
+
     @app.exception_handler(OmnimirrorError)
     async def refused(request: Request, error: OmnimirrorError) -> Response:
         return JSONResponse({"detail": str(error)}, 400)
-
-    @app.exception_handler(RequestValidationError)
-    async def misread(request: Request, error: RequestValidationError) -> Response:
-        return JSONResponse({"detail": _misread(error)}, 422)
 
     @app.get("/health")
     def health() -> dict[str, str]:
@@ -99,33 +103,70 @@ def api(gateway: Gateway, token: str | None = None, publish_to: str | None = Non
         steered.steer(**wanted(steered, steering))
         return told(steered)
 
-    _add_streams(app, gateway, token)
-    _add_webrtc(app, peers, gateway)
+    _add_streams(app, gateway, token, seats)
+    _add_webrtc(app, peers, gateway, seats)
     return app
 
 
-def _add_streams(app: FastAPI, gateway: Gateway, token: str | None) -> None:
+class Seats:
+    """Clients that watch, counted from when they are admitted, since a stream begins only later."""
+
+    def __init__(self, peers: Peers) -> None:
+        self._peers, self._taken = peers, 0
+
+    def check(self) -> None:
+        """Refuse one more client where no more can watch."""
+        if self._taken + self._peers.count >= MOST_WATCHERS:
+            raise HTTPException(503, f"{MOST_WATCHERS} are watching already, and no more can")
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Hold a seat within the block."""
+        self.check()
+        self._taken += 1
+        try:
+            yield
+        finally:
+            self._taken -= 1
+
+
+class SeatedResponse(StreamingResponse):
+    """Stream that holds a seat from its creation to its end, whether or not its first byte is ever sent."""
+
+    def __init__(self, seats: Seats, content: AsyncIterator[bytes], media_type: str) -> None:
+        super().__init__(content, media_type=media_type)
+        self._seat = ExitStack()
+        self._seat.enter_context(seats.taken())
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._seat:
+            await super().__call__(scope, receive, send)
+
+
+def _add_streams(app: FastAPI, gateway: Gateway, token: str | None, seats: Seats) -> None:
     query = "" if token is None else f"?token={quote(token, safe='')}"  # VLC gives segments no password of its own
 
     @app.get("/{name}.mjpg")
     async def mjpeg(name: str) -> StreamingResponse:
-        return StreamingResponse(
-            _parts(_watchable(gateway, name)), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-        )
+        return SeatedResponse(seats, _parts(_view(gateway, name)), f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     @app.get("/{name}.ts")
     async def transport(name: str) -> StreamingResponse:
-        return StreamingResponse(_watchable(gateway, name).transport.chunks(), media_type="video/mp2t")
+        return SeatedResponse(seats, _view(gateway, name).transport.chunks(), "video/mp2t")
 
     @app.get("/{name}.jpg")
     async def picture(name: str) -> Response:
-        async with _patience(gateway), aclosing(_watchable(gateway, name).jpeg.items()) as pictures:
-            return Response(await anext(pictures), media_type="image/jpeg")
+        view = _view(gateway, name)
+        with seats.taken():
+            async with _patience(gateway), aclosing(view.jpeg.items()) as pictures:
+                return Response(await anext(pictures), media_type="image/jpeg")
 
     @app.get("/{name}.m3u8")
     async def playlist(name: str) -> PlainTextResponse:
-        async with _patience(gateway):
-            text = await _watchable(gateway, name).transport.playlist(name, query)
+        view = _view(gateway, name)
+        with seats.taken():
+            async with _patience(gateway):
+                text = await view.transport.playlist(name, query)
         return PlainTextResponse(text, media_type="application/vnd.apple.mpegurl")
 
     @app.get("/{name}/{number}.ts")
@@ -146,13 +187,14 @@ async def _patience(gateway: Gateway) -> AsyncIterator[None]:
         raise HTTPException(503, gateway.state) from None
 
 
-def _add_webrtc(app: FastAPI, peers: Peers, gateway: Gateway) -> None:
+def _add_webrtc(app: FastAPI, peers: Peers, gateway: Gateway, seats: Seats) -> None:
     """WHEP, as players of WebRTC ask for a stream: an offer by POST, its answer, and DELETE at the end."""
 
     @app.post("/{name}/whep")
     async def answer(name: str, request: Request) -> Response:
-        view = _watchable(gateway, name)
+        view = _view(gateway, name)
         offer = (await request.body()).decode("utf-8", "replace")
+        seats.check()  # without a pause before the peer is counted
         peer, sdp = await peers.answer(view, offer)
         return Response(sdp, 201, {"location": f"/{name}/whep/{peer}"}, "application/sdp")
 
@@ -176,20 +218,16 @@ def _view(gateway: Gateway, name: str) -> LiveView:
         raise HTTPException(404, f"there is no view {name!r}; there are {', '.join(gateway.views)}") from None
 
 
-def _watchable(gateway: Gateway, name: str) -> LiveView:
-    """A view, unless so many are watching already that no more can."""
-    watchers = sum(view.watchers for view in gateway.views.values())
-    if watchers >= MOST_WATCHERS:
-        raise HTTPException(503, f"{watchers} are watching already, and no more can")
-    return _view(gateway, name)
-
-
 def _misread(error: RequestValidationError) -> str:
-    """What is wrong with a body, in a sentence."""
+    """Explain what is wrong with a body or an address."""
+    if error.errors()[0]["loc"][0] != "body":
+        return invalid_entry(error.errors())
     problem, valid = error.errors()[0], ", ".join(Steering.model_fields)
     name = ".".join(str(part) for part in problem["loc"][1:])
     if problem["type"] == "extra_forbidden":
         return f"{name} is not known; valid are {valid}"
+    if name in Steering.model_fields and problem["type"] in BOUNDS:
+        return invalid_entry(error.errors())
     if name in Steering.model_fields:
         kind = "true or false" if name == "relative" else "a number"
         return f"{name} = {shown(problem['input'])} is not {kind}"
@@ -197,11 +235,22 @@ def _misread(error: RequestValidationError) -> str:
 
 
 def wanted(view: LiveView, steering: Steering) -> dict[str, float]:
-    """What is asked of a view, absolute."""
+    """Return the direction, field and zoom that are wanted of a view, as absolute values.
+
+    Raises
+    ------
+    InvalidParameter
+        Steps lead out of the range of a value.
+    """
     asked = steering.model_dump(exclude={"relative"}, exclude_none=True)
     if steering.relative:
         now = told(view)
         asked = {k: now[k] * value if k == "zoom" else now[k] + value for k, value in asked.items() if k in now}
+    for name in ("pan_deg", "roll_deg"):
+        if name in asked and abs(asked[name]) > 360:  # many steps lead around again
+            asked[name] = (asked[name] + 180) % 360 - 180
+    if abs(asked.get("tilt_deg", 0.0)) > MAX_TILT_DEG:
+        raise InvalidParameter(f"tilt_deg must be from -90 to 90; the steps lead to {asked['tilt_deg']:g}")
     return asked
 
 
@@ -222,8 +271,8 @@ def told(view: LiveView) -> dict[str, Any]:
 
 def _page(gateway: Gateway) -> str:
     rows = "".join(
-        f"<li>{escape(name)}: {escape(str(view.view))}: "
-        + ", ".join(f'<a href="{name}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
+        f"<li>{html_text(name)}: {html_text(str(view.view))}: "
+        + ", ".join(f'<a href="{html_text(name)}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
         for name, view in gateway.views.items()
     )
-    return f"<!doctype html><title>omnimirror</title><h1>{escape(gateway.state)}</h1><ul>{rows}</ul>"
+    return f"<!doctype html><title>omnimirror</title><h1>{html_text(gateway.state)}</h1><ul>{rows}</ul>"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -89,6 +90,8 @@ def serve_views(
         raise InvalidParameter("views is empty; it is valid with one at least")
     if token == "":
         raise InvalidParameter("the token is empty; leave it out, or give a word")
+    if token is not None and not re.fullmatch("[!-~]+", token):
+        raise InvalidParameter("token must consist of ASCII letters, digits and signs, without spaces")
     if publish_to is not None:
         stream_format(publish_to)
         if "{view}" not in publish_to:

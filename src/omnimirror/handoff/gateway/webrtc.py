@@ -27,6 +27,11 @@ class Peers:
     def __init__(self) -> None:
         self._peers: dict[str, _Peer] = {}
 
+    @property
+    def count(self) -> int:
+        """Number of peers."""
+        return len(self._peers)
+
     async def answer(self, view: LiveView, offer: str) -> tuple[str, str]:
         """A name for who offers to watch a view, and the answer (SDP).
 
@@ -56,7 +61,9 @@ class Peers:
             await connection.setLocalDescription(await connection.createAnswer())
         except Exception as e:  # of what is no SDP, aiortc raises whatever its parser comes upon
             await self.end(name)
-            raise InvalidParameter(f"the offer cannot be answered: {e or type(e).__name__}") from None
+            raise InvalidParameter(
+                "the offer cannot be answered; it must be the SDP of a player that receives video (m=video, a=recvonly)"
+            ) from e
         return name, connection.localDescription.sdp
 
     async def end(self, name: str) -> None:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...escaping import c_string
 from ...media import write_image
-from ..formats import Deviation, ProgramFormat, filled
+from ..formats import Code, Deviation, ProgramFormat, filled, write_script
 from .fixed_views import ViewMap, check_small
 from .shaders import CARD_PX
 
@@ -24,7 +25,7 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     effect, table = paths
     check_small(view.source_size, "pictures")
     write_image(table, coded(view.straighten))
-    effect.write_text(filled("view.effect.in", table=table.name, **view.words), encoding="utf-8")
+    write_script(effect, filled("view.effect.in", table=Code(c_string(table.name)), **view.words))
     why = "graphics cards know 256 places between pixels, and so does the table"
     return f"{view.sizes}, and a picture of its map", Deviation(ROUNDING_PX + CARD_PX, "px", why)
 

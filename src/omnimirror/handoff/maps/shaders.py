@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats import Deviation, ProgramFormat, filled
+from ..formats import Deviation, ProgramFormat, filled, write_script
 from .fixed_views import ViewMap
 
 CARD_PX = 2.0**-9
@@ -20,7 +20,7 @@ def _writer(template: str) -> Callable[[ViewMap, tuple[Path, ...]], tuple[str, D
         """The shader, and its table: little-endian floats (u, v), row by row from the top."""
         shader, table = paths
         np.nan_to_num(view.straighten, nan=NOWHERE).astype("<f4").tofile(table)
-        shader.write_text(filled(template, table=table.name, **view.words), encoding="utf-8")
+        write_script(shader, filled(template, table=table.name, **view.words))
         return view.sizes, Deviation(CARD_PX, "px", "graphics cards know 256 places between pixels")
 
     return write

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...escaping import visible
 from ...media.pictures.exr import write_channels
 from ..formats import Deviation, ProgramFormat
 from .table import RayTable
@@ -26,7 +27,7 @@ def header_of(table: RayTable) -> dict[str, str | int]:
     """What readers must know of the numbers."""
     width, height = table.image_size
     return {
-        "omnimirror:camera": table.name,
+        "omnimirror:camera": visible(table.name),
         "omnimirror:units": "origin mm, direction of length 1, weight from 0 to 1",
         "omnimirror:frame": FRAME,
         "omnimirror:pixels": "row i, column j: the centre of pixel (j step, i step), whole numbers at pixel centres",

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats import Deviation, ProgramFormat, filled
+from ...escaping import python_string
+from ..formats import Code, Deviation, ProgramFormat, filled, write_script
 from .table import RayTable, deviation_between
 
 
@@ -15,10 +16,8 @@ def _write(table: RayTable, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     each = np.concatenate([table.origins, table.directions, table.weights[..., None]], axis=-1)
     np.save(rays, each.astype(np.float32))
     width, height = table.image_size
-    script.write_text(
-        filled("mitsuba_sensor.py.in", rays=rays.name, width=width, height=height, step=table.step, camera=table.name),
-        encoding="utf-8",
-    )
+    words = {"rays": Code(python_string(rays.name)), "camera": table.name}
+    write_script(script, filled("mitsuba_sensor.py.in", width=width, height=height, step=table.step, **words))
     return "{} x {} rays and the sensor `omnimirror` for scenes in mm".format(*table.size), deviation_between(table)
 
 

@@ -100,7 +100,19 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
 
 
 def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None) -> FieldNodes:
-    """The nodes of a lens's field from the axis to a tangent; ``indices`` are those of the outer wavelengths."""
+    """Return the nodes of a lens's field from the axis to a tangent.
+
+    Parameters
+    ----------
+    traced, end
+    indices
+        Refractive indices in the shortest and the longest wavelength.
+
+    Raises
+    ------
+    InvalidParameter
+        Rays through the edge of the pupil miss a surface.
+    """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)
     height = traced.land(t, y).image[:, 0]
@@ -109,22 +121,39 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         place = np.where(t == 0.0, traced.pupil, -y / t)
     fan = _next_to_chief(traced, t, place)
     focus = fan[0] / fan[2], fan[1] / fan[3]
-    edge = _edges(traced, t, place, focus)
+    whole, edge = _edges(traced, t, place, focus)
     own = _own_blur(traced, t, place, focus, edge)
     area = (edge**2).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         lateral = np.where(t == 0.0, fan[2], height / t)
     light = area / area[0] * (1 + t**2) ** -2 * fan[2][0] ** 2 / (lateral * fan[2])
-    ahead, behind, side = edge[:, 0], edge[:, AZIMUTHS // 2], edge[:, AZIMUTHS // 4]
+    width_t, width_s, shift = _ellipse(edge)
+    stop_t, stop_s, stop_shift = _ellipse(whole)
+    openness = area / (whole**2).mean(axis=1)
     colours = [
         height * 0.0 if index is None else _height_at(traced, index, t, place) - height
         for index in (indices or (None, None))
     ]
+    nodes = FieldNodes(
+        t, height, place, *focus, fan[2], fan[3], width_t, width_s, shift, light, *own,
+        colours[0], colours[1], stop_t, stop_s, stop_shift, openness,
+    )  # fmt: skip
+    finite = np.isfinite(np.stack(nodes)).all(axis=0)
+    if not finite.all():
+        angle = float(np.degrees(np.arctan(t[np.argmin(finite)])))
+        raise InvalidParameter(
+            f"rays through the edge of the pupil must pass all surfaces; some at {angle:.4g} deg miss one. "
+            "Increase f_number or reduce field_max_deg"
+        )
+    return nodes
+
+
+def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
+    """Half widths (n,) in the meridian and across it of edges (n, 16), and the distance of their middle."""
+    ahead, behind, side = edge[:, 0], edge[:, AZIMUTHS // 2], edge[:, AZIMUTHS // 4]
     shift = (ahead - behind) / 2
     shift[0] = 0.0
-    return FieldNodes(
-        t, height, place, *focus, fan[2], fan[3], (ahead + behind) / 2, side, shift, light, *own, *colours
-    )
+    return (ahead + behind) / 2, side, shift
 
 
 def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Array:
@@ -162,8 +191,11 @@ def _through(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array],
     return traced.land(tangent.ravel(), (along - tangent * z).ravel(), (across - lifted * z).ravel(), lifted.ravel())
 
 
-def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -> Array:
-    """The pupil's edge (n, 16) at azimuths from the meridian's upper side, over its radius on the axis."""
+def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the edge (n, 16) of the pupil, over its radius on the axis: that of the stop, and what is open of it.
+
+    Azimuths count from the upper side of the meridian.
+    """
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
 
@@ -178,13 +210,13 @@ def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -
         reach = reach * np.where(np.isfinite(share), share, 0.9)
     open_ = landed(reach).clear.reshape(reach.shape)
     if open_.all():
-        return reach
+        return reach, reach
     low, high = np.where(open_, reach, 0.0), reach
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         passes = landed(middle).clear.reshape(reach.shape)
         low, high = np.where(passes, middle, low), np.where(passes, high, middle)
-    return np.maximum(low, 1e-6)
+    return reach, np.maximum(low, 1e-6)
 
 
 def _own_blur(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array) -> tuple[Array, Array]:

@@ -41,6 +41,8 @@ class Landed(NamedTuple):
     """(n,) whether they pass all clear apertures."""
     on_glass: Mask
     """(n,) whether they pass within all surfaces' edges."""
+    radii: Array
+    """(surfaces, n) mm: distances from the axis at which they meet the surfaces."""
     cosines: Array
     """(n, 2) direction cosines across the axis, at the imager."""
 
@@ -78,7 +80,7 @@ class Sequence:
     stop: int
 
     def paraxial(self) -> Paraxial:
-        """Gaussian optics by matrices of height and slope."""
+        """Compute Gaussian optics with matrices of height and slope; infinities where there is no power."""
         matrix, to_stop = np.eye(2), np.eye(2)
         power = self.curvature + 2 * (self.aspheres[:, 0] if self.aspheres.shape[1] else 0.0)
         for i, c in enumerate(power):
@@ -89,10 +91,10 @@ class Sequence:
             if i < len(power) - 1:
                 matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
         (a, b), (c, d) = matrix
-        focal = -1 / c
-        # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
-        p = to_stop[0, 1] / to_stop[0, 0]
-        return Paraxial(focal, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
+            p = to_stop[0, 1] / to_stop[0, 0]
+            return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
     def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
         """Rays given by places (n, 2) in the plane of the first vertex and slopes (n, 2), by s.
@@ -103,10 +105,12 @@ class Sequence:
         d = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
         d /= np.sqrt(np.einsum("ni,ni->n", d, d))[:, None]
         clear, on_glass, stop = np.ones(len(p), bool), np.ones(len(p), bool), np.empty((len(p), 2))
+        radii = np.empty((len(self.curvature), len(p)))
         with np.errstate(invalid="ignore", divide="ignore"):
             for i in range(len(self.curvature)):
                 p, normal = self._meet(i, p, d)
                 r2 = p[:, 0] ** 2 + p[:, 1] ** 2
+                radii[i] = np.sqrt(r2)
                 clear &= r2 <= self.clear[i] ** 2
                 on_glass &= r2 <= self.edge[i] ** 2
                 if i == self.stop:
@@ -116,7 +120,7 @@ class Sequence:
                 p = p.copy()
                 p[:, 2] -= self.thickness[i] if i < len(self.curvature) - 1 else to_imager
             image = p[:, :2] - (p[:, 2] / d[:, 2])[:, None] * d[:, :2]
-        return Landed(image, stop, clear, on_glass, d[:, :2])
+        return Landed(image, stop, clear, on_glass, radii, d[:, :2])
 
     def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
         """Where (n, 3) rays meet a surface, in the frame of its vertex, and its normals (n, 3) there."""

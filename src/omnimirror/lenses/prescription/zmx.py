@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 
 from ...arguments import shown
 from ...errors import OmnimirrorError, SpecError
+from ...files import LARGEST_TEXT, read_bytes
+from .field_trace import SEARCHED, Traced, chief_heights
 from .files import followed
 from .glasses import Glass, GlassCatalogue, glass_named, model_glass, read_agf
 from .sequence import Sequence
@@ -50,7 +53,8 @@ class _File:
     primary: int = 1
     aperture: tuple[str, float] | None = None
     field_type: int = 0
-    fields: list[float] = field(default_factory=list)
+    field_count: int | None = None
+    fields: dict[str, list[float]] = field(default_factory=dict)
 
     def error(self, sentence: str, line: int | None = None) -> SpecError:
         return SpecError(f"{self.path}{f' line {line}' if line else ''}: {sentence}")
@@ -144,18 +148,45 @@ def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any
         diameter = 2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
     if not (np.isfinite(f) and diameter > 0):
         raise found.error("there is no opening; it is valid with ENPD, FNUM, or the radius of the stop (DIAM)")
-    angles = [abs(v) for v in found.fields]
-    widest = max(angles, default=0.0) if found.field_type == 0 else 0.0
-    limits = {"field_max_deg": min(max(1.05 * widest, 1.0), 80.0)} if widest > 0 and not any(table["edge_mm"]) else {}
-    return {"f_number": abs(f) / diameter, "focus_distance_mm": float(distance), **limits}
+    opening = {"f_number": abs(f) / diameter, "focus_distance_mm": float(distance)}
+    tangent = _field_tangent(found, sequence, scale, float(distance), to_imager)
+    if not tangent > 0:
+        return opening
+    widest = 1.05 * float(np.degrees(np.arctan(tangent)))
+    return opening | {"field_max_deg": min(max(widest, 1.0), 80.0)}
+
+
+def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float) -> float:
+    """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
+
+    Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3). The edges of the
+    surfaces (DIAM) do not define the field: they clip rays.
+    """
+    columns = [found.fields.get(key, [])[: found.field_count] for key in ("XFLN", "YFLN")]
+    points = np.array(list(zip_longest(*columns, fillvalue=0.0)), dtype=float).reshape(-1, 2)
+    if found.field_type == 0:
+        return float(np.hypot(*np.tan(np.radians(points)).T).max(initial=0.0))
+    widest = scale * float(np.hypot(*points.T).max(initial=0.0))
+    paraxial = sequence.paraxial()
+    pupil, (a, _, c, _) = paraxial.entrance_pupil, paraxial.back
+    if found.field_type == 1:
+        return widest / (focus_mm + pupil)
+    if found.field_type == 2:  # a ray of unit slope through the middle of the entrance pupil
+        _, b, _, d = paraxial.back
+        return widest / abs((b - a * pupil) + to_imager * (d - c * pupil))
+    traced = Traced(sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm)
+    heights = traced.land(SEARCHED, chief_heights(traced, SEARCHED)).image[:, 0]
+    grows = np.isfinite(heights) & (np.diff(heights, prepend=0.0) > 0)
+    count = len(grows) if grows.all() else int(np.argmin(grows))
+    return float(np.interp(widest, [0.0, *heights[:count]], [0.0, *SEARCHED[:count]]))
 
 
 def _text(path: Path) -> str:
-    """The text of a file in UTF-16 or UTF-8, or in an 8-bit code."""
+    """Read the text of a file in UTF-16 or UTF-8, or in an 8-bit code."""
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST_TEXT)
     except OSError as e:
-        raise SpecError(f"{path} cannot be read: {e.strerror}") from None
+        raise SpecError(f"{path} cannot be read: {e.strerror or e}") from None
     for code in ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "latin-1"):
         try:
             return data.decode(code)
@@ -198,8 +229,9 @@ def _take(found: _File, number: int, words: list[str]) -> None:
         found.aperture = ("FLOA", 0.0) if key == "FLOA" else None
     elif key == "FTYP":
         found.field_type = int(rest[0])
+        found.field_count = int(rest[2]) if len(rest) > 2 else None
     elif key in ("XFLN", "YFLN"):
-        found.fields += [float(v) for v in rest]
+        found.fields[key] = [float(v) for v in rest]
     elif key == "WAVM":
         found.waves[int(rest[0])] = float(rest[1])
     elif key == "PWAV":

@@ -132,8 +132,7 @@ def draw_sheets(
     body : optional
         The solid of the mirror, by default as the rim of the sensor's housing says, or ``Body()``.
     housing : optional
-        What stands around it, by default the sensor's own, and where that says nothing a transparent tube to fit. Its
-        rims are those of the bodies.
+        Housing that is drawn, by default the sensor's own. Its rims are those of the bodies.
     sheet : "A3" or "A4"
         A3 lies, A4 stands upright.
     scale : optional
@@ -143,7 +142,7 @@ def draw_sheets(
     workshop : optional
         What a shop is told beside shapes: title block, material, texture, tolerances.
     data_files : optional
-        Of each mirror, by default as ``omnimirror export`` writes its sag table.
+        Sag table of each mirror, named on its sheet; by default the sheets name none.
 
     Raises
     ------
@@ -161,7 +160,7 @@ def draw_sheets(
         raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
     parts = parts_of(sensor, body, secondary_body)
     sensor, workshop = housed(parts, housing), workshop or Workshop()
-    files = data_files or [DataFile.of(part, f"{part.name}-sag.csv".replace(" ", "-")) for part in parts]
+    files: Sequence[DataFile | None] = data_files or [None] * len(parts)
     count = 1 + len(parts)
     with styled():
         papers = [Sheet(sheet) for _ in range(count)]
@@ -202,8 +201,10 @@ def _draw_sensor_sheet(
     return scale
 
 
-def draw_part_sheet(paper: Sheet, part: Part, workshop: Workshop, file: DataFile, place: tuple[int, int]) -> float:
-    """The sheet of one mirror; the scale of its view."""
+def draw_part_sheet(
+    paper: Sheet, part: Part, workshop: Workshop, file: DataFile | None, place: tuple[int, int]
+) -> float:
+    """Draw the sheet of one mirror and return the scale of its view."""
     layout = MIRROR_LAYOUTS[paper.size]
     making: Making = workshop.secondary if part.is_secondary else workshop.mirror
     told = {} if part.is_secondary else dict(workshop.tolerances)
@@ -213,8 +214,9 @@ def draw_part_sheet(paper: Sheet, part: Part, workshop: Workshop, file: DataFile
     draw_frame(paper)
     mass, indications = mass_words(part, making), indication_rows(part, making, told, workshop.title)
     flow = Flow(paper, layout.columns)
-    flow.table(mirror_rows(part.mirror, told), "MIRROR SURFACE")
-    flow.table(file.rows(), "DATA FILE")
+    flow.table(mirror_rows(part.mirror, told, has_data_file=file is not None), "MIRROR SURFACE")
+    if file is not None:
+        flow.table(file.rows(), "DATA FILE")
     flow.next_column()
     flow.table(indications, "INDICATIONS", "ISO 10110")
     if form_rms_um(told) is not None and making.form_um is None:

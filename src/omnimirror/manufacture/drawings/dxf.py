@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...escaping import dxf_mtext
 from ...mirrors import Mirror
 from ..body import Body
 from ..forms import ProfileCurve, chords, conic_of, curve_of
@@ -59,7 +60,7 @@ def write_dxf(
 ) -> ProfileCurve:
     """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file.
 
-    The layout is the part's sheet of the drawing, with what a workshop is told and the file of the surface's data.
+    The layout is the part's sheet of the drawing; ``file`` is the sag table that it names, if one is written.
     """
     import ezdxf.filemanagement
     from ezdxf.units import MM
@@ -82,7 +83,7 @@ def write_dxf(
     _draw_dimensions(page, mirror, body, size, making)
     _draw_notes(page, mirror, body, curve, part.name, size)
     paper = Sheet(sheet)
-    draw_part_sheet(paper, part, workshop, file or DataFile.of(part, f"{part.name}-sag.csv"), place)
+    draw_part_sheet(paper, part, workshop, file, place)
     add_layout(doc, paper)
     doc.saveas(path)
     return curve
@@ -215,7 +216,8 @@ def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name
     deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
     lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
     top = -body.outer_radius_mm(mirror) - 10 * size
-    text = page.add_mtext("\n".join(lines), dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
+    words = "\n".join(map(dxf_mtext, lines))
+    text = page.add_mtext(words, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
     text.set_location((0.0, top))
 
 

@@ -31,8 +31,16 @@ def length_words(mm: float) -> str:
     >>> length_words(180.429), length_words(5.0), length_words(-0.0001)
     ('180.429', '5', '0')
     """
-    words = f"{mm:.3f}".rstrip("0").rstrip(".")
-    return "0" if words == "-0" else words
+    return fixed_words(mm, 3).rstrip("0").rstrip(".")
+
+
+def fixed_words(value: float, digits: int) -> str:
+    """Return a number with a fixed count of decimals; zero has no sign.
+
+    >>> fixed_words(-1e-9, 4), fixed_words(2.0, 1)
+    ('0.0000', '2.0')
+    """
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
 def plus_minus(words: str, tolerance: float | None) -> str:
@@ -147,7 +155,8 @@ def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, maki
     thick = plus_minus(length_words(back - edge), making.thickness_tolerance_mm)
     sheet.dimension(view.at(edge, -rim), view.at(back, -outer), low - ROW, thick)
     if edge:
-        sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW, length_words(abs(edge)), before=True)
+        sag = f"({length_words(abs(edge))})"  # follows from surface and rim, whose tolerances hold for it
+        sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW, sag, before=True)
         sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW, f"({length_words(back)})")
     if body.bore_mm:
         wide_bore = body.counterbore_diameter_mm or body.bore_mm

@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from ...escaping import dxf_text
 from .sheet import CAPITAL, POINT, Sheet
 
 LAYER, STYLE = "SHEET", "OpenSans"
@@ -64,7 +65,7 @@ def _add_text(layout: Any, text: Text) -> None:
     side = ALIGNMENTS[across]
     name = f"{level}_{side or 'LEFT'}" if level else side or "LEFT"
     words = layout.add_text(
-        text.get_text(), height=float(text.get_fontsize()) / POINT * CAPITAL, rotation=text.get_rotation(),
+        dxf_text(text.get_text()), height=float(text.get_fontsize()) / POINT * CAPITAL, rotation=text.get_rotation(),
         dxfattribs={"style": STYLE, **_look(text.get_color())},
     )  # fmt: skip
     words.set_placement(text.get_position(), align=TextEntityAlignment[name])

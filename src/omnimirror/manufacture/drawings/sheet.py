@@ -19,6 +19,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
+from ...escaping import label
 from ...figures.style import INK
 
 Array = NDArray[np.float64]
@@ -211,11 +212,11 @@ class Sheet:
     def text(self, x: float, y: float, words: str, height: float = LETTERS, **look: Any) -> None:
         """Words whose capitals are so many mm high."""
         look = {"ha": "left", "va": "baseline", "color": INK, **look}
-        self.ax.text(x, y, words, fontsize=height / CAPITAL * POINT, parse_math=False, **look)
+        self.ax.text(x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **look)
 
     def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:
         """How wide words would come out, mm."""
-        return _width_over_height(words, str(weight)) * height
+        return _width_over_height(label(words), str(weight)) * height
 
     def words_boxes(self) -> list[Region]:
         """Where letters stand, mm."""

@@ -9,18 +9,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...housing import Tube
+from ...housing import Dome, Tube
 from ...lenses import GaussianLens, Orthographic
 from ...mirrors import Mirror
 from ...sensor import Sensor
-from ...tracing.walls import tube_shift_mm, tube_transmission
+from ...tracing.walls import passage
 from ..formats.sag_tables import format_table, table_points
 from ..forms import conic_of
 from ..parts import Part, omega_of
 from ..reference_sphere import best_sphere
 from ..sensitivity import sensitivities
 from ..workshop import Making, TitleBlock
-from .mirror_view import length_words, plus_minus
+from .mirror_view import fixed_words, length_words, plus_minus
 
 Rows = list[tuple[str, ...]]
 MOST_VALUES = 8
@@ -30,13 +30,18 @@ MOST_LETTERS = 34
 AS_AGREED, GENERAL = "as agreed", "ISO 10110-11"
 """Of what was not said: what no standard gives, and what the standard of data without tolerances does."""
 FORMULAS = {
-    "even-polynomial": "z = N Σ c_i (x/N)^(2i), i = 1, 2, ..",
-    "conic-asphere": "conic + N Σ c_i (x/N)^(2i+2)",
-    "cone": "z = x tan(slope)",
-    "hyperboloid": "z = b (√(1 + x²/a²) - 1)",
-    "ellipsoid": "z = b (1 - √(1 - x²/a²))",
-    "paraboloid": "z = x²/(2R)",
+    "even-polynomial": ("z = N Σ c_i (x/N)^(2i), i = 1, 2, ...",),
+    "conic-asphere": ("z = conic + N Σ c_i (x/N)^(2i+2)", "conic: x²/(R (1 + √(1 - (1+k) x²/R²)))"),
+    "cone": ("z = x tan(slope)",),
+    "hyperboloid": ("z = b (√(1 + x²/a²) - 1)",),
+    "ellipsoid": ("z = b (1 - √(1 - x²/a²))",),
+    "paraboloid": ("z = x²/(2R)",),
+    "sphere": ("z = R - √(R² - x²)",),
 }
+WITHOUT_N = (("N Σ", "Σ"), ("(x/N)^", "x^"))
+"""Simplification of the formulas for a normalization radius N of 1 mm, which is not printed."""
+SYMBOLS = {"radius_mm": "radius R", "vertex_radius_mm": "vertex radius R", "conic": "conic constant k"}
+"""Names of parameters that the formulas abbreviate."""
 
 
 @dataclass(frozen=True)
@@ -67,18 +72,24 @@ def sag_text(part: Part, step_mm: float | None, step_deg: float | None, digits: 
     return format_table(part.sensor, x, digits, part.is_secondary)
 
 
-def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None) -> Rows:
-    """The mirror's own parameters with their tolerances, its formula, and the sphere nearest to it."""
+def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, has_data_file: bool = True) -> Rows:
+    """Return the mirror's formula, its parameters with their tolerances, and the best-fit sphere.
+
+    Lists of more than :data:`MOST_VALUES` values are left to the data file, or to the sag table if there is none.
+    """
     told = tolerances or {}
     rows: Rows = [("kind", mirror.KIND)]
-    if mirror.KIND in FORMULAS:
-        rows.append(("form", FORMULAS[mirror.KIND]))
+    for i, formula in enumerate(FORMULAS.get(mirror.KIND, ())):
+        if getattr(mirror, "normalization_radius_mm", None) == 1.0:
+            for with_n, without in WITHOUT_N:
+                formula = formula.replace(with_n, without)
+        rows.append(("" if i else "form", formula))
     for f in fields(cast(Any, mirror)):
         value, p = getattr(mirror, f.name), mirror.PARAMETERS[f.name]
-        name = f.name.removesuffix("_mm").removesuffix("_deg").replace("_", " ")
+        name = SYMBOLS.get(f.name) or f.name.removesuffix("_mm").removesuffix("_deg").replace("_", " ")
         name = "N" if f.name == "normalization_radius_mm" else name
         if isinstance(value, tuple):
-            rows += _listed(name, value, told)
+            rows += _listed(name, value, told, has_data_file)
         elif isinstance(value, str):
             rows.append((name, value))
         elif value is not None and not (name == "N" and value == 1.0):
@@ -104,9 +115,11 @@ def _tolerance_of(name: str, told: Mapping[str, float]) -> float | None:
     return told.get("mirror.vertex_radius_mm" if name == "radius_mm" else f"mirror.{name}")
 
 
-def _listed(name: str, values: tuple[float, ...], told: Mapping[str, float]) -> Rows:
+def _listed(name: str, values: tuple[float, ...], told: Mapping[str, float], has_data_file: bool) -> Rows:
     if len(values) > MOST_VALUES:
-        return [(name, f"{len(values)} values, in the data file")]
+        return [
+            (name, f"{len(values)} values, " + ("in the data file" if has_data_file else "see the sag table (csv)"))
+        ]
     tolerances = (told.get(f"mirror.{name}[{i}]") for i in range(len(values)))
     label = "c" if name == "coefficients" else name
     return [
@@ -137,7 +150,10 @@ def sag_rows(part: Part, count: int) -> Rows:
     head = ("x mm", "z mm", "slope °", "Ω °")
     return [
         head,
-        *((length_words(a), f"{b:.4f}", f"{c:.3f}", f"{d:.2f}" if np.isfinite(d) else "hidden") for a, b, c, d in rows),
+        *(
+            (length_words(a), fixed_words(b, 4), fixed_words(c, 3), fixed_words(d, 2) if np.isfinite(d) else "hidden")
+            for a, b, c, d in rows
+        ),
     ]
 
 
@@ -163,17 +179,24 @@ def sensor_rows(sensor: Sensor) -> Rows:
 
 
 def hidden_rows(sensor: Sensor) -> Rows:
-    """What is hidden, and what a tube does to the rest."""
+    """Return the obscurations, and the lateral shift and the transmission of a tube or dome."""
     rows: Rows = [
         (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
         for ring in sensor.obscurations
     ]
     rows.append(("in all, at every azimuth", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
-    if isinstance(tube := sensor.housing.shell, Tube):
-        for omega in sorted({min(90.0, sensor.field_deg[1]), sensor.field_deg[1]}):
-            passed = 100 * float(tube_transmission(omega, tube.refractive_index))
-            shift = float(tube_shift_mm(omega, tube.wall_mm, tube.refractive_index))
-            rows.append((f"tube at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %"))
+    shell = sensor.obstructions.housing.shell
+    if isinstance(shell, Tube | Dome):
+        shell = shell.centred()
+        low, high = sensor.field_deg
+        for omega in sorted({min(max(90.0, low), high), high}):
+            rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega])))
+            points = np.stack([rays.x, 0 * rays.x, rays.z + sensor.mirror_pose.displacement_mm], axis=-1)
+            towards = np.stack([np.sin(rays.reflected), 0 * rays.x, -np.cos(rays.reflected)], axis=-1)
+            passed = 100 * float(passage(shell, points, towards).passed[0])
+            x, z = rays.start
+            shift = float(np.hypot(x - rays.x, z - rays.z)[0])
+            rows.append((f"{shell.KIND} at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %"))
     return rows
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...figures.style import PALETTE
-from ...housing import Dome, Housing, Rod, Tube
+from ...housing import Dome, FlatWindow, Housing, Rod, Tube, wall_words
 from ...lenses import GaussianLens
 from ...sensor import Sensor
+from ...tracing.meridian import ChiefRays
 from ..body import Body
 from .mirror_view import length_words, plus_minus, section_outline
 from .sheet import CHAIN, DASHED, FINE, PHANTOM, THICK, THIN, Region, Sheet, View, fitting_scale, scale_words
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 RAY = PALETTE[0]
 HEADING = 56.0
 """Room at the left for the view's heading, and for what is said of the tube, mm."""
+WIDEST_WINDOW = 8.0
+"""Radius up to which a window without a diameter is drawn as wide as its rays, in radii of the sensor."""
 STEPS_DEG = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 """Steps of the rays that are drawn, the largest first that shows two."""
 
@@ -58,10 +61,17 @@ class Assembly(NamedTuple):
             lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
         if isinstance(housing.shell, Dome):
             housing = replace(housing, shell=replace(housing.shell, centre_mm=housing.shell.centres_mm[1] - shift))
+        if isinstance(housing.shell, FlatWindow):
+            housing = replace(housing, shell=replace(housing.shell, height_mm=housing.shell.heights_mm[0] - shift))
         back = body.back_mm(sensor.mirror)
         radii = [body.outer_radius_mm(sensor.mirror), housing.camera.diameter_mm / 2 if housing.camera else 0.0]
         wall = housing.shell if isinstance(housing.shell, Tube | Dome) else None
         radii += [] if wall is None else [wall.radii_mm[1]]
+        if isinstance(housing.shell, FlatWindow):
+            base = min(base, housing.shell.heights_mm[1])
+            passing = float(sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm])).last[0][0])
+            width = (housing.shell.diameter_mm or 0.0) / 2 or min(passing, WIDEST_WINDOW * max(radii))
+            radii += [width]
         end = back if wall is None else shell_end_mm(sensor, wall, back)
         return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
 
@@ -154,12 +164,16 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if sensor.lens.TELECENTRIC
             else [(assembly.lens, at_lens[i]), (assembly.imager, -heights[i])]
         )
-        inner = np.array([*met, *tail])
+        wall, outwards = _through_wall(rays, i), rays.omega[i]
+        if wall and view.scale * wall[0][1] > min(region.top - 8 - view.y, view.y - region.bottom):
+            wall, outwards = [], rays.reflected[i]  # it leaves the sheet before the wall
+        inner = np.array([*wall, *met, *tail])
         for side in (1, -1) if omega == angles[-1] else (1,):
             points = view.at(inner[:, 0], side * inner[:, 1])
-            away = np.array([-np.cos(rays.omega[i]), side * np.sin(rays.omega[i])])
-            top = (region.top - 8 - points[0, 1]) if side > 0 else view.scale * (assembly.outer - x[i]) + 5
-            reach = top / abs(away[1])
+            away = np.array([-np.cos(outwards), side * np.sin(outwards)])
+            outermost = float(inner[0, 1])
+            top = (region.top - 8 - points[0, 1]) if side > 0 else view.scale * (assembly.outer - outermost) + 5
+            reach = max(top, 0.0) / max(abs(away[1]), 1e-9)
             if away[0]:
                 edge = region.right if away[0] > 0 else region.left + HEADING
                 reach = min(reach, max((edge - points[0, 0]) / away[0], 0.0))
@@ -177,6 +191,19 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             free = x_text - half
 
 
+def _through_wall(rays: ChiefRays, i: int) -> list[tuple[float, float]]:
+    """Return the points (z, x) at which ray ``i`` leaves the cover and enters its wall; none without a cover."""
+    outside = rays.outside
+    if outside is None or not outside.refractions[0].way[i]:
+        return []
+    way, angle = float(outside.refractions[0].way[i]), float(rays.reflected[i])
+    x, z = rays.last
+    return [
+        (float(z[i]), float(x[i])),
+        (float(rays.z[i]) - way * np.cos(angle), float(rays.x[i]) + way * np.sin(angle)),
+    ]
+
+
 def _draw_housing(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
     """Tube or dome, rod, and the camera's front."""
     housing = assembly.housing
@@ -184,6 +211,8 @@ def _draw_housing(sheet: Sheet, view: View, assembly: Assembly, region: Region) 
         _draw_tube(sheet, view, assembly, housing.shell, region)
     if isinstance(housing.shell, Dome):
         _draw_dome(sheet, view, assembly, housing.shell)
+    if isinstance(housing.shell, FlatWindow):
+        _draw_window(sheet, view, assembly, housing.shell)
     if housing.rod is not None:
         _draw_rod(sheet, view, assembly, housing.rod)
     if housing.camera is not None:
@@ -211,7 +240,7 @@ def _draw_tube(sheet: Sheet, view: View, assembly: Assembly, tube: Tube, region:
     tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5])
     if second is not None:  # above it are rays
         tip, bend = view.at(assembly.base, outer - tube.wall_mm / 2), np.array([-12, -8])
-    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", f"n = {tube.refractive_index:g}"]
+    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_words(tube)]
     left = region.left + sheet.text_width(words[0]) + 3  # so that the words stay on the sheet
     sheet.leader(tip, [max(tip[0] + bend[0], left), tip[1] + bend[1]], words, rightwards=False)
 
@@ -249,8 +278,20 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None
     base = float(radii[0] * np.sin(foot[0]))
     sheet.line(view.at([assembly.lens] * 2, [-base, base]), THIN, DASHED)
     tip = view.at(centres[1] + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
-    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", f"n = {dome.refractive_index:g}"]
+    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", wall_words(dome)]
     sheet.leader(tip, tip + np.array([-14, -6]), words, rightwards=False)
+
+
+def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindow) -> None:
+    inner, outer = window.heights_mm
+    half = assembly.outer if window.diameter_mm is None else window.diameter_mm / 2
+    pane = view.at(np.array([inner, inner, outer, outer, inner]), np.array([-half, half, half, -half, -half]))
+    sheet.hatch(pane, spacing=1.6)
+    sheet.line(pane, THIN)
+    size = "" if window.diameter_mm is None else f" Ø{window.diameter_mm:g} ×"
+    words = [f"window{size} {window.wall_mm:g}", wall_words(window)]
+    tip = view.at(outer, -0.8 * half)
+    sheet.leader(tip, tip + np.array([-7, -6]), words, rightwards=False)
 
 
 def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ... import __version__
 from ...errors import InvalidParameter
+from ...escaping import csv_comment, toml_string
 from ...mirrors import Mirror
 from ...mirrors.base import sagittal_radius, tangential_radius
 from ...sensor import Sensor
@@ -116,7 +117,7 @@ def format_table(sensor: Sensor, x_mm: ArrayLike, digits: int = 6, secondary: bo
     rows = zip(*(columns[name] for name in COLUMNS), strict=True)
     lines = [f"# {line}" for line in _head(sensor, len(columns["x_mm"]), secondary)]
     lines.append(",".join(COLUMNS))
-    lines += [",".join(f"{v:.{d}f}" for v, d in zip(row, decimals, strict=True)) for row in rows]
+    lines += [",".join(f"{round(v, d) + 0.0:.{d}f}" for v, d in zip(row, decimals, strict=True)) for row in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -134,8 +135,8 @@ def _head(sensor: Sensor, points: int, secondary: bool) -> list[str]:
     return [
         'format = "omnimirror sag table 1"',
         f'omnimirror = "{__version__}"',
-        f"sensor = {_quoted(sensor.name)}",
-        f'mirror = "{mirror.KIND}"',
+        f"sensor = {csv_comment(toml_string(sensor.name))}",
+        f"mirror = {toml_string(mirror.KIND)}",
         f"rim_radius_mm = {mirror.rim_radius_mm!r}",
         *_vertex_lines(mirror),
         f"mirror_distance_mm = {float(sensor.meridian.m)!r}  # from the lens to the vertex",
@@ -165,10 +166,3 @@ def _vertex_lines(mirror: Mirror) -> list[str]:
     k = conic[1] if conic else getattr(mirror, "conic", None)
     lines = [f"vertex_radius_mm = {float(mirror.radius_t(0.0)):.12g}"]
     return [*lines, f"conic_constant = {float(k):.12g}"] if k is not None else lines
-
-
-def _quoted(text: str) -> str:
-    """A TOML string."""
-    import tomli_w
-
-    return tomli_w.dumps({"a": text.replace("\n", " ")})[4:].strip()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
+from ...escaping import step_string
 from ...mirrors import Mirror
 from ..body import Body
 from ..forms import ProfileCurve, curve_of
@@ -51,12 +52,12 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurv
     shape, curve = solid_of(mirror, body)
     with _quiet():
         writer = STEPControl_Writer()
-        Interface_Static.SetCVal_s("write.step.product.name", name)
+        Interface_Static.SetCVal_s("write.step.product.name", step_string(name))
         Interface_Static.SetCVal_s("write.step.unit", "MM")
         writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
         header = APIHeaderSection_MakeHeader(writer.Model())
-        header.SetDescriptionValue(1, TCollection_HAsciiString(_description(mirror, body, curve)))
-        header.SetName(TCollection_HAsciiString(name))
+        header.SetDescriptionValue(1, TCollection_HAsciiString(step_string(_description(mirror, body, curve), 1000)))
+        header.SetName(TCollection_HAsciiString(step_string(name)))
         header.SetAuthorValue(1, TCollection_HAsciiString(""))
         header.SetOrganizationValue(1, TCollection_HAsciiString(""))
         header.SetOriginatingSystem(TCollection_HAsciiString(f"omnimirror {__version__}"))

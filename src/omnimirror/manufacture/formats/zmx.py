@@ -19,8 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
+from ...escaping import label, visible
+from ...housing import wall_words
 from ...lenses import GaussianLens, Orthographic
 from ...sensor import Sensor
+from ...tracing.meridian import ChiefRays
 from ..forms import Asphere, asphere_of
 
 Array = NDArray[np.float64]
@@ -44,8 +47,8 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
     lines = [
         "VERS 181107 0 0 0 0",
         "MODE SEQ",
-        f"NAME {' '.join(sensor.name.split())}",
-        *(f"NOTE 0 {note}" for note in _notes(sensor, aspheres)),
+        f"NAME {label(sensor.name)}",
+        *(f"NOTE 0 {visible(note)}" for note in _notes(sensor, aspheres)),
         "UNIT MM X W X CM MR CPMM",
         *_system(sensor),
         *_surfaces(sensor, aspheres),
@@ -84,16 +87,35 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     direction = (
         "angle of the ray to +z, after surface 3" if two else "180 deg - angle of the ray to +z, after surface 2"
     )
-    angles = ", ".join(f"{a:.4g}" for a in field_angles(sensor))
+    rays = _field_rays(sensor)
+    angles = _listed_deg(rays.reflected)
+    shell = sensor.housing.shell
     rim = np.array([[sensor.rim_radius_px * sensor.imager.pitch_mm, 0.0]])
     distorts = not np.array_equal(sensor.lens.distorted(rim), rim)
     return [
         f"omnimirror {__version__}: {'; '.join(shapes)}.",
         f"Light runs backwards: object = imager, stop = lens, {way}, then directions into the world.",
-        f"Omega = {'' if two else '180 deg - '}{direction}. Omega of the fields, deg: {angles}.",
+        f"Omega = {direction}. Omega of the fields, deg: {angles}.",
+        *(
+            [
+                f"The {shell.KIND} ({wall_words(shell)}) is left out: angles are those between it and the mirror. "
+                f"Omega outside, deg: {_listed_deg(rays.omega)}."
+            ]
+            if shell is not None
+            else []
+        ),
         *(["The distortion of the lens is left out."] if distorts and sensor.lens.IS_THIN else []),
         *([] if sensor.lens.IS_THIN else ["The lens is an ideal one of its focal length, entrance pupil and focus."]),
     ]
+
+
+def _field_rays(sensor: Sensor) -> ChiefRays:
+    """Return the chief rays of the field points."""
+    return sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
+
+
+def _listed_deg(angles: Array) -> str:
+    return ", ".join(f"{a:.4g}" for a in np.degrees(angles))
 
 
 def _deviation(asphere: Asphere) -> str:
@@ -104,7 +126,7 @@ def _deviation(asphere: Asphere) -> str:
 
 def _system(sensor: Sensor) -> list[str]:
     """Aperture, field points and wavelength."""
-    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
+    rays = _field_rays(sensor)
     if sensor.lens.TELECENTRIC:
         wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
         aperture = f"OBNA {_number(np.sin(np.arctan(wide.aperture_slope)))} 0"

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...files import decompressed
 from .exif import EXPOSURE, PLACE, Directory, Entry, Exif, parse_exif, written
 from .xmp import tiff_with, webp_header
 
@@ -22,6 +23,7 @@ EXIF_NAME, ICC_NAME = b"Exif\0\0", b"ICC_PROFILE\0"
 LONGEST_SEGMENT = 65_533
 ICC_PIECE = LONGEST_SEGMENT - len(ICC_NAME) - 2
 ICC_TAG = 34_675
+LARGEST_PROFILE = 16 << 20
 SPACES = {1: b"GRAY", 3: b"RGB ", 4: b"RGB "}
 """What a profile says of its colours, by the picture's channels."""
 WEBP_HAS_ICC, WEBP_HAS_EXIF = 0x20, 0x08
@@ -126,7 +128,7 @@ def _of_png(data: bytes) -> Carried:
         (length,) = struct.unpack_from(">I", data, at)
         kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
         if kind == b"iCCP":
-            profile = zlib.decompress(body[body.index(b"\0") + 2 :])
+            profile = decompressed(body[body.index(b"\0") + 2 :], LARGEST_PROFILE)
         elif kind == b"eXIf":
             exif = parse_exif(body)
         at += 12 + length

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -85,14 +86,23 @@ def write_channels(
     """
     library = _library(path)
     header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, **(told or {})}
+    plain = path.with_name(path.name.encode("ascii", "replace").decode())  # the library takes no other names than UTF-8
+    target = path if _is_utf8(path) else plain
     try:
         with library.File(header, dict(channels)) as file:
-            file.write(str(path))
+            file.write(str(target))
+        os.replace(target, path)
     except RuntimeError as e:
         reason = str(e).strip().splitlines()[0].replace(str(path), "it")  # a temporary name, which nobody knows
         raise OSError(errno.EIO, reason) from None
+
+
+def _is_utf8(path: Path) -> bool:
+    try:
+        path.name.encode()
     except UnicodeEncodeError:
-        raise OSError(errno.EINVAL, "the library of OpenEXR takes no names that are not UTF-8") from None
+        return False
+    return True
 
 
 def check_exr_can_be_written(path: Path) -> None:
@@ -114,6 +124,16 @@ def _is_cut_short(data: bytes) -> bool:
     except (struct.error, KeyError, ValueError, IndexError):
         return True
     return bool(min(offsets) == 0 or max(ends) > len(data))
+
+
+def decoded_bytes(data: bytes) -> int:
+    """Return the size in memory of the channels that the header declares, each of 32 bits."""
+    attributes, _ = _header(data)
+    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+    names, at, count = attributes[b"channels"], 0, 0
+    while names[at] != 0:  # a name, and 16 bytes of its type and sampling
+        at, count = names.index(b"\0", at) + 17, count + 1
+    return 4 * count * int(max(right - left + 1, 0) * max(bottom - top + 1, 0))
 
 
 def _header(data: bytes) -> tuple[dict[bytes, bytes], int]:

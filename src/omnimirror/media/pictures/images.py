@@ -21,6 +21,7 @@ from ...errors import MediaError, OmnimirrorError
 from ...files import read_bytes, replacing
 from . import exr, png, xmp
 from .carried import CARRIERS, Carried, embed, read_carried
+from .headers import LARGEST_DECODED, decoded_bytes
 from .panorama import GPano
 
 Image = NDArray[Any]
@@ -165,21 +166,34 @@ def _data_of(path: Path) -> bytes:
 
 
 def _decoded(path: Path, data: bytes) -> Image:
-    return exr.read_exr(path, data) if data.startswith(exr.MAGIC) else decoded(path, data)
+    if not data.startswith(exr.MAGIC):
+        return decoded(path, data)
+    _check_decoded_size(path, data)
+    return exr.read_exr(path, data)
+
+
+def _check_decoded_size(path: str | Path, data: bytes) -> None:
+    size = decoded_bytes(data)
+    if size > LARGEST_DECODED:
+        raise MediaError(
+            f"the picture {path} must not take more than {LARGEST_DECODED >> 20} MB once it is decoded; got "
+            f"{-(-size >> 20)} MB by its header; reduce or split it"
+        )
 
 
 def decoded(path: str | Path, data: bytes) -> Image:
-    """The picture in a file's bytes, other than OpenEXR's; ``path`` names it in messages.
+    """Decode the picture in a file's bytes, other than OpenEXR's; ``path`` names it in messages.
 
     Raises
     ------
     MediaError
-        They are cut short, damaged, or no picture.
+        They are cut short, damaged, or no picture, or its pixels take more than :data:`LARGEST_DECODED`.
     """
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
     if data.startswith(png.SIGNATURE) and (damage := png.damage(data)):
         raise MediaError(f"the picture {path} {damage}")
+    _check_decoded_size(path, data)
     try:
         with _quiet():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -17,10 +17,11 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError
+from ...files import check_file
 from .display import Display, dynamic_kinds
 from .frames import Colour, siting_of
 from .interlace import Fields
-from .sequences import first_number, is_sequence
+from .sequences import first_number, is_sequence, numbered_files
 from .timecode import later, timecode_of
 
 AnyPacket: TypeAlias = "Packet[Any]"
@@ -178,6 +179,8 @@ class VideoReader:
     def _open(self) -> InputContainer:
         try:
             kind = "image2" if self._options else None
+            for path in numbered_files(self.path) if self._options else (self.path,):
+                check_file(path)  # FFmpeg would wait for a pipe
             container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
         except FileNotFoundError:
             raise MediaError(f"there is no video {self.path}") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -14,6 +13,9 @@ from ...errors import MediaError
 from ...files import is_same_file
 
 SEQUENCES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+LARGEST_INPUT = 64 << 30
+"""Bytes of a video on standard input, which is stored in a temporary file."""
+PIECE = 1 << 20
 NUMBER = re.compile(r"%(0?)(\d*)d")
 
 
@@ -57,6 +59,11 @@ def numbers_of(pattern: Path) -> Iterator[int]:
             yield int(name[1])
 
 
+def numbered_files(pattern: Path) -> Iterator[Path]:
+    """Yield the pictures of a sequence that are there, in no order."""
+    return (numbered(pattern, number) for number in numbers_of(pattern))
+
+
 def numbered(pattern: Path, number: int) -> Path:
     """The picture of a number.
 
@@ -86,14 +93,20 @@ def standard_input() -> Iterator[Path]:
     Raises
     ------
     MediaError
-        Nothing comes, or it is a terminal.
+        Nothing comes, more than :data:`LARGEST_INPUT`, or it is a terminal.
     """
     if sys.stdin is None or sys.stdin.isatty():
         raise MediaError("standard input is a terminal; send a video to it")
     with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
-        path = Path(folder) / "standard input"
+        path, size = Path(folder) / "standard input", 0
         with path.open("wb") as file:
-            shutil.copyfileobj(sys.stdin.buffer, file)
-        if not path.stat().st_size:
+            while piece := sys.stdin.buffer.read(PIECE):
+                size += len(piece)
+                if size > LARGEST_INPUT:
+                    raise MediaError(
+                        f"standard input must not hold more than {LARGEST_INPUT >> 30} GB; got more; name a file"
+                    )
+                file.write(piece)
+        if not size:
             raise MediaError("there is no video on standard input, which is empty")
         yield path

@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from ...arguments import float_of, shown
 from ...errors import OmnimirrorError
 from ...files import read_text
+from .point_rows import parsed_points
 from .smoothing import NORMAL, _least_squares, extended
 
 Array = NDArray[np.float64]
 Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 FEWEST = 200  # points
+FARTHEST_MM = 1e7  # of a coordinate: 10 km from the origin of a machine, a double resolves 2 nm
+NARROWEST_MM = 1e-3  # of a cloud, across its longest direction as it is seen along z
+NARROWEST = 1e-6  # of its length
 MOST_FOR_AXIS = 1500  # points by which the axis is found
 IN_A_RING = 8
 MOST_RINGS = 500
@@ -36,8 +40,17 @@ def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") ->
 
 
 def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
-    """Points (n, 3) of a text file, a line each; header and comments are skipped."""
-    return _rows(path, read_text(path, noun), 3, names, header=True)[:, :3]
+    """Return the points (n, 3) of a text file, a line each, as :func:`.point_rows.parsed_points` reads them.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be read, or holds the two columns of a profile.
+    """
+    points = parsed_points(read_text(path, noun), path)
+    if points.shape[1] != 3:
+        raise OmnimirrorError(f"{path} holds two columns of numbers; {noun} need {names}")
+    return points
 
 
 def read_grid(path: Path, noun: str = "grid", names: str = "z and further columns") -> Columns:
@@ -63,7 +76,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
             f"{path} is no grid of heights: its first line must be 'nx ny dx dy unit xdec ydec', and nx * ny lines "
             "must follow"
         ) from None
-    rows = _rows(path, "\n".join(lines[1:]), 1, names, header=False)
+    rows = _rows(path, "\n".join(lines[1:]), names)
     j, i = np.divmod(np.arange(nx * ny), nx)
     x, y = (i - (nx - 1) / 2) * dx + offset[0], ((ny - 1) / 2 - j) * dy + offset[1]
     points = np.stack([x, y, rows[:, 0]], axis=-1) * unit
@@ -73,23 +86,18 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     return np.asarray(points[valid])
 
 
-def _rows(path: Path, text: str, least: int, names: str, header: bool) -> Array:
-    """Numbers (n, columns) of a text, separated by commas or blanks."""
+def _rows(path: Path, text: str, names: str) -> Array:
+    """Return the numbers (n, columns) of a grid's text, separated by commas or blanks."""
     found: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        words = line.replace(",", " ").replace(";", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
         try:
-            numbers = [float_of(word) for word in words]
-            if len(numbers) < least or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
+            numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
+            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
                 raise ValueError
         except ValueError:
-            if found or not header:
-                raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
-            continue
+            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
         found.append(numbers[: len(found[0])] if found else numbers)
-    return np.array(found).reshape(-1, len(found[0]) if found else least)
+    return np.array(found).reshape(-1, len(found[0]) if found else 1)
 
 
 def profile_of(points: Array, source: str = "the cloud") -> Columns:
@@ -107,8 +115,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     >>> bool(np.abs(np.array(z) - np.square(r) / 100).max() < 1e-9)
     True
     """
-    if len(points) < FEWEST:
-        raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
+    check_spread(points, source)
     points = points - points.mean(axis=0)
     a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
     bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
@@ -131,6 +138,35 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
     x, heights = np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0]
     return tuple(map(float, x)), tuple(map(float, heights))
+
+
+def check_distance(points: Array, source: str) -> None:
+    """Raise OmnimirrorError if a point (n, 3) mm is farther than 10 km from the origin."""
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_MM:
+        raise OmnimirrorError(
+            f"{source} must lie within {FARTHEST_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
+            "unit and remove wrong points"
+        )
+
+
+def check_spread(points: Array, source: str) -> None:
+    """Check that points (n, 3) mm can determine a surface.
+
+    Raises
+    ------
+    OmnimirrorError
+        There are fewer than 200, one is farther than 10 km from the origin, or all lie on a line as seen along z.
+    """
+    if len(points) < FEWEST:
+        raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
+    check_distance(points, source)
+    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    if width < max(NARROWEST_MM, NARROWEST * length):
+        raise OmnimirrorError(
+            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points "
+            "all over the mirror"
+        )
 
 
 def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from ... import __version__
 from ...arguments import checked, file_name, whole
 from ...cameras import Camera
 from ...errors import InvalidParameter
+from ...escaping import markdown_text, yaml_string
 from ...files import replacing, write_text
 from ...media.keyframes import Keyframes
 from ...media.pictures.images import encoded
@@ -158,14 +159,14 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
 def _card(camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]) -> str:
     width, height = camera.image_size
     name: Any = getattr(camera, "name", "camera")
-    labels = "\n".join(f"| {i} | {label} |" for i, label in enumerate(("nothing", *scene.label_names)))
+    labels = "\n".join(f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("nothing", *scene.label_names)))
     return f"""---
-pretty_name: simulated pictures of {name}
+pretty_name: {yaml_string(f"simulated pictures of {name}")}
 task_categories: [depth-estimation, image-segmentation]
 tags: [synthetic, catadioptric, omnidirectional, optical-flow, webdataset]
 ---
 
-# Simulated pictures of {name}
+# Simulated pictures of {markdown_text(name)}
 
 {count} frames of {width} x {height} px, {frame_rate:g} a second, by omnimirror {__version__}, in {len(shards)} shards
 ({shards[0]} to {shards[-1]}). All of it is synthetic. `sensor.toml` is the camera.

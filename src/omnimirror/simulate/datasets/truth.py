@@ -35,7 +35,7 @@ class Truth(NamedTuple):
     depth_mm: Array
     """(h, w): along the ray, from its origin to what it meets; infinite for what is infinitely far."""
     hidden: Mask
-    """(h, w): whether camera, rod, rim or a lid is what the pixel sees."""
+    """(h, w): whether camera, rod, rim or a lid is what the pixel sees, or a part of two mirrors themselves."""
 
     @property
     def points_mm(self) -> Array:

@@ -259,7 +259,9 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
-    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image))
+    # rays through the aperture of a real lens are vignetted by its edges; chief rays alone stand for all of them
+    clipped = plan.blur and not sensor.lens.IS_THIN
+    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -sensor.lens_rays(pixels[hit], 0 * pupil[hit])[1])
     weight[fate == LOST] = 0.0

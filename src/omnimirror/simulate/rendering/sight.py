@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...cameras import Camera, Projection
+from ...cameras import Camera, Projection, inside_image
 from ...errors import InvalidParameter
 from ...frames import turned
 from ...sensor import Sensor
@@ -47,6 +47,8 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
     points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
+    if pupil.any():  # chief rays alone take the vignetting of the lens as a weight
+        fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
     chief = sensor.lens_rays(pixels, 0 * pupil)[1]
     standing = sensor.obstructions
     fate[hit & standing.meets_front(points, directions, -chief)] = HIDDEN
@@ -114,7 +116,7 @@ class Sights(NamedTuple):
     valid: Mask
     """(n,) whether they leave it at all."""
     hidden: Mask
-    """(n,) whether they end at camera, rod, rim or a lid."""
+    """(n,) whether they end at camera, rod, rim or a lid, or at the secondary or the bore of two mirrors."""
 
 
 def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> Sights:
@@ -150,8 +152,11 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
             raise InvalidParameter("only a sensor of one mirror has radiometry")
         if isinstance(camera, Sensor):
             check_housing_is_shown(camera)
-        rays = camera.backproject(pixels)
-        return Sights(rays.origins, _unit(rays.directions), rays.valid, np.zeros(len(pixels), dtype=bool))
+        rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)
+        if isinstance(camera, Sensor):
+            hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
+            hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
+        return Sights(rays.origins, _unit(rays.directions), rays.valid, hidden)
     followed, standing = follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions
     points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
     valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import backend
+from ...native import backend, kernel_array
 from .blurring import Blur, Whole, whole_groups
 
 Values = NDArray[np.float32]
@@ -91,11 +91,11 @@ class CompiledPicture:
     """In C++, on several threads."""
 
     def __init__(self, kernels: object, roots: Values, guess: Values) -> None:
-        self._sharp = backend.kernels.Sharpening(kernels, np.ascontiguousarray(roots), np.ascontiguousarray(guess))
+        self._sharp = backend.kernels.Sharpening(kernels, kernel_array(roots), kernel_array(guess))
         self._shape = roots.shape
 
     def improve(self, costs: Values, steps: Whole) -> None:
-        self._sharp.improve(np.ascontiguousarray(costs), np.ascontiguousarray(steps, np.int32))
+        self._sharp.improve(kernel_array(costs), kernel_array(steps, np.int32))
 
     def log_steepness(self) -> Values:
         logarithms = np.empty(self._shape[:2], np.float32)

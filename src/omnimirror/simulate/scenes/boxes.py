@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
-from ...native import backend
+from ...native import backend, kernel_array
 from .contract import rays_from
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def _corners(boxes: Sequence[Box]) -> Array:
 
 def _rows(origins_mm: Array, directions: Array) -> tuple[Array, Array]:
     """As kernels take them."""
-    return np.ascontiguousarray(origins_mm, np.float64), np.ascontiguousarray(directions, np.float64)
+    return kernel_array(origins_mm, np.float64), kernel_array(directions, np.float64)
 
 
 def _without_zeros(directions: Array) -> Array:

@@ -15,7 +15,7 @@ from ...dewarp.sampling.samplers import remap
 from ...errors import InvalidParameter, MediaError
 from ...frames import turned
 from ...media import read_image
-from ...native import backend
+from ...native import backend, kernel_array
 from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb
 from .contract import Array, rays_from
@@ -158,7 +158,7 @@ class Environment:
     @cached_property
     def native(self) -> object:
         """The compiled environment, without its heading."""
-        return backend.kernels.Environment(np.ascontiguousarray(self.light))
+        return backend.kernels.Environment(kernel_array(self.light))
 
 
 def _linear(image: NDArray[Any]) -> Array | Light:

@@ -12,7 +12,7 @@ from ...errors import InvalidParameter, MediaError
 from ...frames import turned
 from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
-from .mesh_checks import check_corners, check_faces, check_file
+from .mesh_checks import check_corners, check_faces, check_mesh_file
 from .surfaces import Surfaces, Texture
 from .triangles import combined, facets, halves
 from .worlds.painted import Surroundings
@@ -81,9 +81,9 @@ def _meshes(path: Path) -> list[Any]:
         raise MediaError(
             f"{path.name} is a mesh, which needs one more package: pip install 'omnimirror[cad]'"
         ) from None
-    if not path.is_file():
+    if not path.exists():
         raise MediaError(f"there is no mesh {path}")
-    check_file(path)
+    check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
         meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MediaError
-from ...files import parse_json
+from ...files import check_file, open_file, parse_json, read_bytes
 from .contract import Array
 
 SMALLEST_MM, LARGEST_MM = 0.01, 1e9
@@ -20,19 +20,34 @@ MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.M)
 COLOURS = re.compile(rb"^[ \t]*map_Kd[ \t]+(.+?)[ \t\r]*$", re.M)
 TEXTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t\r]*$", re.M)
 HEAD = 1 << 16
+LARGEST_MESH = 256 << 20
+"""Bytes of a mesh, and of each file that it names."""
+MOST_CORNERS = 50_000_000
+"""Values of the accessors of a glTF file."""
 
 
-def check_file(path: Path) -> None:
-    """Raise MediaError if the text of a mesh's file is wrong, or names files that are not there."""
+def check_mesh_file(path: Path) -> None:
+    """Check the kind and size of a mesh's file and of the files that it names, and the text of OBJ and glTF files.
+
+    Raises
+    ------
+    MediaError
+        A file is missing, is not an ordinary file, or is too large; or the text is wrong.
+    """
+    try:
+        check_file(path, LARGEST_MESH)
+    except OSError as e:
+        raise MediaError(f"cannot read the mesh {path}: {e.strerror or e}") from None
     suffix = path.suffix.lower()
     if suffix == ".obj":
         _check_obj(path)
-    elif suffix == ".gltf":
+    elif suffix in (".gltf", ".glb"):
         _check_gltf(path)
     elif suffix == ".ply":
-        with path.open("rb") as file:
-            for name in TEXTURE.findall(file.read(HEAD)):
-                _check_there(path, "texture", _text(name))
+        with open_file(path) as file:
+            names = TEXTURE.findall(file.read(HEAD))
+        for name in names:
+            _check_there(path, "texture", _text(name))
 
 
 def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
@@ -63,7 +78,7 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
 
 
 def _check_obj(path: Path) -> None:
-    text = path.read_bytes()
+    text = read_bytes(path, LARGEST_MESH)
     if found := ZERO_INDEX.search(text):
         line = text.count(b"\n", 0, found.end()) + 1
         raise MediaError(
@@ -72,7 +87,7 @@ def _check_obj(path: Path) -> None:
     for names in MATERIALS.findall(text):
         name = _text(names)
         _check_there(path, "material file", name)
-        for options in COLOURS.findall((path.parent / name).read_bytes()):
+        for options in COLOURS.findall(read_bytes(path.parent / name, LARGEST_MESH)):
             texture = _text(options)
             if not (path.parent / texture).is_file():  # options come before the name
                 texture = texture.split()[-1]
@@ -80,19 +95,32 @@ def _check_obj(path: Path) -> None:
 
 
 def _check_gltf(path: Path) -> None:
+    content = read_bytes(path, LARGEST_MESH)
+    if content.startswith(b"glTF"):  # the binary form: a header, and the JSON as the first chunk
+        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     try:
-        data: Any = parse_json(path.read_bytes())
+        data: Any = parse_json(content)
         parts = [(what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])]
-    except (ValueError, AttributeError):
-        return  # the reader says what is wrong
+        corners = sum(each.get("count", 0) for each in data.get("accessors", []))
+        too_many = corners > MOST_CORNERS  # those without a buffer are zeros, and take no room in the file
+    except (ValueError, AttributeError, TypeError):
+        return  # the reader gives the reason
+    if too_many:
+        raise MediaError(f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}")
     for what, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
             _check_there(path, {"images": "texture", "buffers": "buffer"}[what], unquote(uri))
 
 
 def _check_there(path: Path, what: str, name: str) -> None:
-    if not (path.parent / name).is_file():
-        raise MediaError(f"the mesh {path} names the {what} {name!r}, which is not there; put it into {path.parent}")
+    try:
+        check_file(path.parent / name, LARGEST_MESH)
+    except FileNotFoundError:
+        raise MediaError(
+            f"the mesh {path} names the {what} {name!r}, which is not there; put it into {path.parent}"
+        ) from None
+    except OSError as e:
+        raise MediaError(f"the mesh {path} names the {what} {name!r}, which cannot be read: {e.strerror}") from None
 
 
 def _text(name: bytes) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ...arguments import checked
 from ...errors import MediaError, OmnimirrorError
+from ...files import open_file
 from .contract import Scene
 from .environment import Environment
 from .worlds.bundled import BUNDLED
@@ -176,9 +177,9 @@ def sha256_of(path: Path) -> str:
     """
     digest = hashlib.sha256()
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             while piece := file.read(BYTES_AT_ONCE):
                 digest.update(piece)
     except OSError as e:
-        raise MediaError(f"cannot read {path}: {e.strerror}") from None
+        raise MediaError(f"cannot read {path}: {e.strerror or e}") from None
     return digest.hexdigest()

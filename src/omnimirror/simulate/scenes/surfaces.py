@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import CompiledSurfaces, backend
+from ...native import CompiledSurfaces, backend, kernel_array
 from ...numerics.lazy import cached_property
 from ..colour import Light
 from .contract import Array
@@ -103,7 +103,7 @@ class Surfaces:
             return self._seen_by_all(origins_mm, directions)
         count = len(origins_mm)
         light, distance = np.empty((count, 4), np.float32), np.empty(count, np.float32)
-        origins, towards = (np.ascontiguousarray(a, np.float32) for a in (origins_mm, directions))
+        origins, towards = (kernel_array(a, np.float32) for a in (origins_mm, directions))
         self.native.radiance(origins, towards, light, distance)
         return Seen(light[:, :3], light[:, 3], distance)
 

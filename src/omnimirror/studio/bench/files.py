@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import tomli_w
 
 from ...analysis.evaluation import evaluate
 from ...errors import InvalidParameter, SpecError
+from ...files import parse_toml
 from ...imagers import Imager
 from ...sensor import Sensor
 from ...specs import Places, format_sensor, sensor_of, tables_of
@@ -49,11 +49,9 @@ def opened(name: str, data: bytes) -> Opened:
     """
     try:
         text = data.decode("utf-8-sig")
-        tables = tomllib.loads(text)
     except UnicodeDecodeError:
         raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
-    except tomllib.TOMLDecodeError as e:
-        raise SpecError(f"{name} is not valid TOML: {e}") from None
+    tables = parse_toml(text, name)
     where = Places(text, name)
     if "field" in tables:
         return Opened(sensor=None, requirements=_checked(tables, where))

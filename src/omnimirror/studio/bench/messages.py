@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field
 
-from ..messages import Message
+from ..messages import ClientMessage, Message
 
 if TYPE_CHECKING:
     import numpy as np
@@ -103,7 +103,7 @@ class Opened(Message):
     requirements: Tables | None
 
 
-class Change(Message):
+class Change(ClientMessage):
     """A change that takes more than a number: another kind of mirror or lens, or the best focus by a merit."""
 
     tables: Tables
@@ -112,7 +112,7 @@ class Change(Message):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
 
 
-class Bend(Message):
+class Bend(ClientMessage):
     """A curve of the design that is pulled through a point by hand."""
 
     of: Literal["profile", "mapping"]
@@ -120,7 +120,7 @@ class Bend(Message):
     to: float = Field(description="where it is pulled: height of the profile, mm, or image height, px")
 
 
-class Ask(Message):
+class Ask(ClientMessage):
     """What a page wants to know of a design."""
 
     slot: int = Field(ge=0, le=8, description="which of the designs shown")
@@ -204,14 +204,14 @@ class Answer(Message):
     bent: BenchSensor | None = Field(description="the design as it was bent")
 
 
-class Slide(Message):
+class Slide(ClientMessage):
     """A number of the design, and values that it could have."""
 
     path: tuple[str, ...] = Field(min_length=2, max_length=3, description="table, entry, and which of a list")
     values: tuple[float, ...] = Field(min_length=1, max_length=33)
 
 
-class SlidesAsk(Message):
+class SlidesAsk(ClientMessage):
     """Where the numbers of a design could stand, for its requirements to be met."""
 
     tables: Tables
@@ -226,7 +226,7 @@ class SlidesOf(Message):
     missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(description="of each slide at each value")
 
 
-class PictureAsk(Message):
+class PictureAsk(ClientMessage):
     """The picture that a design takes of the room, and its panorama."""
 
     tables: Tables
@@ -241,7 +241,7 @@ class Taken(Message):
     panorama_bytes: int
 
 
-class Download(Message):
+class Download(ClientMessage):
     """A file of a design."""
 
     tables: Tables
@@ -256,14 +256,14 @@ class FileUnderWay(Message):
     share: float = Field(description="how much is done")
 
 
-class RequirementFile(Message):
+class RequirementFile(ClientMessage):
     """A requirement file to be written, and the sensor that it is for."""
 
     requirements: Tables
     tables: Tables
 
 
-class Task(Message):
+class Task(ClientMessage):
     """Something that takes time: to optimise a mirror, or to design a sensor from requirements."""
 
     what: Literal["optimise", "design"]

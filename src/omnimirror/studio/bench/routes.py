@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
-from pydantic import ValidationError
 
 from ...errors import OmnimirrorError
+from ...escaping import http_attachment
+from ...serving.bodies import InvalidMessage, close_refused, received
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
@@ -105,7 +106,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
             made = await studio.reported.do(key, lambda: made_slowly(asked, key))
         else:
             made = await asyncio.to_thread(downloaded, asked)
-        headers = {"content-disposition": f'attachment; filename="{made.name}"'}
+        headers = {"content-disposition": http_attachment(made.name)}
         return Response(made.data, media_type=made.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
@@ -184,12 +185,12 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
     """Put questions where they wait, a newer one in the place of an older."""
     try:
         while True:
-            asked = Ask.model_validate_json(await socket.receive_text())
+            asked = await received(socket, Ask)
             waiting[asked.slot] = asked
             news.set()
-    except ValidationError:
-        await socket.close(1003, "that is no question about a design")
-    except (WebSocketDisconnect, RuntimeError, KeyError):
+    except InvalidMessage as e:
+        await close_refused(socket, e)
+    except (WebSocketDisconnect, RuntimeError):
         pass
     finally:
         news.set()
@@ -197,12 +198,12 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        task = Task.model_validate_json(await socket.receive_text())
+        task = await received(socket, Task)
         async with workers.one() as worker:
             worker.tell(task.model_dump_json())
             await relay(worker, socket, asyncio.create_task(socket.receive()))
-    except ValidationError:
-        await socket.close(1003, "that is no task")
+    except InvalidMessage as e:
+        await close_refused(socket, e)
         return
     except OmnimirrorError as e:
         failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)

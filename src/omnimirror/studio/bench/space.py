@@ -225,5 +225,5 @@ def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Arr
     for disc in standing.discs:
         with np.errstate(invalid="ignore", divide="ignore"):
             steps = (disc.height_mm - points[:, 2]) / towards[:, 2]
-        way = np.where(disc.met_by(points, towards)[0], np.minimum(way, steps), way)
+        way = np.where(disc.clearance(points, towards) < 0, np.minimum(way, steps), way)
     return way

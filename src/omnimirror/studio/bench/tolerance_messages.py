@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ..messages import Message
+from ..messages import ClientMessage, Message
 from .messages import Tables
 
 Refocus = Literal["none", "rms", "worst"]
@@ -24,7 +24,7 @@ class ErrorOf(Message):
     fine: float
 
 
-class ErrorsAsk(Message):
+class ErrorsAsk(ClientMessage):
     """Which errors a sensor can have."""
 
     tables: Tables
@@ -38,7 +38,7 @@ class ErrorsOf(Message):
     is_quick: bool = Field(description="whether sensors are traced by the thousand")
 
 
-class BuiltAsk(Message):
+class BuiltAsk(ClientMessage):
     """A sensor with errors."""
 
     tables: Tables
@@ -60,14 +60,14 @@ class Built(Message):
     tables: Tables | None = Field(description="the sensor with its errors, if there can be one")
 
 
-class ToleranceOf(Message):
+class ToleranceOf(ClientMessage):
     """An error and its tolerance."""
 
     name: str
     tolerance: float = Field(ge=0)
 
 
-class YieldAsk(Message):
+class YieldAsk(ClientMessage):
     """How many sensors will be good."""
 
     tables: Tables

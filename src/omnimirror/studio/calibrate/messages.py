@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ..messages import Message
+from ..messages import ClientMessage, Message
 
 Pixel = tuple[float, float]
 STOP = "stop"
@@ -19,7 +19,7 @@ MOST_PICTURES = 200
 """Of one calibration; frames of a video count."""
 
 
-class BoardAsked(Message):
+class BoardAsked(ClientMessage):
     """A calibration board, as :class:`omnimirror.Board` takes it."""
 
     kind: Literal["chessboard", "charuco", "aprilgrid"] = "chessboard"
@@ -39,7 +39,7 @@ class BoardLook(BoardAsked):
     quick: bool = Field(default=False, description="as for pictures of a camera that runs")
 
 
-class BoardSeen(Message):
+class BoardSeen(ClientMessage):
     """What was found of a board in a picture, or why nothing was."""
 
     name: str = Field(max_length=250)
@@ -55,7 +55,7 @@ class BoardSeen(Message):
     time_s: float | None = Field(description="of a frame of a video")
 
 
-class TogetherAsk(Message):
+class TogetherAsk(ClientMessage):
     """A question about pictures of one camera: what they are together."""
 
     board: BoardAsked
@@ -83,7 +83,7 @@ class Together(Message):
     not_new: str | None = Field(description="why the candidate adds nothing; null where it does")
 
 
-class CalibrationAsk(Message):
+class CalibrationAsk(ClientMessage):
     """A calibration to be made; what was found in its pictures follows, a message each."""
 
     board: BoardAsked
@@ -138,7 +138,7 @@ class OutlierFound(Message):
     residual_px: float
 
 
-class BoardPlace(Message):
+class BoardPlace(ClientMessage):
     """Where a board stood: what a straightened picture of it is made from."""
 
     picture: str
@@ -183,7 +183,7 @@ class CalibrationNews(Message):
     report: str | None = None
 
 
-class StraightAsk(Message):
+class StraightAsk(ClientMessage):
     """A picture of a board to be straightened by a camera; the picture follows."""
 
     camera_file: str = Field(max_length=1 << 20)

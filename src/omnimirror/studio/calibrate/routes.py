@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from fastapi import FastAPI, Query, Request, WebSocket
 from fastapi.responses import Response
-from pydantic import ValidationError
 
 from ...errors import OmnimirrorError
+from ...serving.bodies import InvalidMessage, close_refused, received
 from ..framing import unframed
 from ..schema import BYTES, FILE_BODY
 from ..uploads import collected
@@ -84,15 +84,15 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        ask = CalibrationAsk.model_validate_json(await socket.receive_text())
+        ask = await received(socket, CalibrationAsk)
         async with workers.one() as worker:
             worker.tell(ask.model_dump_json())
             for _ in range(ask.pictures):
-                seen = BoardSeen.model_validate_json(await socket.receive_text())
+                seen = await received(socket, BoardSeen)
                 await asyncio.to_thread(worker.tell, seen.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
-    except ValidationError:
-        await socket.close(1003, "that is no calibration")
+    except InvalidMessage as e:
+        await close_refused(socket, e)
         return
     except OmnimirrorError as e:
         await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from ...frames import CameraLooks
-from ..messages import Message
+from ..messages import ClientMessage, Message
 
 Vector = tuple[float, float, float]
 Size = tuple[int, int]
@@ -15,7 +15,7 @@ Pixel = tuple[float, float]
 Kind = Literal["sensor", "ocam", "ball"]
 
 
-class MountOf(Message):
+class MountOf(ClientMessage):
     """How a camera stands."""
 
     camera_looks: CameraLooks
@@ -25,7 +25,7 @@ class MountOf(Message):
     roll_deg: float = 0.0
 
 
-class CameraAsk(Message):
+class CameraAsk(ClientMessage):
     """Which camera, and how it stands; what is not said is as its file has it."""
 
     id: str
@@ -86,7 +86,7 @@ class CameraShown(Message):
     tables: TableLayout
 
 
-class SensorFile(Message):
+class SensorFile(ClientMessage):
     """A sensor file to be made: a known sensor whose circle was moved to fit a picture."""
 
     id: str

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
+from ...escaping import script_json
+from ...files import read_bytes
+from ...media.pictures.images import LARGEST
 from ...specs import AnyCamera
 from ..messages import Message
 from ..pages import page_text
@@ -53,7 +56,7 @@ def viewer_of(
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
     if path is not None and kind is not None and image.dtype == np.uint8:
-        media = inside(path.read_bytes(), kind)
+        media = inside(read_bytes(path, LARGEST), kind)
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
     return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
@@ -93,7 +96,7 @@ def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path
         raise MediaError(f"{path} is noted to be turned by {video.rotation_deg} degrees, and browsers do turn it")
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= LARGEST_INSIDE
-    media = inside(path.read_bytes(), kind) if is_small else _beside(path, page)
+    media = inside(read_bytes(path, LARGEST_INSIDE), kind) if is_small else _beside(path, page)
     return _page_with(camera, name, options, media, path.name, is_video=True)
 
 
@@ -126,15 +129,11 @@ def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: st
 def page_holding(**messages: Message) -> str:
     """The page with messages inside, each for the part of it that looks for its name (with hyphens)."""
     held = "".join(
-        f'<script type="application/json" id="{name.replace("_", "-")}">{_unending(message)}</script>'
+        f'<script type="application/json" id="{name.replace("_", "-")}">'
+        f"{script_json(message.model_dump_json())}</script>"
         for name, message in messages.items()
     )
     return page_text().replace(PLACE, held)
-
-
-def _unending(message: Message) -> str:
-    """A message as a text in which nothing can end a script."""
-    return message.model_dump_json().replace("<", "\\u003c")
 
 
 def inside(data: bytes, kind: str) -> str:

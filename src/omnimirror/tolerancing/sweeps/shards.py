@@ -1,7 +1,7 @@
 """A shard: some blocks of trials in a Parquet file, which says itself whether it is whole.
 
 A row is a trial: its number and its merits in single precision, which tallies count in as well. What was asked, and a
-checksum of all rows, stand in the file's metadata; it appears under its name when it is complete. So whatever is
+checksum of all columns, stand in the file's metadata; it appears under its name when it is complete. So whatever is
 killed, a shard is there once and right, or not at all.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
-from ...files import parse_json, replacing
+from ...files import check_file, parse_json, replacing
 from ..tolerances import BLOCK
 from ..trials.judge import Judge
 from .plans import MANIFEST, SweepPlan, is_asked
@@ -94,14 +94,15 @@ class Shard:
             for rows in self.merits():
                 if not goes_on():
                     raise KeyboardInterrupt
-                digest.update(rows.tobytes())
-                columns = [np.arange(trial, trial + len(rows)), *np.ascontiguousarray(rows.T)]
+                numbers = np.arange(trial, trial + len(rows))
+                digest.update(_bytes_of(numbers, rows))
+                columns = [numbers, *np.ascontiguousarray(rows.T)]
                 writer.write_table(pa.table(columns, schema=pa.schema(types)))
                 trial += len(rows)
             writer.add_key_value_metadata({KEY: json.dumps(self._about | {"checksum": digest.hexdigest()})})
 
     def checksum(self) -> str | None:
-        """Of its rows, as its file says; None where there is no file.
+        """Return the checksum of its rows that its file holds; None if there is no file.
 
         Raises
         ------
@@ -112,6 +113,7 @@ class Shard:
             return None
         pa, pq = _parquet()
         try:
+            check_file(self.path, self._largest)
             about = parse_json(pq.read_metadata(self.path).metadata[KEY.encode()])
             checksum = str(about.pop("checksum"))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException):
@@ -132,10 +134,13 @@ class Shard:
         pa, pq = _parquet()
         try:
             with pq.ParquetFile(self.path) as file:
-                for batch in file.iter_batches(BLOCK, columns=list(self.plan.merits)):
-                    rows = np.stack([column.to_numpy() for column in batch.columns], axis=-1)
-                    digest.update(rows.tobytes())
+                for batch in file.iter_batches(BLOCK, columns=[TRIAL, *self.plan.merits]):
+                    numbers, *merits = (column.to_numpy() for column in batch.columns)
+                    rows = np.stack(merits, axis=-1)
+                    digest.update(_bytes_of(numbers, rows))
                     count += len(rows)
+                    if count > self.count:
+                        break
                     yield rows
         except (OSError, ValueError, pa.ArrowException):
             raise CorruptShard(f"{self.path} is corrupt") from None
@@ -143,8 +148,24 @@ class Shard:
             raise CorruptShard(f"{self.path} is corrupt: its rows are not those that were written")
 
     @property
+    def _largest(self) -> int:
+        """Bytes that its file may have: its rows are not compressed, and the rest describes each block of them."""
+        return 2 * self.count * (8 + 4 * len(self.plan.merits)) + (1 << 20)
+
+    @property
     def _about(self) -> dict[str, Any]:
         return {"asked": self.plan.digest, "shard": self.number, "trials": self.count}
+
+
+def _bytes_of(numbers: NDArray[np.int64], rows: Rows) -> bytes:
+    """Return what the checksum covers of some trials, row by row: numbers (t,) and merits (t, m).
+
+    >>> len(_bytes_of(np.arange(3), np.zeros((3, 2), np.float32)))
+    48
+    """
+    table = np.empty(len(rows), [("trial", "<i8"), ("merits", "<f4", rows.shape[1])])
+    table["trial"], table["merits"] = numbers, rows
+    return table.tobytes()
 
 
 def _checksum() -> Any:

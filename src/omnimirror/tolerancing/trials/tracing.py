@@ -187,7 +187,7 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjec
     sideways[..., 2] = path.slopes
     moved = np.einsum("tij,tnkj->tnik", turn, sideways)
     spread = (moved[..., :2, :] - tangents[..., None] * moved[..., 2:, :]) / towards[..., 2, None, None]
-    inverse = np.linalg.inv(_square(path.whole))
+    inverse = _inverse(_square(path.whole))
     cosine = towards[..., 2] / path.length
     vergence = inverse @ _square(path.without_pupil) / (path.length * cosine)[..., None, None]
     miss = np.hypot(*np.moveaxis(path.gradient, -1, 0)) / np.sqrt(1 + (path.slopes**2).sum(axis=-1))
@@ -197,10 +197,18 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjec
     return SeenObjects(
         xy,
         tangents,
-        spread @ vergence @ np.linalg.inv(spread),
+        spread @ vergence @ _inverse(spread),
         spread @ inverse @ sideways,
         ~on_mirror,
     )
+
+
+def _inverse(matrices: Array) -> Array:
+    """Invert matrices (.., 2, 2); NaN for singular ones, of rays beside any mirror."""
+    determinant = np.linalg.det(matrices)
+    is_singular = ~np.isfinite(determinant) | (determinant == 0)
+    inverse = np.linalg.inv(np.where(is_singular[..., None, None], np.eye(2), matrices))
+    return np.where(is_singular[..., None, None], np.nan, inverse)
 
 
 def _square(second: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...mirrors import Mirror
 from ...mirrors.form import MirrorForm
-from ...native import backend
+from ...native import backend, kernel_array
 from ..space import hollowness
 from .ends import Ends
 from .limits import LONGEST_STEP, RIM_SLACK
@@ -57,7 +57,7 @@ def compiled_places(mirror: Mirror, form: MirrorForm, pupils: Ends, targets: End
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)
-    asked, rows, states = np.ascontiguousarray(targets.xyz.T), np.empty((8, count)), np.empty(count, np.uint8)
+    asked, rows, states = kernel_array(targets.xyz.T), np.empty((8, count)), np.empty(count, np.uint8)
     backend.kernels.find_reflections(
         tables.surface((x, y, z), pupils.distant), SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)),
         tables.by_omega, tables.omegas, tables.middle_mm, targets.distant, asked, rows, states,

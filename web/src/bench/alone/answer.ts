@@ -1,5 +1,6 @@
 /** What a design does, as studio/bench/answers.py answers it: its curves, its section, its squares. */
 import type { Ask, BenchAlone, Facts } from "../../shared/messages";
+import type { Tables } from "../designs/design";
 import type { Found, Table } from "../found";
 import { idealOf, Trouble } from "./ideal";
 import { type Columns, type Ideal, Kernel, WAVELENGTH_NM } from "./kernel";
@@ -46,9 +47,11 @@ export class Answerer {
   private computed({ tables, object_distance_mm, section, squares }: Ask): [Columned[], Facts] {
     const ideal = idealOf(tables, this.held.start);
     const { focus_distance_mm: focus } = tables.lens;
-    const at = (fractions: ArrayLike<number>, object = object_distance_mm): Columns => this.kernel.evaluate(ideal, fractions, object, focus);
+    const at = (fractions: ArrayLike<number>, object = object_distance_mm): Columns =>
+      this.kernel.evaluate(ideal, fractions, object, focus);
     const even = at(spread(0, 1, NODES));
-    if (!even.isUsable || even.omega_deg.some((o, i) => i > 0 && !(o > even.omega_deg[i - 1]))) throw unusable();
+    if (!even.isUsable || even.omega_deg.some((o, i) => i > 0 && !(o > even.omega_deg[i - 1])))
+      throw unusable();
     const end = even.omega_deg.at(-1)!;
     const fractions = fractionsOf(spread(even.omega_deg[0], end, NODES), even.omega_deg, at);
     const angles = Array.from({ length: Math.floor(end / MARKS_DEG) + 1 }, (_, i) => i * MARKS_DEG);
@@ -59,26 +62,49 @@ export class Answerer {
     const facts = factsOf(tables, ideal, curve);
     if (section) {
       const far = object_distance_mm === null ? curve : at(fractions, null);
-      tablesOf.push(...sectionOf(ideal, { fractions, far, near: at(fractions, NEAR_OBJECTS * ideal.rim) }, { ...marks, mark }, at(spread(0, 1, PROFILE)).z_mm, facts).map(places));
+      tablesOf.push(
+        ...sectionOf(
+          ideal,
+          { fractions, far, near: at(fractions, NEAR_OBJECTS * ideal.rim) },
+          { ...marks, mark },
+          at(spread(0, 1, PROFILE)).z_mm,
+          facts,
+        ).map(places),
+      );
     }
     if (squares) tablesOf.push(curves("squares", ideal, marks.fractions, mark));
     return [tablesOf, facts];
   }
 }
 
-const unusable = (): Trouble => new Trouble(["mirror"], "the lens does not see this mirror one to one: it looks past it, or sees field angles twice");
+const unusable = (): Trouble =>
+  new Trouble(
+    ["mirror"],
+    "the lens does not see this mirror one to one: it looks past it, or sees field angles twice",
+  );
 
-const spread = (from: number, to: number, count: number): number[] => Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
+const spread = (from: number, to: number, count: number): number[] =>
+  Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
 
 /** Fractions of the rim radius that have field angles, by those of even fractions and then by chords that shrink. */
-function fractionsOf(omega: readonly number[], even: Float64Array, at: (fractions: number[]) => Columns): number[] {
+function fractionsOf(
+  omega: readonly number[],
+  even: Float64Array,
+  at: (fractions: number[]) => Columns,
+): number[] {
   const step = 1 / (even.length - 1);
-  const cells = omega.map((o) => Math.min(Math.max(even.findIndex((e) => e >= o) - 1, 0), even.length - 2));
+  const cells = omega.map((o) =>
+    Math.min(Math.max(even.findIndex((e) => e >= o) - 1, 0), even.length - 2),
+  );
   const rates = cells.map((k) => (even[k + 1] - even[k]) / step);
-  let fractions = omega.map((o, i) => Math.min(step * cells[i] + (o - even[cells[i]]) / rates[i], 1));
+  let fractions = omega.map((o, i) =>
+    Math.min(step * cells[i] + (o - even[cells[i]]) / rates[i], 1),
+  );
   for (let round = 0; round < ROUNDS; round++) {
     const reached = at(fractions).omega_deg;
-    fractions = fractions.map((u, i) => Math.min(Math.max(u + (omega[i] - reached[i]) / rates[i], 0), 1));
+    fractions = fractions.map((u, i) =>
+      Math.min(Math.max(u + (omega[i] - reached[i]) / rates[i], 0), 1),
+    );
   }
   return fractions;
 }
@@ -86,9 +112,14 @@ function fractionsOf(omega: readonly number[], even: Float64Array, at: (fraction
 function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
   const { lens, mount, imager } = tables;
   const isTelecentric = ideal.magnification > 0;
-  const { least, largest } = { least: (values: number[]) => Math.min(...values), largest: (values: number[]) => Math.max(...values) };
+  const { least, largest } = {
+    least: (values: number[]) => Math.min(...values),
+    largest: (values: number[]) => Math.max(...values),
+  };
   const image = isTelecentric ? 1 : 1 / (1 - ideal.focalLength / lens.focus_distance_mm); // b0/f, Eq. 25
-  const resolution = Array.from(curve.dh_domega_px_per_deg, (dh, i) => Math.min(dh, curve.width_px_per_deg[i]));
+  const resolution = Array.from(curve.dh_domega_px_per_deg, (dh, i) =>
+    Math.min(dh, curve.width_px_per_deg[i]),
+  );
   const viewpoints = [...curve.viewpoint_z_mm];
   const top = curve.z_mm.reduce((a, b) => Math.max(a, b));
   return {
@@ -113,16 +144,22 @@ function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
 const finite = (value: number): number | null => (Number.isFinite(value) ? value : null);
 
 /** The largest circle about the axis that the imager holds, px. */
-function inscribed({ width_px: w, height_px: h, centre_px: centre }: Record<string, any>): number {
+function inscribed({ width_px: w, height_px: h, centre_px: centre }: Tables): number {
   const [u, v] = (centre as [number, number] | undefined) ?? [(w - 1) / 2, (h - 1) / 2];
   return Math.min(u, v, w - 1 - u, h - 1 - v) + 0.5;
 }
 
 /** Between which distances a point blurs by a pixel at most, mm: Eqs. 30, 31. */
-function depthOfField({ focalLength: f, fNumber: F, magnification: mu, pitch }: Ideal, focus: number): [number, number | null] {
+function depthOfField(
+  { focalLength: f, fNumber: F, magnification: mu, pitch }: Ideal,
+  focus: number,
+): [number, number | null] {
   if (mu > 0) return [focus - (pitch * F) / mu ** 2, focus + (pitch * F) / mu ** 2];
   const spread = pitch * F * (focus - f);
-  return [(f ** 2 * focus) / (f ** 2 + spread), spread < f ** 2 ? (f ** 2 * focus) / (f ** 2 - spread) : null];
+  return [
+    (f ** 2 * focus) / (f ** 2 + spread),
+    spread < f ** 2 ? (f ** 2 * focus) / (f ** 2 - spread) : null,
+  ];
 }
 
 // -- the section ----------------------------------------------------------------------------------
@@ -134,18 +171,44 @@ interface Field {
 }
 
 /** Mirror, lens, chief rays, virtual images and depth of field, in the frame of the mirror: analysis/section.py. */
-function sectionOf(ideal: Ideal, field: Field, marks: { fractions: number[]; mark: Columns }, profile: Float64Array, { depth_of_field_mm, focus_mm }: Facts): Places[] {
+function sectionOf(
+  ideal: Ideal,
+  field: Field,
+  marks: { fractions: number[]; mark: Columns },
+  profile: Float64Array,
+  { depth_of_field_mm, focus_mm }: Facts,
+): Places[] {
   const { rim } = ideal;
   const isTelecentric = ideal.magnification > 0;
   const lens = isTelecentric ? -TELECENTRIC_LENS * rim : -ideal.distance;
   const half = isTelecentric ? rim : LENS_HALF_WIDTH * rim;
   const zero = isTelecentric ? 0 : -ideal.distance;
-  const mirror = { name: "mirror", x: spread(-rim, rim, 2 * PROFILE - 1), z: [...[...profile].reverse(), ...profile.subarray(1)] };
-  const rays = marks.fractions.map((u, i) => ({ name: `ray ${Math.round(marks.mark.omega_deg[i])}`, x: [u * rim, isTelecentric ? u * rim : 0], z: [marks.mark.z_mm[i], lens] }));
+  const mirror = {
+    name: "mirror",
+    x: spread(-rim, rim, 2 * PROFILE - 1),
+    z: [...[...profile].reverse(), ...profile.subarray(1)],
+  };
+  const rays = marks.fractions.map((u, i) => ({
+    name: `ray ${Math.round(marks.mark.omega_deg[i])}`,
+    x: [u * rim, isTelecentric ? u * rim : 0],
+    z: [marks.mark.z_mm[i], lens],
+  }));
   const seen = (name: string, distance: Float64Array, z: Float64Array): Places => {
-    const some = field.fractions.flatMap((u, i) => (i % IMAGE_NODES ? [] : [{ u, far: distance[i], z: z[i] }]));
+    const some = field.fractions.flatMap((u, i) =>
+      i % IMAGE_NODES ? [] : [{ u, far: distance[i], z: z[i] }],
+    );
     const isThere = some.map((p) => Number.isFinite(p.far));
-    return { name, x: some.map((p, i) => (!isThere[i] ? NaN : isTelecentric ? p.u * rim : (p.far * p.u * rim) / (ideal.distance + p.z))), z: some.map((p, i) => (isThere[i] ? p.far + zero : NaN)) };
+    return {
+      name,
+      x: some.map((p, i) =>
+        !isThere[i]
+          ? NaN
+          : isTelecentric
+            ? p.u * rim
+            : (p.far * p.u * rim) / (ideal.distance + p.z),
+      ),
+      z: some.map((p, i) => (isThere[i] ? p.far + zero : NaN)),
+    };
   };
   const { far, near } = field;
   const [nearest, farthest] = depth_of_field_mm;
@@ -157,7 +220,11 @@ function sectionOf(ideal: Ideal, field: Field, marks: { fractions: number[]; mar
     seen(`T${NEAR_OBJECTS}M`, near.distance_t_mm, near.z_mm),
     seen("S∞", far.distance_s_mm, far.z_mm),
     seen(`S${NEAR_OBJECTS}M`, near.distance_s_mm, near.z_mm),
-    { name: "focus", x: [0, 0, 0], z: [focus_mm, nearest, farthest ?? Infinity].map((z) => z + zero) },
+    {
+      name: "focus",
+      x: [0, 0, 0],
+      z: [focus_mm, nearest, farthest ?? Infinity].map((z) => z + zero),
+    },
   ];
 }
 
@@ -170,19 +237,55 @@ function curves(name: string, { rim }: Ideal, fractions: readonly number[], c: C
   const per = (of: (i: number) => number): number[] => fractions.map((_, i) => of(i));
   const { dh_domega_px_per_deg: dh, width_px_per_deg: dw } = c;
   return tableOf(name, {
-    omega_deg: c.omega_deg, x_mm: per((i) => fractions[i] * rim), z_mm: c.z_mm, h_px: c.h_px, dh_domega_px_per_deg: dh, width_px_per_deg: dw, viewpoint_z_mm: c.viewpoint_z_mm,
-    area_px2: per((i) => dh[i] * dw[i]), aspect: per((i) => dw[i] / dh[i]), blur_t_px: c.blur_t_px, blur_s_px: c.blur_s_px,
-    blur_t_deg: per((i) => c.blur_t_px[i] / dh[i]), blur_s_deg: per((i) => c.blur_s_px[i] / dw[i]), floored_area_deg2: c.floored_area_deg2,
+    omega_deg: c.omega_deg,
+    x_mm: per((i) => fractions[i] * rim),
+    z_mm: c.z_mm,
+    h_px: c.h_px,
+    dh_domega_px_per_deg: dh,
+    width_px_per_deg: dw,
+    viewpoint_z_mm: c.viewpoint_z_mm,
+    area_px2: per((i) => dh[i] * dw[i]),
+    aspect: per((i) => dw[i] / dh[i]),
+    blur_t_px: c.blur_t_px,
+    blur_s_px: c.blur_s_px,
+    blur_t_deg: per((i) => c.blur_t_px[i] / dh[i]),
+    blur_s_deg: per((i) => c.blur_s_px[i] / dw[i]),
+    floored_area_deg2: c.floored_area_deg2,
   });
 }
 
 function tableOf(name: string, columns: Record<string, ArrayLike<number>>): Columned {
-  const values = new Map(Object.entries(columns).map(([column, numbers]) => [column, Float32Array.from(numbers)]));
-  return { name, columns: [...values.keys()], rows: Object.values(columns)[0].length, column: (column) => values.get(column)! };
+  const values = new Map(
+    Object.entries(columns).map(([column, numbers]) => [column, Float32Array.from(numbers)]),
+  );
+  return {
+    name,
+    columns: [...values.keys()],
+    rows: Object.values(columns)[0].length,
+    column: (column) => values.get(column)!,
+  };
 }
 
-function found(ask: Ask, asked: number, tables: Columned[], facts: Facts | null, trouble: Trouble | null = null): Found {
+function found(
+  ask: Ask,
+  asked: number,
+  tables: Columned[],
+  facts: Facts | null,
+  trouble: Trouble | null = null,
+): Found {
   const { slot, number } = ask;
   const blocks = tables.map(({ name, rows, columns }) => ({ name, rows, columns }));
-  return { slot, number, asked, facts, rows: [], remark: null, requirements_trouble: null, blocks, bent: null, trouble: trouble && { path: trouble.path, sentence: trouble.message }, block: (name) => tables.find((t) => t.name === name) ?? null };
+  return {
+    slot,
+    number,
+    asked,
+    facts,
+    rows: [],
+    remark: null,
+    requirements_trouble: null,
+    blocks,
+    bent: null,
+    trouble: trouble && { path: trouble.path, sentence: trouble.message },
+    block: (name) => tables.find((t) => t.name === name) ?? null,
+  };
 }

@@ -6,7 +6,10 @@ export class AnswersAlone {
   private readonly waiting = new Map<number, { wish: Wish; asked: number }>();
   private number = 0;
 
-  constructor(private readonly answerer: Answerer, private readonly answered: (found: Found) => void) {}
+  constructor(
+    private readonly answerer: Answerer,
+    private readonly answered: (found: Found) => void,
+  ) {}
 
   /** Ask about a design; an older question of the same slot that still waits is forgotten. */
   ask(slot: number, wish: Wish): void {
@@ -21,6 +24,7 @@ export class AnswersAlone {
   private answer(): void {
     const questions = [...this.waiting].sort(([a], [b]) => a - b);
     this.waiting.clear();
-    for (const [slot, { wish, asked }] of questions) this.answered(this.answerer.answer({ slot, number: ++this.number, ...wish }, asked));
+    for (const [slot, { wish, asked }] of questions)
+      this.answered(this.answerer.answer({ slot, number: ++this.number, ...wish }, asked));
   }
 }

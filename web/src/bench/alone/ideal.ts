@@ -6,7 +6,10 @@ import type { Ideal } from "./kernel";
 
 /** Something that cannot be, and the entry it is about. */
 export class Trouble extends Refused {
-  constructor(readonly path: string[], sentence: string) {
+  constructor(
+    readonly path: string[],
+    sentence: string,
+  ) {
     super(sentence);
   }
 }
@@ -14,16 +17,32 @@ export class Trouble extends Refused {
 type Sections = Record<string, Tables>;
 type Mirror = Pick<Ideal, "conic" | "coefficients" | "first">;
 
-const number = (table: Tables, name: string, other = NaN): number => (table[name] as number | undefined) ?? other;
-const bare = (radius: number, constant: number): Mirror => ({ conic: { radius, constant }, coefficients: [], first: 2 });
+const number = (table: Tables, name: string, other = NaN): number =>
+  (table[name] as number | undefined) ?? other;
+const bare = (radius: number, constant: number): Mirror => ({
+  conic: { radius, constant },
+  coefficients: [],
+  first: 2,
+});
 
 /** By mirrors/conics.py and mirrors/aspheres.py. */
 const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   sphere: (t) => bare(number(t, "radius_mm"), 0),
   paraboloid: (t) => bare(number(t, "vertex_radius_mm"), -1),
-  hyperboloid: (t) => bare(number(t, "a_mm") ** 2 / number(t, "b_mm"), -1 - (number(t, "a_mm") / number(t, "b_mm")) ** 2),
-  ellipsoid: (t) => bare(number(t, "a_mm") ** 2 / number(t, "b_mm"), (number(t, "a_mm") / number(t, "b_mm")) ** 2 - 1),
-  "conic-asphere": (t) => ({ ...bare(number(t, "vertex_radius_mm"), number(t, "conic")), coefficients: ofRim(t, 2) }),
+  hyperboloid: (t) =>
+    bare(
+      number(t, "a_mm") ** 2 / number(t, "b_mm"),
+      -1 - (number(t, "a_mm") / number(t, "b_mm")) ** 2,
+    ),
+  ellipsoid: (t) =>
+    bare(
+      number(t, "a_mm") ** 2 / number(t, "b_mm"),
+      (number(t, "a_mm") / number(t, "b_mm")) ** 2 - 1,
+    ),
+  "conic-asphere": (t) => ({
+    ...bare(number(t, "vertex_radius_mm"), number(t, "conic")),
+    coefficients: ofRim(t, 2),
+  }),
   "even-polynomial": (t) => ({ conic: null, coefficients: ofRim(t, 1), first: 1 }),
 };
 
@@ -31,7 +50,9 @@ const MIRRORS: Record<string, (table: Tables) => Mirror> = {
 function ofRim(table: Tables, first: number): number[] {
   const N = number(table, "normalization_radius_mm", 1);
   const M = number(table, "rim_radius_mm");
-  return ((table.coefficients ?? []) as number[]).map((c, i) => c * (M / N) ** (2 * (first + i) - 1));
+  return ((table.coefficients ?? []) as number[]).map(
+    (c, i) => c * (M / N) ** (2 * (first + i) - 1),
+  );
 }
 
 /** A design as the evaluator takes it; thrown where a number is outside what its part allows. */
@@ -40,12 +61,27 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   within("mirror", partOf("mirror", parts.mirrors, mirror), mirror);
   within("lens", partOf("lens", parts.lenses, lens), lens);
   within("imager", parts.imager, imager);
-  const foreign = Object.keys(lens).find((name) => name !== "kind" && lens[name] && !parts.lenses.some((part) => part.kind === lens.kind && part.parameters.some((p) => p.name === name)));
-  if (foreign) throw new Trouble(["lens", foreign], `${foreign} = ${String(lens[foreign])}: this page, which does without a server, knows ideal lenses alone`);
+  const foreign = Object.keys(lens).find(
+    (name) =>
+      name !== "kind" &&
+      lens[name] &&
+      !parts.lenses.some(
+        (part) => part.kind === lens.kind && part.parameters.some((p) => p.name === name),
+      ),
+  );
+  if (foreign)
+    throw new Trouble(
+      ["lens", foreign],
+      `${foreign} = ${String(lens[foreign])}: this page, which does without a server, knows ideal lenses alone`,
+    );
   const isTelecentric = lens.kind === "orthographic";
   if (!isTelecentric) within("mount", parts.mount, mount);
   const f = number(lens, "focal_length_mm", 1);
-  if (!isTelecentric && number(lens, "focus_distance_mm") <= f) throw new Trouble(["lens", "focus_distance_mm"], `focus_distance_mm = ${number(lens, "focus_distance_mm")} is not beyond the focal length; it is valid above focal_length_mm = ${f}`);
+  if (!isTelecentric && number(lens, "focus_distance_mm") <= f)
+    throw new Trouble(
+      ["lens", "focus_distance_mm"],
+      `focus_distance_mm = ${number(lens, "focus_distance_mm")} is not beyond the focal length; it is valid above focal_length_mm = ${f}`,
+    );
   const ideal: Ideal = {
     rim: number(mirror, "rim_radius_mm"),
     distance: isTelecentric ? 1 : number(mount, "mirror_distance_mm"),
@@ -56,23 +92,33 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
     ...MIRRORS[mirror.kind as string](mirror),
   };
   const end = reach(ideal);
-  if (ideal.rim >= end) throw new Trouble(["mirror", "rim_radius_mm"], `rim_radius_mm = ${ideal.rim} is not valid: this mirror ends ${end.toPrecision(5)} mm from its axis`);
+  if (ideal.rim >= end)
+    throw new Trouble(
+      ["mirror", "rim_radius_mm"],
+      `rim_radius_mm = ${ideal.rim} is not valid: this mirror ends ${end.toPrecision(5)} mm from its axis`,
+    );
   return ideal;
 }
 
 /** Distance from the axis at which a conic ends, mm. */
-const reach = ({ conic }: Ideal): number => (conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity);
+const reach = ({ conic }: Ideal): number =>
+  conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity;
 
 function partOf(section: string, parts: PartOf[], table: Tables): PartOf {
   const found = parts.find((p) => p.kind === table.kind);
-  if (!found) throw new Trouble([section, "kind"], `this page, which does without a server, knows no ${section} ${String(table.kind)}; it knows ${parts.map((p) => p.kind).join(", ")}`);
+  if (!found)
+    throw new Trouble(
+      [section, "kind"],
+      `this page, which does without a server, knows no ${section} ${String(table.kind)}; it knows ${parts.map((p) => p.kind).join(", ")}`,
+    );
   return found;
 }
 
 function within(section: string, part: PartOf, table: Tables): void {
   for (const p of part.parameters) {
     const value = table[p.name];
-    for (const v of Array.isArray(value) ? (value as number[]) : [value]) if (typeof v === "number") check(section, p, v);
+    for (const v of Array.isArray(value) ? (value as number[]) : [value])
+      if (typeof v === "number") check(section, p, v);
   }
 }
 

@@ -41,10 +41,31 @@ interface Exports {
   design: (...numbers: number[]) => void;
 }
 
-const NAMES = ["omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm", "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2", "z_mm"] as const;
+const NAMES = [
+  "omega_deg",
+  "h_px",
+  "dh_domega_px_per_deg",
+  "width_px_per_deg",
+  "viewpoint_z_mm",
+  "distance_t_mm",
+  "distance_s_mm",
+  "blur_t_px",
+  "blur_s_px",
+  "floored_area_deg2",
+  "z_mm",
+] as const;
 const MOST_ANGLES = 400;
 const MOST_TERMS = 16;
-const ROOM = { coefficients: MOST_TERMS, numbers: 7, basis: 3 * MOST_TERMS * MOST_ANGLES, fractions: MOST_ANGLES, near: MOST_ANGLES, search: 6, columns: NAMES.length * MOST_ANGLES, results: 2 };
+const ROOM = {
+  coefficients: MOST_TERMS,
+  numbers: 7,
+  basis: 3 * MOST_TERMS * MOST_ANGLES,
+  fractions: MOST_ANGLES,
+  near: MOST_ANGLES,
+  search: 6,
+  columns: NAMES.length * MOST_ANGLES,
+  results: 2,
+};
 type Name = keyof typeof ROOM;
 
 /** The evaluator, from its bytes in base64; `search` says how a best focus is looked for (batch/best_focus.py). */
@@ -55,36 +76,78 @@ export class Kernel {
   constructor(compiled: string, search: readonly number[]) {
     const bytes = Uint8Array.from(atob(compiled), (c) => c.charCodeAt(0));
     const silent = { fd_close: () => 0, fd_seek: () => 0, fd_write: () => 0 }; // of its library; it says nothing
-    this.exports = new WebAssembly.Instance(new WebAssembly.Module(bytes), { wasi_snapshot_preview1: silent }).exports as unknown as Exports;
+    this.exports = new WebAssembly.Instance(new WebAssembly.Module(bytes), {
+      wasi_snapshot_preview1: silent,
+    }).exports as unknown as Exports;
     this.exports._initialize();
-    this.places = Object.fromEntries(Object.entries(ROOM).map(([name, count]) => [name, this.exports.room(count)])) as Record<Name, number>;
+    this.places = Object.fromEntries(
+      Object.entries(ROOM).map(([name, count]) => [name, this.exports.room(count)]),
+    ) as Record<Name, number>;
     this.write("search", search);
   }
 
   /** A design focused at a distance from its lens (null: where the worst floored area is least), objects at another (null: infinite). */
-  evaluate(ideal: Ideal, fractions: ArrayLike<number>, object: number | null, focus: number | null): Columns {
+  evaluate(
+    ideal: Ideal,
+    fractions: ArrayLike<number>,
+    object: number | null,
+    focus: number | null,
+  ): Columns {
     const { rim, conic, coefficients, pitch } = ideal;
     const count = fractions.length;
     const terms = coefficients.length;
     this.write("coefficients", coefficients);
-    this.write("numbers", [ideal.distance, rim, ideal.focalLength, ideal.fNumber, conic?.radius ?? 1, conic?.constant ?? 0, ideal.magnification]);
+    this.write("numbers", [
+      ideal.distance,
+      rim,
+      ideal.focalLength,
+      ideal.fNumber,
+      conic?.radius ?? 1,
+      conic?.constant ?? 0,
+      ideal.magnification,
+    ]);
     this.write("basis", basis(ideal, fractions));
     this.write("fractions", fractions);
-    this.write("near", Array.from(fractions, () => (object === null ? 0 : 1 / object)));
+    this.write(
+      "near",
+      Array.from(fractions, () => (object === null ? 0 : 1 / object)),
+    );
     const p = this.places;
-    this.exports.design(p.coefficients, p.numbers, p.basis, p.fractions, p.near, p.search, terms, count, Number(conic !== null), pitch, WAVELENGTH_NM, focus ?? NaN, p.columns, p.results);
+    this.exports.design(
+      p.coefficients,
+      p.numbers,
+      p.basis,
+      p.fractions,
+      p.near,
+      p.search,
+      terms,
+      count,
+      Number(conic !== null),
+      pitch,
+      WAVELENGTH_NM,
+      focus ?? NaN,
+      p.columns,
+      p.results,
+    );
     const columns = NAMES.map((name, i) => [name, this.read("columns", i * count, count)]);
     const [found, isUsable] = this.read("results", 0, ROOM.results);
     return { ...Object.fromEntries(columns), focus: found, isUsable: isUsable > 0 } as Columns;
   }
 
   private write(name: Name, values: ArrayLike<number>): void {
-    if (values.length > ROOM[name]) throw new RangeError(`${values.length} numbers do not fit into ${name}, which holds ${ROOM[name]}`);
+    if (values.length > ROOM[name])
+      throw new RangeError(
+        `${values.length} numbers do not fit into ${name}, which holds ${ROOM[name]}`,
+      );
     new Float64Array(this.exports.memory.buffer, this.places[name], values.length).set(values);
   }
 
   private read(name: Name, first: number, count: number): Float64Array {
-    return new Float64Array(this.exports.memory.buffer, this.places[name] + 8 * first, count).slice();
+    return new Float64Array(
+      this.exports.memory.buffer,
+      this.places[name] + 8 * first,
+      count,
+    ).slice();
   }
 }
 
@@ -93,6 +156,11 @@ export const WAVELENGTH_NM = 550;
 
 /** Sag, slope and curvature of each term at each fraction: batch/bases.py. */
 function basis({ coefficients, first }: Ideal, fractions: ArrayLike<number>): number[] {
-  const rows = (of: (u: number, n: number) => number): number[] => coefficients.flatMap((_, i) => Array.from(fractions, (u) => of(u, 2 * (first + i))));
-  return [...rows((u, n) => u ** n), ...rows((u, n) => n * u ** (n - 1)), ...rows((u, n) => n * (n - 1) * u ** (n - 2))];
+  const rows = (of: (u: number, n: number) => number): number[] =>
+    coefficients.flatMap((_, i) => Array.from(fractions, (u) => of(u, 2 * (first + i))));
+  return [
+    ...rows((u, n) => u ** n),
+    ...rows((u, n) => n * u ** (n - 1)),
+    ...rows((u, n) => n * (n - 1) * u ** (n - 2)),
+  ];
 }

@@ -14,7 +14,10 @@ export function inAddress(design: Design): string {
 /** The design of an address, or what it lacks, in a sentence. */
 export function fromAddress(text: string, parts: BenchStart): Design | string {
   const found = parsed(text);
-  if (found === undefined) return "The design of the address cannot be read: it is cut off or changed.";
+  if (found === undefined)
+    return "The design of the address cannot be read: it is cut off or changed.";
   const missing = lacking(found, parts);
-  return missing === null ? designOf(found as Tables) : `The design of the address is not whole: ${missing}.`;
+  return missing === null
+    ? designOf(found as Tables)
+    : `The design of the address is not whole: ${missing}.`;
 }

@@ -1,5 +1,7 @@
 import type { Facts } from "../../shared/messages";
 
+/** Parsed TOML; the server checks its entries. */
+// eslint-disable-next-line @typescript-eslint/no-explicit-any
 export type Tables = Record<string, any>;
 
 /** Everything that says what design is on the bench. */
@@ -91,7 +93,13 @@ export class History {
 }
 
 /** The design with one entry of its tables changed; `index` is for one of a list. */
-export function withEntry(design: Design, section: string, name: string, value: unknown, index?: number): Design {
+export function withEntry(
+  design: Design,
+  section: string,
+  name: string,
+  value: unknown,
+  index?: number,
+): Design {
   const table = { ...design.tables[section] };
   if (index === undefined) table[name] = value;
   else table[name] = (table[name] as number[]).map((old, i) => (i === index ? value : old));
@@ -106,4 +114,5 @@ export function placed(design: Design, facts: Facts): Design {
   return withEntry(design, "mount", "mirror_distance_mm", distance);
 }
 
-export const nameOf = (design: Design): string => (design.tables.name as string | undefined) ?? "design";
+export const nameOf = (design: Design): string =>
+  (design.tables.name as string | undefined) ?? "design";

@@ -10,9 +10,16 @@ export interface Limit {
   cycles_per_px?: number | null;
 }
 
-export const limitsOf = (requirements: Tables | null): Limit[] => (requirements?.limit as Limit[] | undefined) ?? [];
+export const limitsOf = (requirements: Tables | null): Limit[] =>
+  (requirements?.limit as Limit[] | undefined) ?? [];
 
 /** The requirements with another list of limits, without entries that say nothing. */
-export const withLimits = (requirements: Tables, limits: readonly Limit[]): Tables => ({ ...requirements, limit: limits.map(clean) });
+export const withLimits = (requirements: Tables, limits: readonly Limit[]): Tables => ({
+  ...requirements,
+  limit: limits.map(clean),
+});
 
-const clean = (limit: Limit): Limit => Object.fromEntries(Object.entries(limit).filter(([, v]) => v !== null && v !== undefined)) as unknown as Limit;
+const clean = (limit: Limit): Limit =>
+  Object.fromEntries(
+    Object.entries(limit).filter(([, v]) => v !== null && v !== undefined),
+  ) as unknown as Limit;

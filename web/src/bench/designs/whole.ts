@@ -1,36 +1,66 @@
 import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
 import type { Design, Tables } from "./design";
 
-type Parts = Pick<BenchStart, "mirrors" | "secondaries" | "lenses" | "imager" | "place" | "quantities">;
+type Parts = Pick<
+  BenchStart,
+  "mirrors" | "secondaries" | "lenses" | "imager" | "place" | "quantities"
+>;
 
 /** What keeps a text or an object from being a design that the bench can hold, in words; null where nothing does. */
 export function lacking(found: unknown, parts: Parts): string | null {
   if (!isTable(found)) return "it is no design";
   if (!isTable(found.tables)) return "it has no tables of a sensor";
-  if (!isNumberOrNull(found.distance)) return `the distance of its objects is ${short(found.distance)}`;
-  return ofSensor(found.tables, found.follows === true, parts) ?? ofRequirements(found.requirements ?? null, parts);
+  if (!isNumberOrNull(found.distance))
+    return `the distance of its objects is ${short(found.distance)}`;
+  return (
+    ofSensor(found.tables, found.follows === true, parts) ??
+    ofRequirements(found.requirements ?? null, parts)
+  );
 }
 
 /** The design of an object that lacks nothing. */
-export const designOf = (found: Tables): Design => ({ tables: found.tables as Tables, follows: found.follows === true, distance: (found.distance as number | null | undefined) ?? null, requirements: (found.requirements as Tables | null | undefined) ?? null });
+export const designOf = (found: Tables): Design => ({
+  tables: found.tables as Tables,
+  follows: found.follows === true,
+  distance: (found.distance as number | null | undefined) ?? null,
+  requirements: (found.requirements as Tables | null | undefined) ?? null,
+});
 
 function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null {
-  for (const name of ["mirror", "lens", "imager"]) if (!isTable(tables[name])) return `it lacks [${name}]`;
+  for (const name of ["mirror", "lens", "imager"])
+    if (!isTable(tables[name])) return `it lacks [${name}]`;
   if (!isTable(tables.mount ?? {})) return `mount = ${short(tables.mount)} is no table`;
-  if (tables.name !== undefined && typeof tables.name !== "string") return `name = ${short(tables.name)} is no text`;
+  if (tables.name !== undefined && typeof tables.name !== "string")
+    return `name = ${short(tables.name)} is no text`;
   const distance = (tables.mount as Tables | undefined)?.mirror_distance_mm as unknown;
-  if (!isNumberOrNull(distance)) return `mount.mirror_distance_mm = ${short(distance)} is no number`;
-  if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number") return "it lacks mount.mirror_distance_mm";
-  const kinds: [string, PartOf[]][] = [["mirror", parts.mirrors], ["lens", parts.lenses]];
+  if (!isNumberOrNull(distance))
+    return `mount.mirror_distance_mm = ${short(distance)} is no number`;
+  if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number")
+    return "it lacks mount.mirror_distance_mm";
+  const kinds: [string, PartOf[]][] = [
+    ["mirror", parts.mirrors],
+    ["lens", parts.lenses],
+  ];
   const pose = tables.mirror_pose as unknown;
-  if (pose !== undefined && !(isTable(pose) && Object.values(pose).every((v) => Number.isFinite(v)))) return "mirror_pose is no table of numbers";
+  if (
+    pose !== undefined &&
+    !(isTable(pose) && Object.values(pose).every((v) => Number.isFinite(v)))
+  )
+    return "mirror_pose is no table of numbers";
   if (tables.secondary !== undefined) kinds.push(["secondary", parts.secondaries]);
   for (const [name, known] of kinds) {
-    const part = isTable(tables[name]) ? known.find((p) => p.kind === tables[name].kind) : undefined;
-    const problem = part ? ofPart(name, part, tables[name] as Tables) : `${name}.kind is none of ${known.map((p) => p.kind).join(", ")}`;
+    const part = isTable(tables[name])
+      ? known.find((p) => p.kind === tables[name].kind)
+      : undefined;
+    const problem = part
+      ? ofPart(name, part, tables[name] as Tables)
+      : `${name}.kind is none of ${known.map((p) => p.kind).join(", ")}`;
     if (problem) return problem;
   }
-  return ofPart("imager", parts.imager, tables.imager as Tables) ?? (tables.secondary ? ofPart("secondary", parts.place, tables.secondary as Tables) : null);
+  return (
+    ofPart("imager", parts.imager, tables.imager as Tables) ??
+    (tables.secondary ? ofPart("secondary", parts.place, tables.secondary as Tables) : null)
+  );
 }
 
 function ofPart(section: string, part: PartOf, table: Tables): string | null {
@@ -38,7 +68,8 @@ function ofPart(section: string, part: PartOf, table: Tables): string | null {
     const value = table[p.name] as unknown;
     if (value === undefined || value === null) {
       if (!p.is_optional) return `it lacks ${section}.${p.name}`;
-    } else if (!isOf(p, value)) return `${section}.${p.name} = ${short(value)} is no ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}`;
+    } else if (!isOf(p, value))
+      return `${section}.${p.name} = ${short(value)} is no ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}`;
   }
   return null;
 }
@@ -51,14 +82,22 @@ function isOf(p: ParameterOf, value: unknown): boolean {
 
 function ofRequirements(requirements: unknown, parts: Parts): string | null {
   if (requirements === null) return null;
-  if (!isTable(requirements) || !isTable(requirements.field)) return "its requirements lack [field]";
-  if (!Number.isFinite(requirements.field.omega_max_deg)) return "its requirements lack field.omega_max_deg";
+  if (!isTable(requirements) || !isTable(requirements.field))
+    return "its requirements lack [field]";
+  if (!Number.isFinite(requirements.field.omega_max_deg))
+    return "its requirements lack field.omega_max_deg";
   const limits = (requirements.limit ?? []) as unknown;
   if (!Array.isArray(limits)) return "its requirements have limits that are no list";
-  const unknown = limits.find((l) => !isTable(l) || !parts.quantities.some((q) => q.name === l.quantity)) as unknown;
-  return unknown === undefined ? null : `its requirements limit ${short(isTable(unknown) ? unknown.quantity : unknown)}, which is no quantity`;
+  const unknown = limits.find(
+    (l) => !isTable(l) || !parts.quantities.some((q) => q.name === l.quantity),
+  ) as unknown;
+  return unknown === undefined
+    ? null
+    : `its requirements limit ${short(isTable(unknown) ? unknown.quantity : unknown)}, which is no quantity`;
 }
 
-const isTable = (value: unknown): value is Tables => typeof value === "object" && value !== null && !Array.isArray(value);
-const isNumberOrNull = (value: unknown): boolean => value === undefined || value === null || Number.isFinite(value);
+const isTable = (value: unknown): value is Tables =>
+  typeof value === "object" && value !== null && !Array.isArray(value);
+const isNumberOrNull = (value: unknown): boolean =>
+  value === undefined || value === null || Number.isFinite(value);
 const short = (value: unknown): string => (JSON.stringify(value) ?? "nothing").slice(0, 40);

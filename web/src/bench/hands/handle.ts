@@ -18,11 +18,22 @@ interface Drag {
 }
 
 const [STEP_PX, LARGE_STEP_PX] = [1, 10];
-const ARROWS: Record<string, readonly [number, number]> = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
+const ARROWS: Record<string, readonly [number, number]> = {
+  ArrowRight: [1, 0],
+  ArrowLeft: [-1, 0],
+  ArrowDown: [0, 1],
+  ArrowUp: [0, -1],
+};
 
 /** Something on a plot that is dragged: by pointer, or by arrow keys, with Shift ten times as far. */
 export function handle(className: string, title: string, drag: Drag): HTMLElement {
-  const element = h("div", { className: `handle ${className}`, tabIndex: 0, role: "slider", title, "aria-label": title });
+  const element = h("div", {
+    className: `handle ${className}`,
+    tabIndex: 0,
+    role: "slider",
+    title,
+    "aria-label": title,
+  });
   let from: readonly [number, number] | null = null;
   element.addEventListener("pointerdown", (e) => {
     if (e.button !== 0) return;
@@ -33,7 +44,10 @@ export function handle(className: string, title: string, drag: Drag): HTMLElemen
     element.classList.add("held");
     drag.begin();
   });
-  element.addEventListener("pointermove", (e) => from && drag.move(e.clientX - from[0], e.clientY - from[1]));
+  element.addEventListener(
+    "pointermove",
+    (e) => from && drag.move(e.clientX - from[0], e.clientY - from[1]),
+  );
   const letGo = (): void => {
     if (!from) return;
     from = null;
@@ -56,7 +70,13 @@ export function handle(className: string, title: string, drag: Drag): HTMLElemen
 }
 
 /** Put a handle where it is on its plot, px, and say what it stands at. */
-export function place(element: HTMLElement, left: number, top: number, value: number, words: string): void {
+export function place(
+  element: HTMLElement,
+  left: number,
+  top: number,
+  value: number,
+  words: string,
+): void {
   element.style.left = `${left}px`;
   element.style.top = `${top}px`;
   element.setAttribute("aria-valuenow", String(value));

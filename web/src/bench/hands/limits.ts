@@ -34,7 +34,7 @@ export class LimitLines implements Over {
   private lines: Line[] = [];
   private elements: HTMLElement[] = [];
   private area: Area | null = null;
-  private held = { top: 0 };
+  private readonly held = { top: 0 };
 
   constructor(private readonly hands: LimitHands) {}
 
@@ -63,13 +63,23 @@ export class LimitLines implements Over {
       if (!element.isConnected) layer.append(element);
       const at = down(line.value);
       const top = clamp(at, highest, highest + height);
-      const [from, to] = line.part ? line.part.map((omega) => clamp(across(omega), left, left + width)) : [left, left + width];
+      const [from, to] = line.part
+        ? line.part.map((omega) => clamp(across(omega), left, left + width))
+        : [left, left + width];
       const said = `${line.title} ${SIGNS[line.side]} ${words(line.value)}`;
       place(element, from, top, line.value, said);
       element.style.width = `${Math.max(24, to - from)}px`;
       element.title = `${said}: drag it up or down`;
-      element.setAttribute("aria-label", `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`);
-      for (const [name, is] of [["at_least", line.side === "at_least"], ["at_most", line.side === "at_most"], ["missed", !line.isMet]] as const) element.classList.toggle(name, is);
+      element.setAttribute(
+        "aria-label",
+        `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`,
+      );
+      for (const [name, is] of [
+        ["at_least", line.side === "at_least"],
+        ["at_most", line.side === "at_most"],
+        ["missed", !line.isMet],
+      ] as const)
+        element.classList.toggle(name, is);
       const beyond = at < highest - 1 ? "↑ " : at > highest + height + 1 ? "↓ " : "";
       element.firstElementChild!.textContent = `${beyond}${SIGNS[line.side]} ${words(line.value)} ${line.isMet ? "✓" : "✗"}`;
     });
@@ -106,16 +116,33 @@ export class LimitLines implements Over {
 }
 
 /** The lines of the limits whose judgement has a name, which is the column of their values too. */
-export function linesOf(requirements: Tables | null, rows: readonly JudgementOf[], name: string, vocabulary: readonly QuantityOf[]): Line[] {
+export function linesOf(
+  requirements: Tables | null,
+  rows: readonly JudgementOf[],
+  name: string,
+  vocabulary: readonly QuantityOf[],
+): Line[] {
   return limitsOf(requirements).flatMap((limit, i) => {
     const row = rows.find((r) => r.limit === i);
     if (row?.name !== name) return [];
-    const sides = (["at_least", "at_most"] as const).filter((side) => typeof limit[side] === "number");
-    return sides.map((side): Line => ({ limit: i, side, value: limit[side]!, title: titleOf(limit, vocabulary), part: limit.omega_deg ?? null, isMet: row.is_met }));
+    const sides = (["at_least", "at_most"] as const).filter(
+      (side) => typeof limit[side] === "number",
+    );
+    return sides.map((side): Line => ({
+      limit: i,
+      side,
+      value: limit[side]!,
+      title: titleOf(limit, vocabulary),
+      part: limit.omega_deg ?? null,
+      isMet: row.is_met,
+    }));
   });
 }
 
-function titleOf({ quantity, cycles_per_px: cycles }: Limit, vocabulary: readonly QuantityOf[]): string {
+function titleOf(
+  { quantity, cycles_per_px: cycles }: Limit,
+  vocabulary: readonly QuantityOf[],
+): string {
   const { title, unit } = vocabulary.find((q) => q.name === quantity)!;
   return `${title}${cycles ? ` at ${words(cycles)} cycles/px` : ""}${unit ? `, ${unitWords(unit)},` : ""}`;
 }

@@ -18,7 +18,12 @@ export class MappingHandles implements Over {
     this.elements = AT.map((share) =>
       handle("point", "Image height: drag up or down to bend the mapping", {
         begin: () => this.begin(share),
-        move: (_, down) => hands.bend({ of: "mapping", at: this.held.omega, to: this.area!.value(this.held.top + down) }),
+        move: (_, down) =>
+          hands.bend({
+            of: "mapping",
+            at: this.held.omega,
+            to: this.area!.value(this.held.top + down),
+          }),
         end: () => this.end(),
       }),
     );
@@ -37,7 +42,13 @@ export class MappingHandles implements Over {
       if (!this.curve) return;
       if (!element.isConnected) area.layer.append(element);
       const [omega, height] = this.at(share);
-      place(element, area.across(omega), area.down(height), height, `${words(height)} px at ${words(omega, 3)}°`);
+      place(
+        element,
+        area.across(omega),
+        area.down(height),
+        height,
+        `${words(height)} px at ${words(omega, 3)}°`,
+      );
     });
   }
 

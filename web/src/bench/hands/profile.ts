@@ -28,7 +28,8 @@ export class ProfileHandles {
           this.from = this.places[i];
           this.isHeld = true;
         },
-        move: (right) => hands.bend({ of: "profile", at: this.from[1], to: this.from[0] + right / this.scale }),
+        move: (right) =>
+          hands.bend({ of: "profile", at: this.from[1], to: this.from[0] + right / this.scale }),
         end: () => {
           this.isHeld = false;
           hands.letGo();
@@ -54,7 +55,13 @@ export class ProfileHandles {
       const [left, top] = drawing.at(this.places[i]);
       reveal(element, Math.max(Math.abs(left - next[0]), Math.abs(top - next[1])) >= APART);
       if (!element.hidden) next = [left, top];
-      place(element, left, top, this.places[i][0], `z ${words(this.places[i][0])} mm at x ${words(x)} mm`);
+      place(
+        element,
+        left,
+        top,
+        this.places[i][0],
+        `z ${words(this.places[i][0])} mm at x ${words(x)} mm`,
+      );
     }
   }
 }

@@ -23,13 +23,32 @@ export class Field {
   private scale: Scale;
 
   /** `changed` is told each value, `settled` when a slider is let go or a number is entered. */
-  constructor(private readonly p: ParameterOf, title: string, private value: number, private readonly changed: (value: number) => void, private readonly settled: () => void) {
+  constructor(
+    private readonly p: ParameterOf,
+    title: string,
+    private value: number,
+    private readonly changed: (value: number) => void,
+    private readonly settled: () => void,
+  ) {
     const id = unique();
     const unit = unitWords(p.unit);
     const limits = `${words(p.low)} to ${words(p.high)}${unit ? ` ${unit}` : ""}`;
     this.scale = scaleOf(p, value);
-    this.number = h("input", { type: "number", id, step: p.is_whole ? "1" : "any", min: String(p.low), max: String(p.high), "aria-describedby": `${id}h ${id}m ${id}p` });
-    this.slider = h("input", { type: "range", min: "0", max: "1", step: "0.001", "aria-label": `${title}, slider` });
+    this.number = h("input", {
+      type: "number",
+      id,
+      step: p.is_whole ? "1" : "any",
+      min: String(p.low),
+      max: String(p.high),
+      "aria-describedby": `${id}h ${id}m ${id}p`,
+    });
+    this.slider = h("input", {
+      type: "range",
+      min: "0",
+      max: "1",
+      step: "0.001",
+      "aria-label": `${title}, slider`,
+    });
     this.first = value;
     this.meets.id = `${id}m`;
     this.back.addEventListener("click", () => this.goBack());
@@ -45,9 +64,14 @@ export class Field {
       this.meets,
       this.problem,
     );
-    this.slider.addEventListener("input", () => this.take(this.scale.to(Number(this.slider.value)), this.slider));
+    this.slider.addEventListener("input", () =>
+      this.take(this.scale.to(Number(this.slider.value)), this.slider),
+    );
     this.slider.addEventListener("change", () => this.letGo());
-    this.number.addEventListener("input", () => this.number.value !== "" && this.take(Number(this.number.value), this.number));
+    this.number.addEventListener(
+      "input",
+      () => this.number.value !== "" && this.take(Number(this.number.value), this.number),
+    );
     this.number.addEventListener("change", () => this.enter());
     this.show(value);
   }
@@ -81,15 +105,22 @@ export class Field {
     const spans = missed && metSpans(this.places, missed);
     this.met = spans && { scale: this.scale, spans };
     const unit = unitWords(this.p.unit);
-    const parts = spans?.map((span) => span.map((place) => words(this.scale.to(place))).join(" to "));
-    this.meets.textContent = parts ? (parts.length ? `All requirements are met at ${parts.join(" and ")}${unit && ` ${unit}`}.` : "At no place of the slider that was looked at are all requirements met.") : "";
+    const parts = spans?.map((span) =>
+      span.map((place) => words(this.scale.to(place))).join(" to "),
+    );
+    this.meets.textContent = parts
+      ? parts.length
+        ? `All requirements are met at ${parts.join(" and ")}${unit && ` ${unit}`}.`
+        : "At no place of the slider that was looked at are all requirements met."
+      : "";
     this.slider.title = this.meets.textContent;
     this.mark();
   }
 
   private goBack(): void {
     this.value = this.first;
-    if (this.value < this.scale.low || this.value > this.scale.high) this.scale = scaleOf(this.p, this.value);
+    if (this.value < this.scale.low || this.value > this.scale.high)
+      this.scale = scaleOf(this.p, this.value);
     this.show(this.value);
     this.changed(this.value);
     this.settled();
@@ -101,7 +132,10 @@ export class Field {
     if (sentence === this.complaint) return;
     this.complaint = sentence;
     reveal(this.problem, sentence !== null);
-    write(this.problem, (sentence ?? "").replace(/^./, (c) => c.toUpperCase()));
+    write(
+      this.problem,
+      (sentence ?? "").replace(/^./, (c) => c.toUpperCase()),
+    );
     this.number.setAttribute("aria-invalid", String(sentence !== null));
   }
 
@@ -113,7 +147,8 @@ export class Field {
 
   private enter(): void {
     if (this.number.value === "") this.show(this.value);
-    else if (this.value < this.scale.low || this.value > this.scale.high) this.scale = scaleOf(this.p, this.value);
+    else if (this.value < this.scale.low || this.value > this.scale.high)
+      this.scale = scaleOf(this.p, this.value);
     this.show(this.value);
     this.settled();
   }
@@ -139,14 +174,31 @@ export class Field {
   /** Where the design began, what is usual, and the ends beyond which nothing is valid. */
   private mark(): void {
     const { low, high } = this.scale;
-    const all: [string, number][] = [["stop", this.p.low], ["stop", this.p.high], ["first", this.first]];
+    const all: [string, number][] = [
+      ["stop", this.p.low],
+      ["stop", this.p.high],
+      ["first", this.first],
+    ];
     if (this.p.default !== null) all.push(["usual", this.p.default]);
-    const shown = all.filter(([, v]) => v >= low - 1e-9 * Math.abs(low) && v <= high + 1e-9 * Math.abs(high));
-    const spans = shown.map(([kind, v]) => [kind, `left: ${(100 * this.scale.from(v)).toFixed(2)}%`]);
-    const met = (this.met?.spans ?? []).map((span) => span.map((place) => 100 * this.scale.from(this.met!.scale.to(place))));
-    const bars = met.map(([from, to]) => ["met", `left: ${from.toFixed(2)}%; width: ${(to - from).toFixed(2)}%`]);
+    const shown = all.filter(
+      ([, v]) => v >= low - 1e-9 * Math.abs(low) && v <= high + 1e-9 * Math.abs(high),
+    );
+    const spans = shown.map(([kind, v]) => [
+      kind,
+      `left: ${(100 * this.scale.from(v)).toFixed(2)}%`,
+    ]);
+    const met = (this.met?.spans ?? []).map((span) =>
+      span.map((place) => 100 * this.scale.from(this.met!.scale.to(place))),
+    );
+    const bars = met.map(([from, to]) => [
+      "met",
+      `left: ${from.toFixed(2)}%; width: ${(to - from).toFixed(2)}%`,
+    ]);
     const marked = [...bars, ...spans];
-    if (marked.join() !== this.marked) this.marks.replaceChildren(...marked.map(([className, style]) => h("span", { className, style })));
+    if (marked.join() !== this.marked)
+      this.marks.replaceChildren(
+        ...marked.map(([className, style]) => h("span", { className, style })),
+      );
     this.marked = marked.join();
     const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
     reveal(this.back, isMoved);

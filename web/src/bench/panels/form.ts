@@ -16,12 +16,23 @@ interface Hands {
 
 const MOST_FIELDS = 16; // of a list; longer ones are a text
 const DISTANCE = "distance"; // of the objects: no number of the sensor
-const FAR: ParameterOf = { name: DISTANCE, unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false, default: null };
+const FAR: ParameterOf = {
+  name: DISTANCE,
+  unit: "mm",
+  low: 1,
+  high: 1e7,
+  description: "from the mirror to the objects",
+  choices: [],
+  is_list: false,
+  is_whole: false,
+  is_optional: false,
+  default: null,
+};
 
 /** Sliders and number fields, made from what the parts say of themselves. */
 export class Form {
-  private fields = new Map<string, Field>();
-  private defaults = new Map<string, number>();
+  private readonly fields = new Map<string, Field>();
+  private readonly defaults = new Map<string, number>();
   private readonly unfolded = new Set<string>();
   private shape = "";
   private last = "";
@@ -33,14 +44,34 @@ export class Form {
   private readonly body = h("div", { className: "sections" });
   private readonly problem = h("p", { className: "problem", hidden: true });
 
-  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
-    this.mirror = choice(parts.mirrors.map((p) => p.kind), (kind) => hands.change("mirror", kind));
-    this.lens = choice(parts.lenses.map((p) => p.kind), (kind) => hands.change("lens", kind));
+  constructor(
+    place: HTMLElement,
+    private readonly parts: BenchStart,
+    private readonly hands: Hands,
+  ) {
+    this.mirror = choice(
+      parts.mirrors.map((p) => p.kind),
+      (kind) => hands.change("mirror", kind),
+    );
+    this.lens = choice(
+      parts.lenses.map((p) => p.kind),
+      (kind) => hands.change("lens", kind),
+    );
     this.mirror.setAttribute("aria-label", "Kind of mirror");
     this.lens.setAttribute("aria-label", "Kind of lens");
-    if (alone) for (const kind of [this.mirror, this.lens]) Object.assign(kind, { disabled: true, title: "Another kind for the same rim takes the program; here, start from a sensor that has it." });
-    this.follows.addEventListener("change", () => this.settled({ ...hands.now(), follows: this.follows.checked }));
-    this.infinite.addEventListener("change", () => this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }));
+    if (alone)
+      for (const kind of [this.mirror, this.lens])
+        Object.assign(kind, {
+          disabled: true,
+          title:
+            "Another kind for the same rim takes the program; here, start from a sensor that has it.",
+        });
+    this.follows.addEventListener("change", () =>
+      this.settled({ ...hands.now(), follows: this.follows.checked }),
+    );
+    this.infinite.addEventListener("change", () =>
+      this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }),
+    );
     place.append(this.problem, this.body);
   }
 
@@ -73,7 +104,12 @@ export class Form {
 
   /** Say why the design cannot be, beside the field it is about, or the one that was changed last. */
   complain(trouble: Trouble | null): void {
-    const key = trouble && ([...this.fields.keys()].find((k) => k.startsWith(trouble.path.join(".")) && trouble.path.length > 1) ?? this.last);
+    const key =
+      trouble &&
+      ([...this.fields.keys()].find(
+        (k) => k.startsWith(trouble.path.join(".")) && trouble.path.length > 1,
+      ) ??
+        this.last);
     for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
     const isOfNoField = trouble !== null && !this.fields.has(key ?? "");
     reveal(this.problem, isOfNoField);
@@ -82,7 +118,9 @@ export class Form {
 
   /** The numbers that sliders which are seen stand for, and values along each. */
   slides(): Slide[] {
-    const seen = [...this.fields].filter(([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"));
+    const seen = [...this.fields].filter(
+      ([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"),
+    );
     return seen.map(([key, field]) => ({ path: key.split("."), values: field.along }));
   }
 
@@ -102,15 +140,29 @@ export class Form {
     this.defaults.clear();
     const { tables } = design;
     this.body.replaceChildren(
-      this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror), ...this.distance(design)]),
-      ...(tables.mirror_pose ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))] : []),
-      ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
-      this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens), this.focus()]),
+      this.section("Mirror", [
+        this.name(design),
+        labelled("Kind", this.mirror),
+        ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror),
+        ...this.distance(design),
+      ]),
+      ...(tables.mirror_pose
+        ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))]
+        : []),
+      ...(tables.secondary
+        ? [this.section("Second mirror", this.second(tables.secondary as Tables))]
+        : []),
+      this.section("Lens", [
+        labelled("Kind", this.lens),
+        ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens),
+        this.focus(),
+      ]),
       this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
       this.section("Objects", this.objects(design)),
     );
     const again = [...this.body.querySelectorAll("label")].find((l) => l.textContent === open);
-    if (open) again?.closest(".field")?.querySelector<HTMLInputElement>("input[type=range]")?.focus();
+    if (open)
+      again?.closest(".field")?.querySelector<HTMLInputElement>("input[type=range]")?.focus();
   }
 
   private section(title: string, children: HTMLElement[]): HTMLElement {
@@ -119,22 +171,37 @@ export class Form {
   }
 
   private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
-    const isUsual = (p: ParameterOf): boolean => p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
-    const made = (all: ParameterOf[]): HTMLElement[] => all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
+    const isUsual = (p: ParameterOf): boolean =>
+      p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
+    const made = (all: ParameterOf[]): HTMLElement[] =>
+      all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
     const more = made(part.parameters.filter(isUsual));
-    return [...made(part.parameters.filter((p) => !isUsual(p))), ...(more.length ? [this.more(section, more)] : [])];
+    return [
+      ...made(part.parameters.filter((p) => !isUsual(p))),
+      ...(more.length ? [this.more(section, more)] : []),
+    ];
   }
 
   private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
-    if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
+    if (p.choices.length)
+      return [this.words(section, p, (value as string | undefined) ?? p.choices[0])];
     if (value === undefined || value === null) return [];
-    return p.is_list ? this.list(section, p, value as number[]) : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
+    return p.is_list
+      ? this.list(section, p, value as number[])
+      : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
   }
 
   /** What is seldom changed, folded away. */
   private more(section: string, fields: HTMLElement[]): HTMLElement {
-    const details = h("details", { className: "more", open: this.unfolded.has(section) }, h("summary", {}, "More"), h("div", {}, ...fields));
-    details.addEventListener("toggle", () => (details.open ? this.unfolded.add(section) : this.unfolded.delete(section)));
+    const details = h(
+      "details",
+      { className: "more", open: this.unfolded.has(section) },
+      h("summary", {}, "More"),
+      h("div", {}, ...fields),
+    );
+    details.addEventListener("toggle", () =>
+      details.open ? this.unfolded.add(section) : this.unfolded.delete(section),
+    );
     return details;
   }
 
@@ -151,12 +218,28 @@ export class Form {
 
   private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
     if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
-    const fields = values.map((v, i) => this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v));
+    const fields = values.map((v, i) =>
+      this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v),
+    );
     if (p.name !== "coefficients") return fields;
-    const set = (to: number[]): void => this.settled(withEntry(this.hands.now(), section, p.name, to));
+    const set = (to: number[]): void =>
+      this.settled(withEntry(this.hands.now(), section, p.name, to));
     const now = (): number[] => this.hands.now().tables[section][p.name] as number[];
-    const more = h("button", { type: "button", onclick: () => set([...now(), 0]) }, "Add a coefficient");
-    const less = h("button", { type: "button", disabled: values.length < 2, title: values.length < 2 ? "One coefficient has to stay." : "", onclick: () => set(now().slice(0, -1)) }, "Remove the last");
+    const more = h(
+      "button",
+      { type: "button", onclick: () => set([...now(), 0]) },
+      "Add a coefficient",
+    );
+    const less = h(
+      "button",
+      {
+        type: "button",
+        disabled: values.length < 2,
+        title: values.length < 2 ? "One coefficient has to stay." : "",
+        onclick: () => set(now().slice(0, -1)),
+      },
+      "Remove the last",
+    );
     return [...fields, h("div", { className: "row" }, more, less)];
   }
 
@@ -164,16 +247,31 @@ export class Form {
     const id = unique();
     const area = h("textarea", { id, rows: 4, spellcheck: false, value: values.join(", ") });
     area.addEventListener("change", () => {
-      const numbers = area.value.split(/[\s,;]+/).filter(Boolean).map(Number);
-      if (numbers.some(Number.isNaN)) return this.complain({ path: [], sentence: `${label(p.name)}: numbers with commas between them` });
+      const numbers = area.value
+        .split(/[\s,;]+/)
+        .filter(Boolean)
+        .map(Number);
+      if (numbers.some(Number.isNaN))
+        return this.complain({
+          path: [],
+          sentence: `${label(p.name)}: numbers with commas between them`,
+        });
       this.last = `${section}.${p.name}`;
       this.settled(withEntry(this.hands.now(), section, p.name, numbers));
     });
-    return h("div", { className: "field", title: p.description }, h("label", { htmlFor: id }, label(p.name)), h("span", { className: "unit" }, p.unit), area);
+    return h(
+      "div",
+      { className: "field", title: p.description },
+      h("label", { htmlFor: id }, label(p.name)),
+      h("span", { className: "unit" }, p.unit),
+      area,
+    );
   }
 
   private words(section: string, p: ParameterOf, value: string): HTMLElement {
-    const select = choice(p.choices, (to) => this.settled(withEntry(this.hands.now(), section, p.name, to)));
+    const select = choice(p.choices, (to) =>
+      this.settled(withEntry(this.hands.now(), section, p.name, to)),
+    );
     select.value = value;
     return labelled(label(p.name), select);
   }
@@ -185,26 +283,48 @@ export class Form {
     const field = this.number("mount.mirror_distance_mm", p, "Distance", value);
     const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
     field.classList.toggle("led", design.follows);
-    return [field, ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : [])];
+    return [
+      field,
+      ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : []),
+    ];
   }
 
   private second(table: Tables): HTMLElement[] {
     const kind = kindOf(this.parts.secondaries, table);
-    return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
+    return [
+      h("p", { className: "words" }, `${kind.kind}`),
+      ...this.of("secondary", kind, table),
+      ...this.of("secondary", this.parts.place, table),
+    ];
   }
 
   /** How the mirror stands out of its place, and back into it. */
   private pose(table: Tables): HTMLElement[] {
-    const fields = this.parts.pose.parameters.flatMap((p) => this.entry("mirror_pose", p, table[p.name] ?? 0));
+    const fields = this.parts.pose.parameters.flatMap((p) =>
+      this.entry("mirror_pose", p, table[p.name] ?? 0),
+    );
     const back = (): void => {
       const { mirror_pose: _, ...tables } = this.hands.now().tables;
       this.settled({ ...this.hands.now(), tables });
     };
-    return [...fields, h("div", { className: "row" }, h("button", { type: "button", onclick: back }, "Put the mirror in its place"))];
+    return [
+      ...fields,
+      h(
+        "div",
+        { className: "row" },
+        h("button", { type: "button", onclick: back }, "Put the mirror in its place"),
+      ),
+    ];
   }
 
   private name(design: Design): HTMLElement {
-    const input = h("input", { type: "text", id: unique(), maxLength: 60, value: nameOf(design), spellcheck: false });
+    const input = h("input", {
+      type: "text",
+      id: unique(),
+      maxLength: 60,
+      value: nameOf(design),
+      spellcheck: false,
+    });
     input.addEventListener("change", () => {
       const now = this.hands.now();
       this.settled({ ...now, tables: { ...now.tables, name: input.value.trim() || "design" } });
@@ -214,20 +334,51 @@ export class Form {
   }
 
   private focus(): HTMLElement {
-    return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "worst_floored_area_deg2"), title: "Where the worst floored blur area is least" }, "Best focus"));
+    return h(
+      "div",
+      { className: "row" },
+      h(
+        "button",
+        {
+          type: "button",
+          onclick: () => this.hands.change("focus", "worst_floored_area_deg2"),
+          title: "Where the worst floored blur area is least",
+        },
+        "Best focus",
+      ),
+    );
   }
 
   private objects(design: Design): HTMLElement[] {
     const far = check(this.infinite, "Infinitely far away");
-    return design.distance === null ? [far] : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
+    return design.distance === null
+      ? [far]
+      : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
   }
 
   /** What decides which fields there are. */
   private shapeOf({ tables, follows, distance }: Design): string {
-    const of = (part: PartOf, table: Tables): unknown => part.parameters.map((p) => (Array.isArray(table[p.name]) ? (table[p.name] as number[]).length : (table[p.name] ?? p.default) === null));
+    const of = (part: PartOf, table: Tables): unknown =>
+      part.parameters.map((p) =>
+        Array.isArray(table[p.name])
+          ? (table[p.name] as number[]).length
+          : (table[p.name] ?? p.default) === null,
+      );
     const second = tables.secondary as Tables | undefined;
-    const parts = [of(kindOf(this.parts.mirrors, tables.mirror), tables.mirror), second && of(kindOf(this.parts.secondaries, second), second), of(kindOf(this.parts.lenses, tables.lens), tables.lens)];
-    return JSON.stringify([tables.mirror.kind, second?.kind, tables.mirror_pose !== undefined, tables.lens.kind, parts, follows, distance === null]);
+    const parts = [
+      of(kindOf(this.parts.mirrors, tables.mirror), tables.mirror),
+      second && of(kindOf(this.parts.secondaries, second), second),
+      of(kindOf(this.parts.lenses, tables.lens), tables.lens),
+    ];
+    return JSON.stringify([
+      tables.mirror.kind,
+      second?.kind,
+      tables.mirror_pose !== undefined,
+      tables.lens.kind,
+      parts,
+      follows,
+      distance === null,
+    ]);
   }
 
   private settled(design: Design): void {
@@ -247,18 +398,29 @@ function valueAt(design: Design, key: string): number | undefined {
   if (key === DISTANCE) return design.distance ?? undefined;
   const [section, name, index] = key.split(".");
   const value = (design.tables[section] as Tables | undefined)?.[name] as unknown;
-  return (index === undefined ? value : (value as number[] | undefined)?.[Number(index)]) as number | undefined;
+  return (index === undefined ? value : (value as number[] | undefined)?.[Number(index)]) as
+    number | undefined;
 }
 
 function changedAt(design: Design, key: string, value: number): Design {
   if (key === DISTANCE) return { ...design, distance: value };
   const [section, name, index] = key.split(".");
-  const changed = withEntry(design, section, name, value, index === undefined ? undefined : Number(index));
+  const changed = withEntry(
+    design,
+    section,
+    name,
+    value,
+    index === undefined ? undefined : Number(index),
+  );
   return key === "mount.mirror_distance_mm" ? { ...changed, follows: false } : changed;
 }
 
 function choice(values: readonly string[], chosen: (value: string) => void): HTMLSelectElement {
-  const select = h("select", {}, ...values.map((value) => h("option", { value }, value.replaceAll("-", " "))));
+  const select = h(
+    "select",
+    {},
+    ...values.map((value) => h("option", { value }, value.replaceAll("-", " "))),
+  );
   select.addEventListener("change", () => chosen(select.value));
   return select;
 }
@@ -268,4 +430,5 @@ function labelled(title: string, select: HTMLSelectElement): HTMLElement {
   return h("div", { className: "field" }, h("label", { htmlFor: select.id }, title), select);
 }
 
-const check = (box: HTMLInputElement, title: string): HTMLElement => h("label", { className: "check" }, box, title);
+const check = (box: HTMLInputElement, title: string): HTMLElement =>
+  h("label", { className: "check" }, box, title);

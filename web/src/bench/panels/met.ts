@@ -6,7 +6,10 @@ export type Span = readonly [from: number, to: number];
 const STEPS = 8;
 
 /** Places at which it is looked: even ones, and where the slider stands. */
-export const placesWith = (place: number): number[] => [...new Set([...Array.from({ length: STEPS + 1 }, (_, i) => i / STEPS), place])].sort((a, b) => a - b);
+export const placesWith = (place: number): number[] =>
+  [...new Set([...Array.from({ length: STEPS + 1 }, (_, i) => i / STEPS), place])].sort(
+    (a, b) => a - b,
+  );
 
 /** By how much each requirement is missed, below 0 kept; null where there is no design. */
 export type Missed = readonly number[] | null;

@@ -23,11 +23,24 @@ export class RequirementsPanel {
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private shape = "";
-  private marks = new Map<string, HTMLElement>();
+  private readonly marks = new Map<string, HTMLElement>();
   private inputs: { input: HTMLInputElement; value: () => number | null | undefined }[] = [];
 
-  constructor(private readonly place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
-    place.append(this.verdict, this.body, this.problem, h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.add() }, "Add a requirement")));
+  constructor(
+    private readonly place: HTMLElement,
+    private readonly parts: BenchStart,
+    private readonly hands: Hands,
+  ) {
+    place.append(
+      this.verdict,
+      this.body,
+      this.problem,
+      h(
+        "div",
+        { className: "row" },
+        h("button", { type: "button", onclick: () => this.add() }, "Add a requirement"),
+      ),
+    );
   }
 
   /** Bring them into view. */
@@ -37,14 +50,21 @@ export class RequirementsPanel {
 
   show(design: Design): void {
     const limits = limitsOf(design.requirements);
-    const shape = JSON.stringify([design.requirements === null, limits.map((l) => [l.quantity, Boolean(l.omega_deg)])]);
+    const shape = JSON.stringify([
+      design.requirements === null,
+      limits.map((l) => [l.quantity, Boolean(l.omega_deg)]),
+    ]);
     if (shape !== this.shape) {
       this.shape = shape;
       this.build(design);
     }
     for (const { input, value } of this.inputs) {
       const number = value();
-      if (document.activeElement !== input) input.value = number === null || number === undefined ? "" : String(number >= INFINITE ? "" : +number.toPrecision(8));
+      if (document.activeElement !== input)
+        input.value =
+          number === null || number === undefined
+            ? ""
+            : String(number >= INFINITE ? "" : +number.toPrecision(8));
     }
   }
 
@@ -57,7 +77,15 @@ export class RequirementsPanel {
     for (const row of rows) {
       const mark = this.marks.get(row.limit === null ? row.name : String(row.limit));
       if (mark) mark.replaceChildren(...verdictOf(row));
-      else others.push(h("li", {}, h("span", {}, label(row.name)), h("span", { className: "mark" }, ...verdictOf(row))));
+      else
+        others.push(
+          h(
+            "li",
+            {},
+            h("span", {}, label(row.name)),
+            h("span", { className: "mark" }, ...verdictOf(row)),
+          ),
+        );
     }
     this.body.querySelector(".others")?.replaceChildren(...others);
     const missed = rows.filter((r) => !r.is_met).length;
@@ -72,31 +100,56 @@ export class RequirementsPanel {
     this.body.replaceChildren();
     if (design.requirements === null) {
       this.verdict.hidden = true;
-      this.body.append(h("p", { className: "words" }, "None yet. Add one, or open a requirement file."));
+      this.body.append(
+        h("p", { className: "words" }, "None yet. Add one, or open a requirement file."),
+      );
       return;
     }
     const limits = limitsOf(design.requirements);
-    this.body.append(this.field(), h("ul", { className: "others" }), ...limits.map((l, i) => this.limit(l, i)));
+    this.body.append(
+      this.field(),
+      h("ul", { className: "others" }),
+      ...limits.map((l, i) => this.limit(l, i)),
+    );
   }
 
   private field(): HTMLElement {
     const field = (): Tables => this.hands.now().requirements!.field as Tables;
     const distances = (): [number, number] => spanOf(field().object_distance_mm);
-    const setField = (change: Tables): void => this.set({ ...this.hands.now().requirements!, field: { ...field(), ...change } });
+    const setField = (change: Tables): void =>
+      this.set({ ...this.hands.now().requirements!, field: { ...field(), ...change } });
     const mark = (name: string): HTMLElement => this.mark(name);
     return h(
       "div",
       { className: "limit" },
-      h("div", { className: "line" }, h("span", { className: "what" }, "Field up to"), this.number("Field up to, degrees", () => field().omega_max_deg as number, (v) => setField({ omega_max_deg: v ?? 135 })), h("span", { className: "unit" }, "°")),
+      h(
+        "div",
+        { className: "line" },
+        h("span", { className: "what" }, "Field up to"),
+        this.number(
+          "Field up to, degrees",
+          () => field().omega_max_deg as number,
+          (v) => setField({ omega_max_deg: v ?? 135 }),
+        ),
+        h("span", { className: "unit" }, "°"),
+      ),
       mark("omega_max_deg"),
       h("span", { className: "what" }, "Objects"),
       h(
         "div",
         { className: "line" },
         h("span", { className: "unit" }, "from"),
-        this.number("Nearest object, mm", () => distances()[0], (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] })),
+        this.number(
+          "Nearest object, mm",
+          () => distances()[0],
+          (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] }),
+        ),
         h("span", { className: "unit" }, "to"),
-        this.number("Farthest object, mm; empty is infinite", () => distances()[1], (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] })),
+        this.number(
+          "Farthest object, mm; empty is infinite",
+          () => distances()[1],
+          (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] }),
+        ),
         h("span", { className: "unit" }, "mm"),
       ),
     );
@@ -104,14 +157,54 @@ export class RequirementsPanel {
 
   private limit(limit: Limit, index: number): HTMLElement {
     const now = (): Limit => limitsOf(this.hands.now().requirements)[index];
-    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().requirements).map((l, i) => (i === index ? { ...l, ...change } : l)));
+    const set = (change: Partial<Limit>): void =>
+      this.setLimits(
+        limitsOf(this.hands.now().requirements).map((l, i) =>
+          i === index ? { ...l, ...change } : l,
+        ),
+      );
     const quantity = this.parts.quantities.find((q) => q.name === limit.quantity)!;
-    const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q))));
+    const select = h(
+      "select",
+      { "aria-label": "Quantity", title: quantity.meaning },
+      ...this.parts.quantities.map((q) =>
+        h("option", { value: q.name, title: q.meaning }, quantityWords(q)),
+      ),
+    );
     select.value = limit.quantity;
     const isOfFrequency = (name: string): boolean => this.parts.of_frequency.includes(name);
-    select.addEventListener("change", () => set({ quantity: select.value, cycles_per_px: isOfFrequency(select.value) ? (now().cycles_per_px ?? CYCLES) : null }));
-    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().requirements).filter((_, i) => i !== index)) }, "×");
-    const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().requirements!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
+    select.addEventListener("change", () =>
+      set({
+        quantity: select.value,
+        cycles_per_px: isOfFrequency(select.value) ? (now().cycles_per_px ?? CYCLES) : null,
+      }),
+    );
+    const remove = h(
+      "button",
+      {
+        type: "button",
+        className: "small",
+        "aria-label": `Remove the requirement on ${quantity.title}`,
+        onclick: () =>
+          this.setLimits(limitsOf(this.hands.now().requirements).filter((_, i) => i !== index)),
+      },
+      "×",
+    );
+    const part = h(
+      "button",
+      {
+        type: "button",
+        className: "small",
+        onclick: () =>
+          set({
+            omega_deg: now().omega_deg
+              ? null
+              : [0, this.hands.now().requirements!.field.omega_max_deg as number],
+          }),
+        title: "For a part of the field only, or for all of it",
+      },
+      limit.omega_deg ? "whole field" : "part of field",
+    );
     return h(
       "div",
       { className: "limit" },
@@ -120,22 +213,48 @@ export class RequirementsPanel {
         "div",
         { className: "line" },
         h("span", { className: "unit" }, "≥"),
-        this.number(`${quantity.name} at least`, () => now()?.at_least, (v) => set({ at_least: v })),
+        this.number(
+          `${quantity.name} at least`,
+          () => now()?.at_least,
+          (v) => set({ at_least: v }),
+        ),
         h("span", { className: "unit" }, "≤"),
-        this.number(`${quantity.name} at most`, () => now()?.at_most, (v) => set({ at_most: v })),
+        this.number(
+          `${quantity.name} at most`,
+          () => now()?.at_most,
+          (v) => set({ at_most: v }),
+        ),
         h("span", { className: "unit" }, unitWords(quantity.unit)),
       ),
       isOfFrequency(limit.quantity)
-        ? h("div", { className: "line" }, h("span", { className: "unit" }, "at"), this.number("Spatial frequency, cycles per pixel", () => now()?.cycles_per_px, (v) => set({ cycles_per_px: v ?? CYCLES })), h("span", { className: "unit" }, "cycles/px"))
+        ? h(
+            "div",
+            { className: "line" },
+            h("span", { className: "unit" }, "at"),
+            this.number(
+              "Spatial frequency, cycles per pixel",
+              () => now()?.cycles_per_px,
+              (v) => set({ cycles_per_px: v ?? CYCLES }),
+            ),
+            h("span", { className: "unit" }, "cycles/px"),
+          )
         : null,
       limit.omega_deg
         ? h(
             "div",
             { className: "line" },
             h("span", { className: "unit" }, "Ω from"),
-            this.number("Field angle from, degrees", () => now()?.omega_deg?.[0], (v) => set({ omega_deg: [v ?? 0, now().omega_deg![1]] })),
+            this.number(
+              "Field angle from, degrees",
+              () => now()?.omega_deg?.[0],
+              (v) => set({ omega_deg: [v ?? 0, now().omega_deg![1]] }),
+            ),
             h("span", { className: "unit" }, "to"),
-            this.number("Field angle to, degrees", () => now()?.omega_deg?.[1], (v) => set({ omega_deg: [now().omega_deg![0], v ?? 135] })),
+            this.number(
+              "Field angle to, degrees",
+              () => now()?.omega_deg?.[1],
+              (v) => set({ omega_deg: [now().omega_deg![0], v ?? 135] }),
+            ),
             h("span", { className: "unit" }, "°"),
           )
         : null,
@@ -149,8 +268,18 @@ export class RequirementsPanel {
     return mark;
   }
 
-  private number(title: string, value: () => number | null | undefined, set: (value: number | null) => void): HTMLInputElement {
-    const input = h("input", { type: "number", step: "any", id: unique(), "aria-label": title, placeholder: title.includes("infinite") || title.startsWith("Nearest") ? "∞" : "" });
+  private number(
+    title: string,
+    value: () => number | null | undefined,
+    set: (value: number | null) => void,
+  ): HTMLInputElement {
+    const input = h("input", {
+      type: "number",
+      step: "any",
+      id: unique(),
+      "aria-label": title,
+      placeholder: title.includes("infinite") || title.startsWith("Nearest") ? "∞" : "",
+    });
     input.addEventListener("change", () => set(input.value === "" ? null : Number(input.value)));
     this.inputs.push({ input, value });
     return input;
@@ -160,7 +289,10 @@ export class RequirementsPanel {
     const { requirements } = this.hands.now();
     if (requirements) return this.setLimits([...limitsOf(requirements), { ...USUAL }]);
     const field = this.hands.facts()?.field_deg[1] ?? 135;
-    this.set({ field: { omega_max_deg: Math.floor(field), object_distance_mm: [1e12, 1e12] }, limit: [{ ...USUAL }] });
+    this.set({
+      field: { omega_max_deg: Math.floor(field), object_distance_mm: [1e12, 1e12] },
+      limit: [{ ...USUAL }],
+    });
   }
 
   private setLimits(limits: Limit[]): void {
@@ -173,14 +305,36 @@ export class RequirementsPanel {
   }
 }
 
-const spanOf = (value: unknown): [number, number] => (Array.isArray(value) ? (value as [number, number]) : typeof value === "number" ? [value, value] : [1e12, 1e12]);
+const spanOf = (value: unknown): [number, number] =>
+  Array.isArray(value)
+    ? (value as [number, number])
+    : typeof value === "number"
+      ? [value, value]
+      : [1e12, 1e12];
 
 /** Met or not, by a sign and in words. */
 function verdictOf(row: JudgementOf): HTMLElement[] {
   const unit = unitWords(row.unit);
-  const isJust = row.is_met && row.margin !== null && Math.abs(row.margin) <= ROUNDING * Math.abs(row.reached ?? 0);
-  const size = row.margin === null || isJust ? "" : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
-  const sign = h("b", { className: row.is_met ? "met" : "missed" }, row.is_met ? `✓ ${isJust ? "just " : ""}met${size}` : `✗ missed${size}`);
+  const isJust =
+    row.is_met &&
+    row.margin !== null &&
+    Math.abs(row.margin) <= ROUNDING * Math.abs(row.reached ?? 0);
+  const size =
+    row.margin === null || isJust
+      ? ""
+      : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
+  const sign = h(
+    "b",
+    { className: row.is_met ? "met" : "missed" },
+    row.is_met ? `✓ ${isJust ? "just " : ""}met${size}` : `✗ missed${size}`,
+  );
   const where = row.omega_deg === null ? "" : ` at ${words(row.omega_deg, 3)}°`;
-  return [sign, h("span", {}, ` reaches ${words(row.reached)}${unit === "°" ? "°" : unit && ` ${unit}`}${where}`)];
+  return [
+    sign,
+    h(
+      "span",
+      {},
+      ` reaches ${words(row.reached)}${unit === "°" ? "°" : unit && ` ${unit}`}${where}`,
+    ),
+  ];
 }

@@ -18,14 +18,24 @@ export function scaleOf(p: ParameterOf, value: number): Scale {
   if (p.low > 0 && value > 0) {
     const low = Math.max(p.low, value / REACH);
     const ratio = Math.log(Math.min(p.high, value * REACH) / low);
-    return { low, high: low * Math.exp(ratio), to: (x) => rounded(low * Math.exp(x * ratio), p), from: (v) => (v > low ? Math.min(1, Math.log(v / low) / ratio) : 0) };
+    return {
+      low,
+      high: low * Math.exp(ratio),
+      to: (x) => rounded(low * Math.exp(x * ratio), p),
+      from: (v) => (v > low ? Math.min(1, Math.log(v / low) / ratio) : 0),
+    };
   }
   const span = value === 0 ? 0.1 * Math.min(1, p.high) : Math.abs(value);
   return even(Math.max(p.low, value - span), Math.min(p.high, value + span), p);
 }
 
 function even(low: number, high: number, p: ParameterOf): Scale {
-  return { low, high, to: (x) => clamp(rounded(low + x * (high - low), p, high - low), p.low, p.high), from: (v) => clamp((v - low) / (high - low), 0, 1) };
+  return {
+    low,
+    high,
+    to: (x) => clamp(rounded(low + x * (high - low), p, high - low), p.low, p.high),
+    from: (v) => clamp((v - low) / (high - low), 0, 1),
+  };
 }
 
 /** No finer than a slider can be set. */

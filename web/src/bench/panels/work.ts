@@ -16,25 +16,81 @@ export class WorkPanel {
   private readonly task = new ServerTask<News>();
   private readonly merit: HTMLSelectElement;
   private readonly shape: HTMLSelectElement;
-  private readonly terms = h("input", { type: "number", min: "3", max: "32", step: "1", value: "8" });
-  private readonly starts = h("input", { type: "number", min: "1", max: "8", step: "1", value: "2" });
+  private readonly terms = h("input", {
+    type: "number",
+    min: "3",
+    max: "32",
+    step: "1",
+    value: "8",
+  });
+  private readonly starts = h("input", {
+    type: "number",
+    min: "1",
+    max: "8",
+    step: "1",
+    value: "2",
+  });
   private readonly keeps = h("input", { type: "checkbox", checked: true });
-  private readonly keepsLabel = h("label", { className: "check", title: "Among mirrors that keep them the best is sought; where none does, it is said", hidden: true }, this.keeps, "Keep the limits of the requirements");
-  private readonly begin = h("button", { type: "button", onclick: () => this.start("optimise") }, "Optimise");
-  private readonly design = h("button", { type: "button", onclick: () => this.start("design") }, "Design from requirements");
-  private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.stop("Cancelled; the design is as it was.") }, "Cancel");
+  private readonly keepsLabel = h(
+    "label",
+    {
+      className: "check",
+      title: "Among mirrors that keep them the best is sought; where none does, it is said",
+      hidden: true,
+    },
+    this.keeps,
+    "Keep the limits of the requirements",
+  );
+  private readonly begin = h(
+    "button",
+    { type: "button", onclick: () => this.start("optimise") },
+    "Optimise",
+  );
+  private readonly design = h(
+    "button",
+    { type: "button", onclick: () => this.start("design") },
+    "Design from requirements",
+  );
+  private readonly cancel = h(
+    "button",
+    {
+      type: "button",
+      hidden: true,
+      onclick: () => this.stop("Cancelled; the design is as it was."),
+    },
+    "Cancel",
+  );
   private readonly reason = h("p", { className: "words", id: unique(), hidden: true });
   private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Search" });
   private readonly said = h("p", { className: "words", role: "status" });
 
-  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
-    this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m))));
-    this.shape = h("select", {}, ...parts.shapes.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
+  constructor(
+    place: HTMLElement,
+    private readonly parts: BenchStart,
+    private readonly hands: Hands,
+  ) {
+    this.merit = h(
+      "select",
+      {},
+      ...parts.merits.map((m) =>
+        h("option", { value: m.name, title: m.meaning }, quantityWords(m)),
+      ),
+    );
+    this.shape = h(
+      "select",
+      {},
+      ...parts.shapes.map((f) => h("option", { value: f }, f.replaceAll("-", " "))),
+    );
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
       labelled("Make least", this.merit),
       labelled("Free form", this.shape),
-      h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
+      h(
+        "div",
+        { className: "two" },
+        labelled("Terms", this.terms),
+        labelled("Starts", this.starts),
+      ),
       this.keepsLabel,
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
@@ -54,7 +110,17 @@ export class WorkPanel {
 
   private start(what: Task["what"]): void {
     const { tables, requirements, distance } = this.hands.now();
-    const task: Task = { what, tables, requirements, object_distance_mm: distance, merit: this.merit.value, shape: this.shape.value, terms: Number(this.terms.value), starts: Number(this.starts.value), keeps_limits: this.keeps.checked };
+    const task: Task = {
+      what,
+      tables,
+      requirements,
+      object_distance_mm: distance,
+      merit: this.merit.value,
+      shape: this.shape.value,
+      terms: Number(this.terms.value),
+      starts: Number(this.starts.value),
+      keeps_limits: this.keeps.checked,
+    };
     const cutOff = () => this.stop("The search was cut off; the design is as it was.");
     this.task.begin("api/bench/work", [task], (news) => this.told(news), cutOff);
     this.running(true);
@@ -66,7 +132,8 @@ export class WorkPanel {
       if (news.share === null) this.bar.removeAttribute("value");
       else this.bar.value = news.share;
       const merit = this.parts.merits.find((m) => m.name === this.merit.value)!;
-      const value = news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
+      const value =
+        news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
       this.said.textContent = `${news.sentence}${value}`;
       return;
     }

@@ -72,9 +72,24 @@ export class ChartView {
   private range: [number, number] = [0, 1];
   private resting: string | null = null;
 
-  constructor(readonly chart: Chart, private readonly cursor: Cursor, private readonly overs: readonly Over[] = []) {
+  constructor(
+    readonly chart: Chart,
+    private readonly cursor: Cursor,
+    private readonly overs: readonly Over[] = [],
+  ) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
-    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), files(chart.title, (kind) => this.save(kind))), this.readout, this.layer);
+    this.element = h(
+      "figure",
+      { className: "plot" },
+      h(
+        "figcaption",
+        { title: `${chart.title}: ${chart.hint}` },
+        h("span", {}, title),
+        files(chart.title, (kind) => this.save(kind)),
+      ),
+      this.readout,
+      this.layer,
+    );
     this.place.setAttribute("role", "img");
     this.place.setAttribute("aria-label", `${chart.title} against field angle`);
     cursor.listen((omega, from) => this.point(omega, from));
@@ -107,12 +122,21 @@ export class ChartView {
     if (!first) return;
     const { omega, values } = first;
     const last = omega.length - 1;
-    const parts = this.chart.columns.map(({ symbol }, i) => `${symbol} from ${words(values[i][0])} at ${words(omega[0])}° to ${words(values[i][last])} at ${words(omega[last])}°`);
-    this.place.setAttribute("aria-label", `${this.isDifference ? "Difference of " : ""}${this.chart.title} against field angle${this.chart.unit ? ` in ${this.chart.unit}` : ""}: ${parts.join("; ")}. Arrow keys read values.`);
+    const parts = this.chart.columns.map(
+      ({ symbol }, i) =>
+        `${symbol} from ${words(values[i][0])} at ${words(omega[0])}° to ${words(values[i][last])} at ${words(omega[last])}°`,
+    );
+    this.place.setAttribute(
+      "aria-label",
+      `${this.isDifference ? "Difference of " : ""}${this.chart.title} against field angle${this.chart.unit ? ` in ${this.chart.unit}` : ""}: ${parts.join("; ")}. Arrow keys read values.`,
+    );
   }
 
   private data(): uPlot.AlignedData {
-    const tables = this.bottomUp().map(({ omega, values }): uPlot.AlignedData => [Array.from(omega), ...values.map((column) => Array.from(column, (v) => (Number.isFinite(v) ? v : null)))]);
+    const tables = this.bottomUp().map(({ omega, values }): uPlot.AlignedData => [
+      Array.from(omega),
+      ...values.map((column) => Array.from(column, (v) => (Number.isFinite(v) ? v : null))),
+    ]);
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
@@ -139,7 +163,9 @@ export class ChartView {
   private reaching([low, high]: [number, number]): [number, number] {
     if (this.isDifference) return this.isSame ? [-this.largest(), this.largest()] : [low, high];
     const room = REACH * (high - low || Math.abs(high));
-    const near = this.overs.flatMap((over) => over.reach()).filter((v) => v >= low - room && v <= high + room);
+    const near = this.overs
+      .flatMap((over) => over.reach())
+      .filter((v) => v >= low - room && v <= high + room);
     return [Math.min(low, ...near), Math.max(high, ...near)];
   }
 
@@ -151,29 +177,55 @@ export class ChartView {
 
   /** The largest magnitude that the design in hand has; 1 where it has none. */
   private largest(): number {
-    const values = this.curvesOf(this.drawn[0]).values.flatMap((column) => Array.from(column, Math.abs));
+    const values = this.curvesOf(this.drawn[0]).values.flatMap((column) =>
+      Array.from(column, Math.abs),
+    );
     return Math.max(...values.filter(Number.isFinite)) || 1;
   }
 
   private options(): uPlot.Options {
     const series = this.bottomUp().flatMap(({ of: d }) =>
-      this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashes(d.dots, dashed), spanGaps: true, points: { show: false } })),
+      this.chart.columns.map(({ dashed }): uPlot.Series => ({
+        stroke: d.ink,
+        width: d === this.drawn[0] ? 2 : 1.4,
+        dash: dashes(d.dots, dashed),
+        spanGaps: true,
+        points: { show: false },
+      })),
     );
-    const axis = { stroke: colour("soft"), font: AXIS_FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
+    const axis = {
+      stroke: colour("soft"),
+      font: AXIS_FONT,
+      grid: { stroke: colour("line"), width: 1 },
+      ticks: { show: false },
+    };
     const degrees = (_: uPlot, splits: number[]): string[] => splits.map((v) => `${v}°`);
-    const numbers = (_: uPlot, splits: number[]): string[] => splits.map((v) => String(+v.toPrecision(6)).replace("-", "−"));
+    const numbers = (_: uPlot, splits: number[]): string[] =>
+      splits.map((v) => String(+v.toPrecision(6)).replace("-", "−"));
     return {
       ...this.size(),
       padding: [8, 15, 0, 0],
       legend: { show: false },
-      scales: { x: { time: false }, y: { range: () => uPlot.rangeNum(...this.range, { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } }) } },
+      scales: {
+        x: { time: false },
+        y: {
+          range: () =>
+            uPlot.rangeNum(...this.range, {
+              min: { pad: 0.06, soft: 0, mode: 2 },
+              max: { pad: 0.06, soft: 0, mode: 2 },
+            }),
+        },
+      },
       axes: [
         { ...axis, size: 26, gap: 4, values: degrees, space: 34, incrs: [5, 10, 15, 30, 45, 90] },
         { ...axis, size: 48, gap: 4, values: numbers, space: 20 },
       ],
       series: [{}, ...series],
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
-      hooks: { setCursor: [(u) => this.moved(u)], draw: [(u) => this.label(u), (u) => this.lay(u)] },
+      hooks: {
+        setCursor: [(u) => this.moved(u)],
+        draw: [(u) => this.label(u), (u) => this.lay(u)],
+      },
     };
   }
 
@@ -184,7 +236,13 @@ export class ChartView {
 
   private curvesOf(d: Drawn): Curves {
     const table = this.table(d)!;
-    return { of: d, omega: table.column("omega_deg"), values: this.chart.columns.map(({ name }) => table.column(name)), heights: d.found.block("curves")!.column("h_px"), rim: d.found.facts!.rim_radius_px };
+    return {
+      of: d,
+      omega: table.column("omega_deg"),
+      values: this.chart.columns.map(({ name }) => table.column(name)),
+      heights: d.found.block("curves")!.column("h_px"),
+      rim: d.found.facts!.rim_radius_px,
+    };
   }
 
   private differences(): Curves[] {
@@ -192,7 +250,9 @@ export class ChartView {
     return others.map((other) => ({
       ...own,
       of: other.of,
-      values: own.values.map((column, k) => column.map((value, i) => value - interpolated(other.omega, other.values[k], own.omega[i]))),
+      values: own.values.map((column, k) =>
+        column.map((value, i) => value - interpolated(other.omega, other.values[k], own.omega[i])),
+      ),
     }));
   }
 
@@ -228,7 +288,9 @@ export class ChartView {
   }
 
   private lay(u: uPlot): void {
-    const [left, top, width, height] = [u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height].map((dots) => dots / uPlot.pxRatio);
+    const [left, top, width, height] = [u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height].map(
+      (dots) => dots / uPlot.pxRatio,
+    );
     const area: Area = {
       ...{ layer: this.layer, left, top, width, height },
       across: (omega) => left + u.valToPos(omega, "x"),
@@ -236,7 +298,8 @@ export class ChartView {
       value: (down) => u.posToVal(down - top, "y"),
       read: (e) => u.over.dispatchEvent(new MouseEvent("mousemove", e)),
     };
-    for (const over of this.overs) over.lay(area, this.isDifference ? null : (this.curves[0] ?? null));
+    for (const over of this.overs)
+      over.lay(area, this.isDifference ? null : (this.curves[0] ?? null));
   }
 
   /** The numbers of a design that the chart draws; null where it has none of them. */
@@ -248,14 +311,40 @@ export class ChartView {
 
   private save(kind: "svg" | "csv"): void {
     const { title, unit, columns } = this.chart;
-    const text = kind === "csv" ? csvOf(columns.map((c) => c.name), this.curves.map((c) => ({ name: this.nameOf(c), rows: Array.from(c.omega, (omega, i) => [omega, ...c.values.map((column) => column[i])]) }))) : this.svg(title, unit);
-    save(new Blob([text], { type: kind === "csv" ? "text/csv" : "image/svg+xml" }), `${title.toLowerCase().replaceAll(" ", "-")}${this.isDifference ? "-difference" : ""}.${kind}`);
+    const text =
+      kind === "csv"
+        ? csvOf(
+            columns.map((c) => c.name),
+            this.curves.map((c) => ({
+              name: this.nameOf(c),
+              rows: Array.from(c.omega, (omega, i) => [
+                omega,
+                ...c.values.map((column) => column[i]),
+              ]),
+            })),
+          )
+        : this.svg(title, unit);
+    save(
+      new Blob([text], { type: kind === "csv" ? "text/csv" : "image/svg+xml" }),
+      `${title.toLowerCase().replaceAll(" ", "-")}${this.isDifference ? "-difference" : ""}.${kind}`,
+    );
   }
 
   private svg(title: string, unit: string): string {
-    const lines = this.curves.flatMap((c) => this.chart.columns.map(({ symbol, dashed }, k) => ({ name: this.chart.columns.length > 1 ? `${this.nameOf(c)}, ${symbol}` : this.nameOf(c), ink: c.of.ink, dash: dashes(c.of.dots, dashed), x: c.omega, y: c.values[k] })));
+    const lines = this.curves.flatMap((c) =>
+      this.chart.columns.map(({ symbol, dashed }, k) => ({
+        name: this.chart.columns.length > 1 ? `${this.nameOf(c)}, ${symbol}` : this.nameOf(c),
+        ink: c.of.ink,
+        dash: dashes(c.of.dots, dashed),
+        x: c.omega,
+        y: c.values[k],
+      })),
+    );
     const { min, max } = this.plot!.scales.y;
-    return svgOf(this.isDifference ? `Difference of ${title.toLowerCase()}` : title, unit, lines, [min ?? 0, max ?? 1]);
+    return svgOf(this.isDifference ? `Difference of ${title.toLowerCase()}` : title, unit, lines, [
+      min ?? 0,
+      max ?? 1,
+    ]);
   }
 
   private nameOf({ of: d }: Curves): string {
@@ -265,7 +354,10 @@ export class ChartView {
   private moved(u: uPlot): void {
     if (!this.layer.matches(":hover")) return;
     const { left } = u.cursor;
-    this.cursor.set(left === undefined || left === null || left < 0 ? null : u.posToVal(left, "x"), this);
+    this.cursor.set(
+      left === undefined || left === null || left < 0 ? null : u.posToVal(left, "x"),
+      this,
+    );
     if (this.cursor.omega !== null) this.read(this.cursor.omega);
   }
 
@@ -280,7 +372,9 @@ export class ChartView {
     if (omega === null) return this.rest();
     this.resting = null;
     const spans = this.curves.map(({ of: d, omega: places, values }) => {
-      const text = values.map((column) => fixed(interpolated(places, column, omega), this.chart.places));
+      const text = values.map((column) =>
+        fixed(interpolated(places, column, omega), this.chart.places),
+      );
       const span = h("b", {}, text.join(" · "));
       span.style.color = d.ink;
       return span;
@@ -292,15 +386,23 @@ export class ChartView {
   /** Say what is said while nothing is read, if that is not said already. */
   private rest(): void {
     const note = this.note();
-    if (note !== this.resting) this.readout.replaceChildren(h("span", { className: "quiet" }, note));
+    if (note !== this.resting)
+      this.readout.replaceChildren(h("span", { className: "quiet" }, note));
     this.resting = note;
   }
 
   /** Which line is which, while nothing is read. */
   private note(): string {
     const { columns } = this.chart;
-    const lines = columns.length > 1 ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`) : [];
-    const what = this.isSame ? ["the same as the pinned"] : this.isDifference ? ["this less the pinned"] : [];
+    const lines =
+      columns.length > 1
+        ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`)
+        : [];
+    const what = this.isSame
+      ? ["the same as the pinned"]
+      : this.isDifference
+        ? ["this less the pinned"]
+        : [];
     return [...what, ...lines].join(", ");
   }
 
@@ -315,7 +417,10 @@ export class ChartView {
   }
 
   private size(): { width: number; height: number } {
-    return { width: Math.max(120, this.place.clientWidth), height: this.place.clientHeight || HEIGHT };
+    return {
+      width: Math.max(120, this.place.clientWidth),
+      height: this.place.clientHeight || HEIGHT,
+    };
   }
 }
 
@@ -327,6 +432,25 @@ export function dashes(dots: number, isDashed = false): number[] | undefined {
 }
 
 /** Buttons that save a plot. */
-export function files(title: string, saved: (kind: "svg" | "csv") => void, kinds: readonly ("svg" | "csv")[] = ["svg", "csv"]): HTMLElement {
-  return h("span", { className: "files" }, ...kinds.map((kind) => h("button", { type: "button", "aria-label": `Save ${title} as ${kind.toUpperCase()}`, title: `Save as ${kind.toUpperCase()}`, onclick: () => saved(kind) }, kind.toUpperCase())));
+export function files(
+  title: string,
+  saved: (kind: "svg" | "csv") => void,
+  kinds: readonly ("svg" | "csv")[] = ["svg", "csv"],
+): HTMLElement {
+  return h(
+    "span",
+    { className: "files" },
+    ...kinds.map((kind) =>
+      h(
+        "button",
+        {
+          type: "button",
+          "aria-label": `Save ${title} as ${kind.toUpperCase()}`,
+          title: `Save as ${kind.toUpperCase()}`,
+          onclick: () => saved(kind),
+        },
+        kind.toUpperCase(),
+      ),
+    ),
+  );
 }

@@ -5,12 +5,25 @@ import { dashes, type Drawn } from "./charts";
 
 const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
   ["Field", "°", (f) => `${words(f.field_deg[0])} – ${words(f.field_deg[1], 5)}`],
-  ["Rim image", "px", (f) => `${words(f.rim_radius_px)}${f.rim_radius_px > f.imager_radius_px + 0.02 ? ` > ${words(f.imager_radius_px)}` : ""}`],
-  ["Resolution", "px/°", (f) => `${words(f.resolution_px_per_deg[0], 3)} – ${words(f.resolution_px_per_deg[1], 3)}`],
+  [
+    "Rim image",
+    "px",
+    (f) =>
+      `${words(f.rim_radius_px)}${f.rim_radius_px > f.imager_radius_px + 0.02 ? ` > ${words(f.imager_radius_px)}` : ""}`,
+  ],
+  [
+    "Resolution",
+    "px/°",
+    (f) => `${words(f.resolution_px_per_deg[0], 3)} – ${words(f.resolution_px_per_deg[1], 3)}`,
+  ],
   ["Worst blur", "px", (f) => words(f.worst_blur_px, 3)],
   ["Floored area", "deg²", (f) => words(f.worst_floored_area_deg2, 3)],
   ["Focus", "mm", (f) => words(f.focus_mm)],
-  ["Depth of field", "mm", (f) => `${words(f.depth_of_field_mm[0])} – ${words(f.depth_of_field_mm[1] ?? Infinity)}`],
+  [
+    "Depth of field",
+    "mm",
+    (f) => `${words(f.depth_of_field_mm[0])} – ${words(f.depth_of_field_mm[1] ?? Infinity)}`,
+  ],
   ["Viewpoints", "mm", (f) => words(f.viewpoint_spread_mm, 3)],
   ["Length", "mm", (f) => words(f.length_mm)],
 ];
@@ -28,8 +41,18 @@ export class CompareTable {
   private rows: Row[] = [];
 
   constructor(private readonly hands: PinHands) {
-    const head = h("tr", {}, h("th", { scope: "col" }, "Design"), h("td", {}), ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))));
-    this.element = h("div", { className: "compare", tabIndex: 0, role: "region", "aria-label": "Designs compared" }, h("table", {}, h("thead", {}, head), this.body));
+    const head = h(
+      "tr",
+      {},
+      h("th", { scope: "col" }, "Design"),
+      h("td", {}),
+      ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))),
+    );
+    this.element = h(
+      "div",
+      { className: "compare", tabIndex: 0, role: "region", "aria-label": "Designs compared" },
+      h("table", {}, h("thead", {}, head), this.body),
+    );
   }
 
   /** Rows stay as long as there are as many, and so does the focus on one of their buttons. */
@@ -51,8 +74,16 @@ class Row {
   private shown = "";
 
   constructor(index: number, hands: PinHands) {
-    const take = h("button", { type: "button", title: "Put it on the bench", onclick: () => hands.take(index - 1) }, "Take");
-    const drop = h("button", { type: "button", title: "Unpin", onclick: () => hands.drop(index - 1) }, "×");
+    const take = h(
+      "button",
+      { type: "button", title: "Put it on the bench", onclick: () => hands.take(index - 1) },
+      "Take",
+    );
+    const drop = h(
+      "button",
+      { type: "button", title: "Unpin", onclick: () => hands.drop(index - 1) },
+      "×",
+    );
     this.buttons = index ? [take, drop] : [];
     this.element = h("tr", {}, this.name, h("td", {}, ...this.buttons), ...this.values);
   }
@@ -65,10 +96,30 @@ class Row {
   }
 
   private introduce(d: Drawn): void {
-    const line = svg("line", { x1: 0, x2: 34, y1: 4, y2: 4, stroke: d.ink, "stroke-width": d.dots ? 2 : 3, "stroke-dasharray": dashes(d.dots)?.join(" ") ?? "none" });
-    const swatch = svg("svg", { class: "swatch", viewBox: "0 0 34 8", "aria-hidden": "true" }, line);
+    const line = svg("line", {
+      x1: 0,
+      x2: 34,
+      y1: 4,
+      y2: 4,
+      stroke: d.ink,
+      "stroke-width": d.dots ? 2 : 3,
+      "stroke-dasharray": dashes(d.dots)?.join(" ") ?? "none",
+    });
+    const swatch = svg(
+      "svg",
+      { class: "swatch", viewBox: "0 0 34 8", "aria-hidden": "true" },
+      line,
+    );
     this.name.title = d.name;
-    this.name.replaceChildren(swatch, ...(d.dots ? [h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots))] : []), d.name);
-    this.buttons.forEach((button, i) => button.setAttribute("aria-label", `${["Take", "Unpin"][i]} ${d.name}`));
+    this.name.replaceChildren(
+      swatch,
+      ...(d.dots
+        ? [h("small", { className: "number", style: `color: ${d.ink}` }, String(d.dots))]
+        : []),
+      d.name,
+    );
+    this.buttons.forEach((button, i) =>
+      button.setAttribute("aria-label", `${["Take", "Unpin"][i]} ${d.name}`),
+    );
   }
 }

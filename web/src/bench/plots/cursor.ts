@@ -1,7 +1,7 @@
 /** The field angle that is read, in all plots at once. */
 export class Cursor {
   omega: number | null = null;
-  private listeners: ((omega: number | null, from: unknown) => void)[] = [];
+  private readonly listeners: ((omega: number | null, from: unknown) => void)[] = [];
 
   listen(listener: (omega: number | null, from: unknown) => void): void {
     this.listeners.push(listener);

@@ -23,7 +23,14 @@ const DESCRIBED_MS = 400; // after which charts that rest are put into words
 /** Kinds of plots, each shown or not. */
 const COMPUTED = ["In space", "Picture"]; // by the server alone
 const LIMITS = "Limits"; // quantities that requirements limit, and no other plot shows
-const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), LIMITS, "Squares", "Picture"].filter((group) => !(alone && COMPUTED.includes(group)));
+const GROUPS = [
+  "In space",
+  "Section",
+  ...new Set(PLOTS.map((p) => p.group)),
+  LIMITS,
+  "Squares",
+  "Picture",
+].filter((group) => !(alone && COMPUTED.includes(group)));
 const CLOSED = ["In space"]; // until they are opened
 
 /** What changes the design by hand, on its plots; a page without a server bends nothing. */
@@ -58,13 +65,29 @@ export class Desk {
   private describing = 0;
 
   /** The vocabularies say what columns are called, and what requirements limit. */
-  constructor(private readonly place: HTMLElement, vocabulary: QuantityOf[], private readonly limitable: QuantityOf[], private readonly hands: DeskHands) {
+  constructor(
+    private readonly place: HTMLElement,
+    vocabulary: QuantityOf[],
+    private readonly limitable: QuantityOf[],
+    private readonly hands: DeskHands,
+  ) {
     this.section = new SectionView(this.cursor, alone ? null : hands.bending);
     this.charts = chartsOf(vocabulary).map((chart) => this.charted(chart));
     this.compare = new CompareTable(hands);
     const plots = h("div", { className: "plots" }, ...this.grouped().map(([, element]) => element));
-    const all = [this.trouble, this.remark, this.compare.element, this.choice(), plots, glossary(vocabulary, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)])];
-    this.element = h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, ...all);
+    const all = [
+      this.trouble,
+      this.remark,
+      this.compare.element,
+      this.choice(),
+      plots,
+      glossary(vocabulary, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)]),
+    ];
+    this.element = h(
+      "section",
+      { className: "desk", tabIndex: -1, "aria-label": "What the design does" },
+      ...all,
+    );
     this.cursor.listen((omega) => place.classList.toggle("reading", omega !== null));
     plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
   }
@@ -76,18 +99,25 @@ export class Desk {
   /** Draw the design in hand and the pinned ones, as far as they have been answered. */
   show(design: Design, pins: readonly Pin[], found: readonly (Found | null)[]): void {
     const names = [nameOf(design), ...pins.map((pin) => pin.name)];
-    this.drawn = names.flatMap((name, i) => (found[i] ? [{ name, ink: this.inks[i], dots: i, found: found[i] }] : []));
+    this.drawn = names.flatMap((name, i) =>
+      found[i] ? [{ name, ink: this.inks[i], dots: i, found: found[i] }] : [],
+    );
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
     this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
     this.showLimits(design, found[0]);
-    for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
+    for (const chart of this.charts)
+      if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
     reveal(this.difference.closest("label")!, this.drawn.length > 1);
     if (this.shows("In space")) this.space.show(this.drawn);
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
     clearTimeout(this.describing);
-    this.describing = window.setTimeout(() => [...this.charts, this.space, this.section, this.squares].forEach((view) => view.describe()), DESCRIBED_MS);
+    this.describing = window.setTimeout(
+      () =>
+        [...this.charts, this.space, this.section, this.squares].forEach((view) => view.describe()),
+      DESCRIBED_MS,
+    );
   }
 
   /** Take the page's colours, which are others in the dark. */
@@ -124,9 +154,12 @@ export class Desk {
   /** Show the plots that are wanted, and no others. */
   showGroups(): void {
     for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
-    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups label:not(.difference) input")) {
+    for (const box of this.element.querySelectorAll<HTMLInputElement>(
+      ".groups label:not(.difference) input",
+    )) {
       box.checked = this.shows(box.name);
-      if (box.name === LIMITS) box.closest("label")!.hidden = !this.charts.some((c) => c.chart.group === LIMITS);
+      if (box.name === LIMITS)
+        box.closest("label")!.hidden = !this.charts.some((c) => c.chart.group === LIMITS);
     }
   }
 
@@ -134,13 +167,24 @@ export class Desk {
   private charted(chart: Chart): ChartView {
     const lines = new LimitLines(this.hands.limits);
     const isMapping = chart.columns[0].name === "h_px" && !alone;
-    const view = new ChartView(chart, this.cursor, isMapping ? [lines, new MappingHandles(this.hands.bending)] : [lines]);
+    const view = new ChartView(
+      chart,
+      this.cursor,
+      isMapping ? [lines, new MappingHandles(this.hands.bending)] : [lines],
+    );
     this.lines.set(view, lines);
     return view;
   }
 
   private limitChart(column: string, quantity: string): ChartView {
-    const found = this.limited.get(column) ?? this.charted(chartOf(this.limitable.find((q) => q.name === quantity)!, column));
+    const found =
+      this.limited.get(column) ??
+      this.charted(
+        chartOf(
+          this.limitable.find((q) => q.name === quantity)!,
+          column,
+        ),
+      );
     this.limited.set(column, found);
     return found;
   }
@@ -151,21 +195,36 @@ export class Desk {
     const limits = limitsOf(requirements);
     const columns = found?.blocks.find((b) => b.name === "limits")?.columns ?? [];
     const plotted = new Set(PLOTS.flatMap((p) => p.columns));
-    const wanted = [...new Set(rows.filter((r) => r.limit !== null && columns.includes(r.name) && !plotted.has(r.name)).map((r) => r.name))];
+    const wanted = [
+      ...new Set(
+        rows
+          .filter((r) => r.limit !== null && columns.includes(r.name) && !plotted.has(r.name))
+          .map((r) => r.name),
+      ),
+    ];
     const own = this.charts.filter((c) => c.chart.block === "limits");
     if (wanted.join() !== own.map((c) => c.chart.columns[0].name).join()) {
       for (const chart of own) chart.element.remove();
-      const made = wanted.map((name) => this.limitChart(name, limits[rows.find((r) => r.name === name)!.limit!].quantity));
+      const made = wanted.map((name) =>
+        this.limitChart(name, limits[rows.find((r) => r.name === name)!.limit!].quantity),
+      );
       this.charts = [...this.charts.filter((c) => !own.includes(c)), ...made];
       this.squares.element.before(...made.map((c) => c.element));
       this.showGroups();
     }
-    for (const [chart, lines] of this.lines) lines.take(linesOf(requirements, rows, chart.chart.columns[0].name, this.limitable));
+    for (const [chart, lines] of this.lines)
+      lines.take(linesOf(requirements, rows, chart.chart.columns[0].name, this.limitable));
   }
 
   private grouped(): [string, HTMLElement][] {
     const charts = this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element]);
-    return [["In space", this.space.element], ["Section", this.section.element], ...charts, ["Squares", this.squares.element], ["Picture", this.picture.element]];
+    return [
+      ["In space", this.space.element],
+      ["Section", this.section.element],
+      ...charts,
+      ["Squares", this.squares.element],
+      ["Picture", this.picture.element],
+    ];
   }
 
   private choice(): HTMLElement {
@@ -180,13 +239,29 @@ export class Desk {
       return h("label", {}, box, h("span", {}, group));
     });
     this.difference.addEventListener("change", () => this.compareBy(this.difference.checked));
-    const difference = h("label", { className: "difference", hidden: true, title: "Plot by how much the design in hand exceeds each pinned one" }, this.difference, h("span", {}, "Difference"));
-    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes, difference);
+    const difference = h(
+      "label",
+      {
+        className: "difference",
+        hidden: true,
+        title: "Plot by how much the design in hand exceeds each pinned one",
+      },
+      this.difference,
+      h("span", {}, "Difference"),
+    );
+    return h(
+      "fieldset",
+      { className: "groups" },
+      h("legend", { className: "hidden" }, "Plots shown"),
+      ...boxes,
+      difference,
+    );
   }
 
   /** Plot differences to the pinned designs, or all designs as they are. */
   compareBy(isDifference: boolean): void {
     this.isDifference = this.difference.checked = isDifference;
-    for (const chart of this.charts) if (this.drawn.length && this.shows(chart.chart.group)) chart.show(this.drawn, isDifference);
+    for (const chart of this.charts)
+      if (this.drawn.length && this.shows(chart.chart.group)) chart.show(this.drawn, isDifference);
   }
 }

@@ -30,9 +30,13 @@ export class Drawing {
   /** Draw a shape over those before. Words are written by a `text`, and told by all others to whoever points at them. */
   add(tag: string, attributes: Attributes, words: string | null = null): void {
     let shape = this.shapes[this.count];
-    if (shape?.tag !== tag || (shape.words === null) !== (words === null)) shape = this.make(tag, words);
-    for (const name in attributes) if (attributes[name] !== shape.attributes[name]) shape.element.setAttribute(name, String(attributes[name]));
-    for (const name in shape.attributes) if (!(name in attributes)) shape.element.removeAttribute(name);
+    if (shape?.tag !== tag || (shape.words === null) !== (words === null))
+      shape = this.make(tag, words);
+    for (const name in attributes)
+      if (attributes[name] !== shape.attributes[name])
+        shape.element.setAttribute(name, String(attributes[name]));
+    for (const name in shape.attributes)
+      if (!(name in attributes)) shape.element.removeAttribute(name);
     shape.attributes = attributes;
     if (shape.words && shape.words.data !== words) shape.words.data = words!;
     this.count++;

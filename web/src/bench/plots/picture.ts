@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h } from "../../shared/dom";
 import { type Design, nameOf } from "../designs/design";
@@ -27,7 +28,7 @@ export class PictureView {
   show(design: Design): void {
     if (this.wanted?.tables === design.tables) return;
     this.wanted = design;
-    if (!this.isTaking) void this.take();
+    if (!this.isTaking) background(this.take());
   }
 
   /** One picture at a time, of what is newest then. */
@@ -37,7 +38,8 @@ export class PictureView {
     do {
       design = this.wanted!;
       await this.fetch(design, COARSE);
-      for (let waited = 0; waited < IDLE_MS && design === this.wanted; waited += 50) await new Promise((r) => setTimeout(r, 50));
+      for (let waited = 0; waited < IDLE_MS && design === this.wanted; waited += 50)
+        await new Promise((r) => setTimeout(r, 50));
       if (design === this.wanted) await this.fetch(design, FINE);
     } while (design !== this.wanted);
     this.isTaking = false;

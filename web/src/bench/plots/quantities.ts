@@ -39,7 +39,15 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
     const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
-    return { title: title ?? quantities[0].title, group, block: "curves", unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
+    return {
+      title: title ?? quantities[0].title,
+      group,
+      block: "curves",
+      unit: unitWords(quantities[0].unit),
+      columns: named,
+      places,
+      hint: quantities.map(explained).join("; "),
+    };
   });
 
 /** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */

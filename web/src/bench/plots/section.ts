@@ -22,13 +22,26 @@ interface Window {
 const FAR_AWAY = 2.5; // virtual images farther than this from the vertex, in rim radii, are cut
 const [LABEL_GAP, LETTER, BESIDE] = [13, 7.5, 3]; // px, of labels of 11 px
 const LABEL_ROWS = 3;
-const CURVES: [name: string, label: string][] = [["T∞", "T∞"], ["T5M", "T5M"], ["S∞", "S∞"], ["S5M", "S5M"]];
+const CURVES: [name: string, label: string][] = [
+  ["T∞", "T∞"],
+  ["T5M", "T5M"],
+  ["S∞", "S∞"],
+  ["S5M", "S5M"],
+];
 
 /** The sensor in cross-section, its lens to the left: the whole of it, and the mirror with the virtual images. */
 export class SectionView {
   readonly element: HTMLElement;
-  private readonly whole = svg("svg", { class: "section", role: "img", "aria-label": "Cross-section" });
-  private readonly close = svg("svg", { class: "section", role: "img", "aria-label": "Virtual images" });
+  private readonly whole = svg("svg", {
+    class: "section",
+    role: "img",
+    "aria-label": "Cross-section",
+  });
+  private readonly close = svg("svg", {
+    class: "section",
+    role: "img",
+    "aria-label": "Virtual images",
+  });
   private readonly readout = h("output", { className: "readout" });
   private readonly note = h("span", { className: "quiet" });
   private readonly overWhole = h("div", { className: "over" }, this.whole);
@@ -39,11 +52,27 @@ export class SectionView {
   private window: Window | null = null;
 
   /** `bending` is what bends the mirror by hand; null where nothing does. */
-  constructor(private readonly cursor: Cursor, bending: BendHands | null) {
+  constructor(
+    private readonly cursor: Cursor,
+    bending: BendHands | null,
+  ) {
     this.handles = bending && new ProfileHandles(this.overWhole, bending);
-    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note, files("the cross-section", () => this.save(), ["svg"])), this.readout, this.pair);
+    this.element = h(
+      "figure",
+      { className: "plot wide" },
+      h(
+        "figcaption",
+        {},
+        h("span", {}, "Cross-section"),
+        this.note,
+        files("the cross-section", () => this.save(), ["svg"]),
+      ),
+      this.readout,
+      this.pair,
+    );
     cursor.listen(() => this.drawCursor());
-    for (const place of [this.whole, this.close]) place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
+    for (const place of [this.whole, this.close])
+      place.addEventListener("pointermove", (e) => this.moved(place, e));
     this.sizes = new Sizes([this.whole, this.close], true, () => this.draw());
   }
 
@@ -57,8 +86,14 @@ export class SectionView {
     if (!first) return;
     const f = first.found.facts!;
     const [near, far] = f.depth_of_field_mm;
-    this.whole.setAttribute("aria-label", `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`);
-    this.close.setAttribute("aria-label", `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`);
+    this.whole.setAttribute(
+      "aria-label",
+      `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`,
+    );
+    this.close.setAttribute(
+      "aria-label",
+      `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`,
+    );
   }
 
   private save(): void {
@@ -68,7 +103,9 @@ export class SectionView {
   /** Read at the mirror point that is as far from the axis as the pointer. */
   private moved(place: SVGElement, e: PointerEvent): void {
     const table = this.drawn[0]?.found.block("curves");
-    const x = Math.abs(framed.get(place)?.across(e.clientY - place.getBoundingClientRect().top) ?? NaN);
+    const x = Math.abs(
+      framed.get(place)?.across(e.clientY - place.getBoundingClientRect().top) ?? NaN,
+    );
     const omega = table ? interpolated(table.column("x_mm"), table.column("omega_deg"), x) : NaN;
     this.cursor.set(Number.isNaN(omega) ? null : omega, this);
   }
@@ -87,19 +124,24 @@ export class SectionView {
 
   private drawWhole(first: Drawn): void {
     const M = first.found.facts!.rim_radius_mm;
-    const tables = this.drawn.flatMap((d) => ["mirror", "secondary", "lens"].map((n) => d.found.block(n)));
+    const tables = this.drawn.flatMap((d) =>
+      ["mirror", "secondary", "lens"].map((n) => d.found.block(n)),
+    );
     const [low, high] = extent(tables.flatMap((t) => (t ? [...t.column("z_mm")] : [])));
     const widest = Math.max(...this.drawn.map((d) => d.found.facts!.rim_radius_mm));
     const band = first.found.block("focus")?.column("z_mm");
     const top = Math.max(high, Math.min(band ? band[0] : high, FAR_AWAY * M));
     const isHeld = this.window !== null && this.handles?.isHeld; // what is dragged keeps its scale
-    this.window = isHeld ? this.window! : { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] };
+    this.window = isHeld
+      ? this.window!
+      : { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] };
     const frame = new Frame(this.whole, this.sizes.of(this.whole), this.window);
     frame.axis();
     if (band) frame.band(band);
     for (const d of [...this.drawn].reverse()) {
       for (const ray of d === first ? blocksLike(d.found, "ray ") : []) frame.ray(ray, d.ink);
-      for (const name of ["mirror", "secondary"]) frame.curve(d.found.block(name), d.ink, d === first ? "solid" : "other", d.dots);
+      for (const name of ["mirror", "secondary"])
+        frame.curve(d.found.block(name), d.ink, d === first ? "solid" : "other", d.dots);
       frame.curve(d.found.block("lens"), d.ink, "lens");
     }
     frame.end();
@@ -113,14 +155,28 @@ export class SectionView {
     const hasImages = images.some(Boolean);
     this.close.style.display = hasImages ? "" : "none";
     if (!hasImages || !band) return;
-    const heights = [...images.flatMap((t) => (t ? [...t.column("z_mm")] : [])), ...first.found.block("mirror")!.column("z_mm"), ...band];
+    const heights = [
+      ...images.flatMap((t) => (t ? [...t.column("z_mm")] : [])),
+      ...first.found.block("mirror")!.column("z_mm"),
+      ...band,
+    ];
     const [low, high] = extent(heights.filter((z) => Math.abs(z) < FAR_AWAY * M));
-    const frame = new Frame(this.close, this.sizes.of(this.close), { z: [low - 0.1 * M, high + 0.18 * M], x: [-1.35 * M, 1.35 * M] });
+    const frame = new Frame(this.close, this.sizes.of(this.close), {
+      z: [low - 0.1 * M, high + 0.18 * M],
+      x: [-1.35 * M, 1.35 * M],
+    });
     frame.axis();
     frame.band(band);
-    for (const d of this.drawn.slice(1)) frame.curve(d.found.block("mirror"), d.ink, "other", d.dots);
+    for (const d of this.drawn.slice(1))
+      frame.curve(d.found.block("mirror"), d.ink, "other", d.dots);
     frame.curve(first.found.block("mirror"), first.ink, "solid");
-    for (const [name, text] of CURVES) frame.image(first.found.block(name), first.ink, `${name[0] === "S" ? "dashed " : ""}${name.endsWith("M") ? "fine" : "strong"}`, text);
+    for (const [name, text] of CURVES)
+      frame.image(
+        first.found.block(name),
+        first.ink,
+        `${name[0] === "S" ? "dashed " : ""}${name.endsWith("M") ? "fine" : "strong"}`,
+        text,
+      );
     frame.end();
   }
 
@@ -131,15 +187,25 @@ export class SectionView {
     const [first] = this.drawn;
     const table = first?.found.block("curves");
     if (omega === null || !table) return this.readout.replaceChildren();
-    const at = (name: string): number => interpolated(table.column("omega_deg"), table.column(name), omega);
+    const at = (name: string): number =>
+      interpolated(table.column("omega_deg"), table.column(name), omega);
     const [x, z] = [at("x_mm"), at("z_mm")];
     if (Number.isNaN(x)) return this.readout.replaceChildren();
-    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, h("b", {}, `x ${words(x)} mm, z ${words(z)} mm`));
+    this.readout.replaceChildren(
+      `${omega.toFixed(1)}°  `,
+      h("b", {}, `x ${words(x)} mm, z ${words(z)} mm`),
+    );
     framed.get(this.whole)?.read([z, x], omega);
     const frame = framed.get(this.close);
     for (const [name] of CURVES.filter(([n]) => n.endsWith("∞"))) {
       const image = first.found.block(name);
-      if (image) frame?.dot(image, (omega - table.column("omega_deg")[0]) / (table.column("omega_deg")[table.rows - 1] - table.column("omega_deg")[0]), name[0]);
+      if (image)
+        frame?.dot(
+          image,
+          (omega - table.column("omega_deg")[0]) /
+            (table.column("omega_deg")[table.rows - 1] - table.column("omega_deg")[0]),
+          name[0],
+        );
     }
   }
 }
@@ -157,7 +223,11 @@ class Frame {
   private readonly drawing: Drawing;
   private readonly texts: { at: Point; text: string; anchor: Anchor }[] = [];
 
-  constructor(private readonly place: SVGElement, box: { width: number; height: number }, private readonly window: Window) {
+  constructor(
+    private readonly place: SVGElement,
+    box: { width: number; height: number },
+    private readonly window: Window,
+  ) {
     this.width = Math.max(100, box.width);
     const [w, t] = [window.z[1] - window.z[0], window.x[1] - window.x[0]];
     this.height = Math.max(100, box.height);
@@ -170,7 +240,10 @@ class Frame {
   }
 
   at([z, x]: Point): Point {
-    return [this.origin[0] + (z - this.window.z[0]) * this.scale, this.height - this.origin[1] - (x - this.window.x[0]) * this.scale];
+    return [
+      this.origin[0] + (z - this.window.z[0]) * this.scale,
+      this.height - this.origin[1] - (x - this.window.x[0]) * this.scale,
+    ];
   }
 
   /** How far from the axis a height in the drawing is, mm. */
@@ -187,13 +260,21 @@ class Frame {
     const [from] = this.at([near, 0]);
     const [to] = this.at([Number.isFinite(far) ? far : 1e6, 0]);
     const [at] = this.at([focus, 0]);
-    this.drawing.add("rect", { class: "band", x: from, y: 0, width: Math.max(0.5, Math.min(to, this.width) - from), height: this.height });
+    this.drawing.add("rect", {
+      class: "band",
+      x: from,
+      y: 0,
+      width: Math.max(0.5, Math.min(to, this.width) - from),
+      height: this.height,
+    });
     this.drawing.add("line", { class: "focus", x1: at, x2: at, y1: 0, y2: this.height });
   }
 
   curve(table: Table | null, ink: string, look: string, dots = 0): void {
     if (!table) return;
-    const style: Record<string, string> = dots ? { "stroke-dasharray": dashes(dots)!.join(" ") } : {};
+    const style: Record<string, string> = dots
+      ? { "stroke-dasharray": dashes(dots)!.join(" ") }
+      : {};
     this.drawing.add("path", { class: look, d: this.path(pointsOf(table)), stroke: ink, ...style });
   }
 
@@ -201,9 +282,14 @@ class Frame {
     if (!table) return;
     const points = pointsOf(table);
     this.drawing.add("path", { class: `image ${look}`, d: this.path(points), stroke: ink });
-    this.drawing.add("path", { class: `image ${look}`, d: this.path(points.map(([z, x]): Point => [z, -x])), stroke: ink });
+    this.drawing.add("path", {
+      class: `image ${look}`,
+      d: this.path(points.map(([z, x]): Point => [z, -x])),
+      stroke: ink,
+    });
     const shown = points.filter((p) => this.holds(this.at(p)));
-    if (shown.length) this.texts.push({ at: this.at(shown[shown.length - 1]), text, anchor: "start" });
+    if (shown.length)
+      this.texts.push({ at: this.at(shown[shown.length - 1]), text, anchor: "start" });
   }
 
   /** A chief ray: from the edge of the drawing to the mirror, and on to the lens. */
@@ -231,18 +317,39 @@ class Frame {
     if (!this.holds([u, v])) return;
     let group = this.place.querySelector(".read");
     if (!group) this.place.append((group = svg("g", { class: "read" })));
-    group.append(svg("circle", { cx: u, cy: v, r: 3.5 }), svg("text", text === "T" ? { x: u - 6, y: v + 4, "text-anchor": "end" } : { x: u + 6, y: v + 4 }, text));
+    group.append(
+      svg("circle", { cx: u, cy: v, r: 3.5 }),
+      svg(
+        "text",
+        text === "T" ? { x: u - 6, y: v + 4, "text-anchor": "end" } : { x: u + 6, y: v + 4 },
+        text,
+      ),
+    );
   }
 
   /** Words last, under others where they would lie on them, and left out where there is no room. */
   end(): void {
     const taken: { left: number; right: number; v: number }[] = [];
     for (const { at, text, anchor } of this.texts) {
-      const [u, v] = [Math.min(Math.max(at[0], 2), this.width - 2), Math.min(Math.max(at[1], 11), this.height - 3)];
+      const [u, v] = [
+        Math.min(Math.max(at[0], 2), this.width - 2),
+        Math.min(Math.max(at[1], 11), this.height - 3),
+      ];
       const width = LETTER * text.length;
-      const left = Math.min(Math.max(2, u - { start: 0, middle: width / 2, end: width }[anchor]), this.width - 2 - width);
-      const isFree = (at: number): boolean => !taken.some((t) => left < t.right + BESIDE && left + width > t.left - BESIDE && Math.abs(at - t.v) < LABEL_GAP);
-      const row = Array.from({ length: LABEL_ROWS }, (_, i) => v + i * LABEL_GAP).find((at) => isFree(at) && at < this.height);
+      const left = Math.min(
+        Math.max(2, u - { start: 0, middle: width / 2, end: width }[anchor]),
+        this.width - 2 - width,
+      );
+      const isFree = (at: number): boolean =>
+        !taken.some(
+          (t) =>
+            left < t.right + BESIDE &&
+            left + width > t.left - BESIDE &&
+            Math.abs(at - t.v) < LABEL_GAP,
+        );
+      const row = Array.from({ length: LABEL_ROWS }, (_, i) => v + i * LABEL_GAP).find(
+        (at) => isFree(at) && at < this.height,
+      );
       if (row === undefined) continue;
       taken.push({ left, right: left + width, v: row });
       this.drawing.add("text", { x: left + width / 2, y: row, "text-anchor": "middle" }, text);
@@ -255,8 +362,14 @@ class Frame {
     const angle = (omega * Math.PI) / 180;
     const [dz, dx] = [-Math.cos(angle), Math.sin(angle)];
     const [left, bottom] = [this.window.z[0] - this.origin[0] / this.scale, this.window.x[0]];
-    const [right, top] = [this.window.z[1] + this.origin[0] / this.scale, this.window.x[1] + this.origin[1] / this.scale];
-    const along = [dz > 0 ? (right - z) / dz : dz < 0 ? (left - z) / dz : Infinity, dx > 0 ? (top - x) / dx : dx < 0 ? (bottom - x) / dx : Infinity];
+    const [right, top] = [
+      this.window.z[1] + this.origin[0] / this.scale,
+      this.window.x[1] + this.origin[1] / this.scale,
+    ];
+    const along = [
+      dz > 0 ? (right - z) / dz : dz < 0 ? (left - z) / dz : Infinity,
+      dx > 0 ? (top - x) / dx : dx < 0 ? (bottom - x) / dx : Infinity,
+    ];
     const t = Math.max(0, Math.min(...along));
     return [z + t * dz, x + t * dx];
   }

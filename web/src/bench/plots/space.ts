@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { h } from "../../shared/dom";
 import { unfetched } from "../../shared/texts";
 import type { begin } from "../../space/begin";
@@ -17,12 +18,26 @@ export class SpacePlot {
   private first: Drawn | null = null;
 
   constructor(private readonly cursor: Cursor) {
-    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "In space"), h("span", { className: "quiet" }, "chief rays every 15° of the field, in the room of the picture")), this.place);
+    this.element = h(
+      "figure",
+      { className: "plot wide" },
+      h(
+        "figcaption",
+        {},
+        h("span", {}, "In space"),
+        h(
+          "span",
+          { className: "quiet" },
+          "chief rays every 15° of the field, in the room of the picture",
+        ),
+      ),
+      this.place,
+    );
   }
 
   show(drawn: Drawn[]): void {
     this.first = drawn[0]?.found.block("rays") ? drawn[0] : null;
-    if (!this.view) void this.fetch();
+    if (!this.view) background(this.fetch());
     else if (this.first) this.view.show(this.first.found);
   }
 
@@ -33,9 +48,15 @@ export class SpacePlot {
   private async fetch(): Promise<void> {
     if (this.isFetching) return;
     this.isFetching = true;
-    const made = await (import(/* @vite-ignore */ SCRIPT) as Promise<{ begin: typeof begin }>).catch(() => null);
-    this.view = made?.begin({ place: this.place, read: (omega) => this.cursor.set(omega, this) }) ?? null;
-    if (!this.view) this.place.replaceChildren(h("p", { className: "quiet", role: "status" }, made ? WITHOUT : unfetched("The 3-D view")));
+    const made = await (
+      import(/* @vite-ignore */ SCRIPT) as Promise<{ begin: typeof begin }>
+    ).catch(() => null);
+    this.view =
+      made?.begin({ place: this.place, read: (omega) => this.cursor.set(omega, this) }) ?? null;
+    if (!this.view)
+      this.place.replaceChildren(
+        h("p", { className: "quiet", role: "status" }, made ? WITHOUT : unfetched("The 3-D view")),
+      );
     else if (this.first) this.view.show(this.first.found);
     this.view?.describe();
     this.isFetching = made !== null && !this.view; // what the browser lacks it will not have later

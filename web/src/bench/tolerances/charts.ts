@@ -19,20 +19,61 @@ const DEPTHS = ["none", "affine", "pose"];
 /** How errors move the picture, what a calibration leaves of that, and what each error does alone. */
 export class ToleranceCharts {
   readonly element: HTMLElement;
-  private readonly maps = [0, 1].map(() => svg("svg", { class: "moved", role: "img", viewBox: "-1 -1 2 2", "aria-label": "Motion of the picture" }));
-  private readonly captions = [h("span", { className: "quiet" }), h("span", { className: "quiet" })];
-  private readonly bars = svg("svg", { class: "tornado", role: "img", "aria-label": "What each error does alone" });
+  private readonly maps = [0, 1].map(() =>
+    svg("svg", {
+      class: "moved",
+      role: "img",
+      viewBox: "-1 -1 2 2",
+      "aria-label": "Motion of the picture",
+    }),
+  );
+  private readonly captions = [
+    h("span", { className: "quiet" }),
+    h("span", { className: "quiet" }),
+  ];
+  private readonly bars = svg("svg", {
+    class: "tornado",
+    role: "img",
+    "aria-label": "What each error does alone",
+  });
   private readonly legend = h("p", { className: "legend" });
   private found: YieldOf | null = null;
   private calibrations: readonly string[] = [];
 
   constructor() {
-    const part = (title: string, caption: HTMLElement | null, body: Element, after: HTMLElement | null = null): HTMLElement => h("div", {}, h("p", { className: "part" }, h("b", {}, title), caption), body as HTMLElement, after);
+    const part = (
+      title: string,
+      caption: HTMLElement | null,
+      body: Element,
+      after: HTMLElement | null = null,
+    ): HTMLElement =>
+      h(
+        "div",
+        {},
+        h("p", { className: "part" }, h("b", {}, title), caption),
+        body as HTMLElement,
+        after,
+      );
     this.element = h(
       "figure",
       { className: "plot wide tolerances", hidden: true },
-      h("figcaption", {}, h("span", {}, "Built with errors"), h("span", { className: "quiet" }, "where objects all over the field are shown, and what each error does alone at its tolerance")),
-      h("div", { className: "three" }, part("As built", this.captions[0], this.maps[0]), part("Once calibrated", this.captions[1], this.maps[1]), part("Each error alone", null, this.bars, this.legend)),
+      h(
+        "figcaption",
+        {},
+        h("span", {}, "Built with errors"),
+        h(
+          "span",
+          { className: "quiet" },
+          "where objects all over the field are shown, and what each error does alone at its tolerance",
+        ),
+      ),
+      h(
+        "div",
+        { className: "three" },
+        part("As built", this.captions[0], this.maps[0]),
+        part("Once calibrated", this.captions[1], this.maps[1]),
+        part("Each error alone", null, this.bars, this.legend),
+      ),
     );
     new ResizeObserver(() => this.drawBars()).observe(this.element);
   }
@@ -40,7 +81,15 @@ export class ToleranceCharts {
   /** Draw where objects went, and what a calibration leaves of it. */
   showMoved(moved: Moved, calibrations: readonly string[], after: string): void {
     const deep = Math.max(calibrations.indexOf(after), 0);
-    [0, deep].forEach((depth, k) => this.drawMap(this.maps[k], this.captions[k], moved, depth, k ? `after ${calibrationWords(calibrations[depth])}` : ""));
+    [0, deep].forEach((depth, k) =>
+      this.drawMap(
+        this.maps[k],
+        this.captions[k],
+        moved,
+        depth,
+        k ? `after ${calibrationWords(calibrations[depth])}` : "",
+      ),
+    );
   }
 
   /** Draw what each error does alone. */
@@ -50,7 +99,13 @@ export class ToleranceCharts {
     this.drawBars();
   }
 
-  private drawMap(place: SVGElement, caption: HTMLElement, moved: Moved, depth: number, after: string): void {
+  private drawMap(
+    place: SVGElement,
+    caption: HTMLElement,
+    moved: Moved,
+    depth: number,
+    after: string,
+  ): void {
     const { radius_px: radius, objects: n, places } = moved;
     const largest = moved.motion_px[depth];
     const left = moved.left[depth];
@@ -62,11 +117,17 @@ export class ToleranceCharts {
     else {
       for (let i = 0; i < n; i++) {
         const [x, y] = [places[i], places[n + i]];
-        place.append(svg("line", { x1: x, y1: y, x2: x + times * left[i], y2: y + times * left[n + i] }), svg("circle", { class: "object", r: 0.009 * side, cx: x, cy: y }));
+        place.append(
+          svg("line", { x1: x, y1: y, x2: x + times * left[i], y2: y + times * left[n + i] }),
+          svg("circle", { class: "object", r: 0.009 * side, cx: x, cy: y }),
+        );
       }
       caption.textContent = `${after ? `${after}: ` : ""}${sizeWords(largest, " px")} at most${largest * times < 1 ? "" : `; drawn ${times} times as long`}`;
     }
-    place.setAttribute("aria-label", `Motion of ${n} objects in the picture${after && `, ${after}`}: ${caption.textContent}.`);
+    place.setAttribute(
+      "aria-label",
+      `Motion of ${n} objects in the picture${after && `, ${after}`}: ${caption.textContent}.`,
+    );
   }
 
   private drawBars(): void {
@@ -77,7 +138,14 @@ export class ToleranceCharts {
     const depths = DEPTHS.map((name) => this.calibrations.indexOf(name));
     const all = rows.flatMap((row) => depths.map((d) => row.motion_px[d] ?? 0));
     const widest = Math.max(...all, 1e-9);
-    const at = (value: number | null): number => (value === null ? 1 : Math.max(0, 1 + Math.log10(Math.max(value, SMALLEST * widest) / widest) / -Math.log10(SMALLEST))) * (width - left - 46);
+    const at = (value: number | null): number =>
+      (value === null
+        ? 1
+        : Math.max(
+            0,
+            1 + Math.log10(Math.max(value, SMALLEST * widest) / widest) / -Math.log10(SMALLEST),
+          )) *
+      (width - left - 46);
     const height = ROW * rows.length + 4;
     this.bars.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.bars.setAttribute("height", String(height));
@@ -85,15 +153,53 @@ export class ToleranceCharts {
     rows.forEach((row, i) => {
       const y = 2 + i * ROW;
       const name = errorWords(row.name);
-      this.bars.append(svg("text", { x: left - 6, y: y + BAR - 2, "text-anchor": "end" }, svg("title", {}, `${name}, ± ${words(row.tolerance, 3)}`), name));
+      this.bars.append(
+        svg(
+          "text",
+          { x: left - 6, y: y + BAR - 2, "text-anchor": "end" },
+          svg("title", {}, `${name}, ± ${words(row.tolerance, 3)}`),
+          name,
+        ),
+      );
       depths.forEach((d, k) => {
         const thick = BAR * [1, 0.62, 0.3][k];
-        this.bars.append(svg("rect", { class: DEPTHS[k], x: left, y: y + (BAR - thick) / 2, width: at(row.motion_px[d]), height: thick }));
+        this.bars.append(
+          svg("rect", {
+            class: DEPTHS[k],
+            x: left,
+            y: y + (BAR - thick) / 2,
+            width: at(row.motion_px[d]),
+            height: thick,
+          }),
+        );
       });
-      this.bars.append(svg("text", { x: left + at(row.motion_px[depths[0]]) + 4, y: y + BAR - 2 }, row.motion_px[depths[0]] === null ? "lost" : words(row.motion_px[depths[0]], 2)));
+      this.bars.append(
+        svg(
+          "text",
+          { x: left + at(row.motion_px[depths[0]]) + 4, y: y + BAR - 2 },
+          row.motion_px[depths[0]] === null ? "lost" : words(row.motion_px[depths[0]], 2),
+        ),
+      );
     });
-    this.legend.replaceChildren(h("span", {}, "px, logarithmic:"), ...DEPTHS.map((name) => h("span", { className: name }, name === "none" ? "as built" : `after ${calibrationWords(name)}`)));
-    const told = rows.slice(0, 5).map((row) => `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "loses objects" : `${words(row.motion_px[depths[0]], 3)} pixels`}`);
-    this.bars.setAttribute("aria-label", `Largest motion of the picture by each error alone at its tolerance, the worst first: ${told.join("; ")}.`);
+    this.legend.replaceChildren(
+      h("span", {}, "px, logarithmic:"),
+      ...DEPTHS.map((name) =>
+        h(
+          "span",
+          { className: name },
+          name === "none" ? "as built" : `after ${calibrationWords(name)}`,
+        ),
+      ),
+    );
+    const told = rows
+      .slice(0, 5)
+      .map(
+        (row) =>
+          `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "loses objects" : `${words(row.motion_px[depths[0]], 3)} pixels`}`,
+      );
+    this.bars.setAttribute(
+      "aria-label",
+      `Largest motion of the picture by each error alone at its tolerance, the worst first: ${told.join("; ")}.`,
+    );
   }
 }

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 
 /** One question on its way; of those that wait the newest is asked. */
@@ -5,7 +6,11 @@ export class Newest<Asked, Found> {
   private waiting: Asked | null = null;
   private isAsking = false;
 
-  constructor(private readonly send: (asked: Asked) => Promise<Found>, private readonly answered: (found: Found, asked: Asked) => void, private readonly refused: (sentence: string) => void) {}
+  constructor(
+    private readonly send: (asked: Asked) => Promise<Found>,
+    private readonly answered: (found: Found, asked: Asked) => void,
+    private readonly refused: (sentence: string) => void,
+  ) {}
 
   /** Whether nothing is on its way, and nothing waits. */
   get isAtRest(): boolean {
@@ -14,7 +19,7 @@ export class Newest<Asked, Found> {
 
   ask(asked: Asked): void {
     this.waiting = asked;
-    if (!this.isAsking) void this.next();
+    if (!this.isAsking) background(this.next());
   }
 
   private async next(): Promise<void> {
@@ -25,8 +30,8 @@ export class Newest<Asked, Found> {
       try {
         this.answered(await this.send(asked), asked);
       } catch (e) {
-        if (!(e instanceof api.Refused || e instanceof api.Away)) throw e;
-        this.refused(e.message);
+        if (api.isForeseen(e)) this.refused(e.message);
+        else reportError(e);
       }
     }
     this.isAsking = false;

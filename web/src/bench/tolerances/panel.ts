@@ -1,6 +1,13 @@
 import * as api from "../../shared/api";
 import { h, unique } from "../../shared/dom";
-import type { BuiltAsk, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf } from "../../shared/messages";
+import type {
+  BuiltAsk,
+  ErrorOf,
+  ErrorsAsk,
+  ErrorsOf,
+  YieldAsk,
+  YieldOf,
+} from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
 import { type Moved, ToleranceCharts } from "./charts";
@@ -9,10 +16,23 @@ import { ErrorRow } from "./rows";
 import { FOCUSES, GRADES, MEASURES, textOf, type Trying, tryingIn } from "./trying";
 import { calibrationWords, capital, errorWords, held, meritName, sizeWords } from "./words";
 
-const QUANTITIES: Record<(typeof MEASURES)[number], string> = { motion_px: "Motion, px", direction_error_deg: "Direction, °", straightness_deg: "Straightness, °", blur_px: "Blur, px" };
-const USUAL: Record<string, number> = { motion_px: 0.5, direction_error_deg: 0.1, straightness_deg: 0.05 };
+const QUANTITIES: Record<(typeof MEASURES)[number], string> = {
+  motion_px: "Motion, px",
+  direction_error_deg: "Direction, °",
+  straightness_deg: "Straightness, °",
+  blur_px: "Blur, px",
+};
+const USUAL: Record<string, number> = {
+  motion_px: 0.5,
+  direction_error_deg: 0.1,
+  straightness_deg: 0.05,
+};
 const MORE_BLUR = 1.2; // times that without errors, as a start
-const FOCUS: Record<(typeof FOCUSES)[number], string> = { none: "as designed", rms: "anew, least rms", worst: "anew, least worst" };
+const FOCUS: Record<(typeof FOCUSES)[number], string> = {
+  none: "as designed",
+  rms: "anew, least rms",
+  worst: "anew, least worst",
+};
 const TRIALS = 4096;
 const SEED = 0;
 const DIGITS = 4; // of an error that chance draws: so many stand in the address too
@@ -30,16 +50,46 @@ interface Hands {
 /** Sliders of all errors that a sensor can have, and how many sensors will be good that keep tolerances. */
 export class TolerancesPanel {
   readonly charts = new ToleranceCharts();
-  private readonly errors = new Newest((asked: ErrorsAsk) => api.errors(asked), (found, asked) => this.known(found, asked), (sentence) => this.fail(sentence));
-  private readonly built = new Newest((asked: BuiltAsk) => api.built(asked), (moved, asked) => this.moved(moved, asked), (sentence) => this.fail(sentence));
-  private readonly yields = new Newest((asked: YieldAsk) => api.yields(asked), (found) => this.good(found), (sentence) => this.fail(sentence));
-  private readonly begin = h("button", { type: "button", "aria-expanded": "false", onclick: () => this.toggle() }, "Try errors");
+  private readonly errors = new Newest(
+    (asked: ErrorsAsk) => api.errors(asked),
+    (found, asked) => this.known(found, asked),
+    (sentence) => this.fail(sentence),
+  );
+  private readonly built = new Newest(
+    (asked: BuiltAsk) => api.built(asked),
+    (moved, asked) => this.moved(moved, asked),
+    (sentence) => this.fail(sentence),
+  );
+  private readonly yields = new Newest(
+    (asked: YieldAsk) => api.yields(asked),
+    (found) => this.good(found),
+    (sentence) => this.fail(sentence),
+  );
+  private readonly begin = h(
+    "button",
+    { type: "button", "aria-expanded": "false", onclick: () => this.toggle() },
+    "Try errors",
+  );
   private readonly body = h("div", { className: "tolerance-body", hidden: true });
-  private readonly grade = select("Shop", GRADES.map((g) => [g, g]), () => this.grades());
-  private readonly after = select("Calibrated", [["none", calibrationWords("none")]], () => this.judged());
+  private readonly grade = select(
+    "Shop",
+    GRADES.map((g) => [g, g]),
+    () => this.grades(),
+  );
+  private readonly after = select("Calibrated", [["none", calibrationWords("none")]], () =>
+    this.judged(),
+  );
   private readonly focus = select("Focused", Object.entries(FOCUS), () => this.asked());
-  private readonly quantity = select("A good one keeps", Object.entries(QUANTITIES), () => this.chosen());
-  private readonly limit = h("input", { type: "number", min: "0", step: "any", value: "0.5", "aria-label": "At most" });
+  private readonly quantity = select("A good one keeps", Object.entries(QUANTITIES), () =>
+    this.chosen(),
+  );
+  private readonly limit = h("input", {
+    type: "number",
+    min: "0",
+    step: "any",
+    value: "0.5",
+    "aria-label": "At most",
+  });
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly facts = h("ul", { className: "others" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
@@ -48,17 +98,41 @@ export class TolerancesPanel {
   private tables: Tables | null = null;
   private values = new Map<string, number>();
   private tolerances = new Map<string, number>();
-  private rows = new Map<string, ErrorRow>();
+  private readonly rows = new Map<string, ErrorRow>();
   private last: Moved | null = null;
   /** What is to be tried as soon as the errors are known. */
   private wanted: Trying | null = null;
 
-  constructor(place: HTMLElement, private readonly hands: Hands) {
+  constructor(
+    place: HTMLElement,
+    private readonly hands: Hands,
+  ) {
     this.grade.input.value = "medium";
     this.limit.addEventListener("change", () => this.judged());
-    const row = h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.draw() }, "Build one"), h("button", { type: "button", onclick: () => this.none() }, "Without errors"));
-    const most = h("div", { className: "field" }, h("span", { className: "unit" }, "at most"), h("span", { className: "entry" }, this.limit));
-    this.body.append(this.grade.element, this.focus.element, this.after.element, this.quantity.element, most, this.verdict, this.facts, row, this.problem, this.groups);
+    const row = h(
+      "div",
+      { className: "row" },
+      h("button", { type: "button", onclick: () => this.draw() }, "Build one"),
+      h("button", { type: "button", onclick: () => this.none() }, "Without errors"),
+    );
+    const most = h(
+      "div",
+      { className: "field" },
+      h("span", { className: "unit" }, "at most"),
+      h("span", { className: "entry" }, this.limit),
+    );
+    this.body.append(
+      this.grade.element,
+      this.focus.element,
+      this.after.element,
+      this.quantity.element,
+      most,
+      this.verdict,
+      this.facts,
+      row,
+      this.problem,
+      this.groups,
+    );
     place.append(h("div", { className: "row" }, this.begin), this.body);
   }
 
@@ -93,7 +167,10 @@ export class TolerancesPanel {
   private get text(): string {
     if (!this.isOpen || !this.all) return "";
     const usual = held(this.all.errors, this.gradeChosen);
-    const [values, tolerances] = [[...this.values].filter(([, value]) => value !== 0), [...this.tolerances].filter(([name, tolerance]) => tolerance !== usual.get(name))];
+    const [values, tolerances] = [
+      [...this.values].filter(([, value]) => value !== 0),
+      [...this.tolerances].filter(([name, tolerance]) => tolerance !== usual.get(name)),
+    ];
     return textOf({
       grade: this.gradeChosen,
       focus: this.refocus,
@@ -109,8 +186,13 @@ export class TolerancesPanel {
   private take(trying: Trying): void {
     this.wanted = null;
     const { calibrations, errors } = this.all!;
-    const strange = Object.keys({ ...trying.values, ...trying.tolerances }).filter((name) => !this.values.has(name));
-    if (strange.length) this.hands.say(`This sensor cannot have the error ${strange.map(errorWords).join(", ")}: left out.`);
+    const strange = Object.keys({ ...trying.values, ...trying.tolerances }).filter(
+      (name) => !this.values.has(name),
+    );
+    if (strange.length)
+      this.hands.say(
+        `This sensor cannot have the error ${strange.map(errorWords).join(", ")}: left out.`,
+      );
     this.grade.input.value = trying.grade;
     this.focus.input.value = trying.focus;
     this.after.input.value = calibrations.includes(trying.after) ? trying.after : calibrations[0];
@@ -136,14 +218,19 @@ export class TolerancesPanel {
 
   private known(found: ErrorsOf, { tables }: ErrorsAsk): void {
     if (!this.isOpen) return;
-    const isOther = JSON.stringify(found.errors.map((e) => e.name)) !== JSON.stringify(this.all?.errors.map((e) => e.name));
+    const isOther =
+      JSON.stringify(found.errors.map((e) => e.name)) !==
+      JSON.stringify(this.all?.errors.map((e) => e.name));
     const isFirst = this.all === null;
     this.tables = tables;
     this.all = found;
     if (isOther) {
       this.values = new Map(found.errors.map((e) => [e.name, this.values.get(e.name) ?? 0]));
       this.tolerances = held(found.errors, this.gradeChosen);
-      this.after.offer(found.calibrations.map((name) => [name, calibrationWords(name)]), isFirst ? "pose" : this.after.input.value);
+      this.after.offer(
+        found.calibrations.map((name) => [name, calibrationWords(name)]),
+        isFirst ? "pose" : this.after.input.value,
+      );
       this.build(found.errors);
     }
     if (this.wanted) this.take(this.wanted);
@@ -158,15 +245,25 @@ export class TolerancesPanel {
     this.rows.clear();
     const groups = new Map<string, HTMLElement>();
     for (const error of errors) {
-      const row = new ErrorRow(error, this.numbersOf(error.name), { tried: (name, value) => this.tried(name, value), held: (name, tolerance) => this.held(name, tolerance) });
+      const row = new ErrorRow(error, this.numbersOf(error.name), {
+        tried: (name, value) => this.tried(name, value),
+        held: (name, tolerance) => this.held(name, tolerance),
+      });
       this.rows.set(error.name, row);
       if (!groups.has(error.group)) groups.set(error.group, h("div", {}));
       groups.get(error.group)!.append(row.element);
     }
-    this.groups.replaceChildren(...[...groups].map(([group, rows], i) => h("details", { className: "more", open: i === 0 }, h("summary", {}, capital(group)), rows)));
+    this.groups.replaceChildren(
+      ...[...groups].map(([group, rows], i) =>
+        h("details", { className: "more", open: i === 0 }, h("summary", {}, capital(group)), rows),
+      ),
+    );
   }
 
-  private numbersOf = (name: string): { value: number; tolerance: number } => ({ value: this.values.get(name) ?? 0, tolerance: this.tolerances.get(name) ?? 0 });
+  private readonly numbersOf = (name: string): { value: number; tolerance: number } => ({
+    value: this.values.get(name) ?? 0,
+    tolerance: this.tolerances.get(name) ?? 0,
+  });
 
   private tried(name: string, value: number): void {
     this.values.set(name, value);
@@ -187,7 +284,8 @@ export class TolerancesPanel {
 
   /** A sensor as it might come from the shop. */
   private draw(): void {
-    for (const [name, tolerance] of this.tolerances) this.values.set(name, Number(((2 * Math.random() - 1) * tolerance).toPrecision(DIGITS)));
+    for (const [name, tolerance] of this.tolerances)
+      this.values.set(name, Number(((2 * Math.random() - 1) * tolerance).toPrecision(DIGITS)));
     this.showRows();
     this.askBuilt();
   }
@@ -226,17 +324,32 @@ export class TolerancesPanel {
 
   private askBuilt(): void {
     this.hands.keep(this.text);
-    if (this.tables) this.built.ask({ tables: this.tables, values: Object.fromEntries(this.values), refocus: this.refocus });
+    if (this.tables)
+      this.built.ask({
+        tables: this.tables,
+        values: Object.fromEntries(this.values),
+        refocus: this.refocus,
+      });
   }
 
   private askYield(): void {
     this.hands.keep(this.text);
     const limit = Number(this.limit.value);
     if (!this.tables || !(limit > 0)) return;
-    const errors = [...this.tolerances].filter(([, tolerance]) => tolerance > 0).map(([name, tolerance]) => ({ name, tolerance }));
+    const errors = [...this.tolerances]
+      .filter(([, tolerance]) => tolerance > 0)
+      .map(([name, tolerance]) => ({ name, tolerance }));
     const quantity = this.quantity.input.value;
     const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
-    this.yields.ask({ tables: this.tables, errors, refocus: this.refocus, merit, limit, trials: TRIALS, seed: SEED });
+    this.yields.ask({
+      tables: this.tables,
+      errors,
+      refocus: this.refocus,
+      merit,
+      limit,
+      trials: TRIALS,
+      seed: SEED,
+    });
   }
 
   private moved(moved: Moved, { tables }: BuiltAsk): void {
@@ -251,14 +364,20 @@ export class TolerancesPanel {
     const { calibrations } = this.all!;
     this.charts.showMoved(moved, calibrations, this.after.input.value);
     const depth = Math.max(calibrations.indexOf(this.after.input.value), 0);
-    const pair = (of: readonly (number | null)[], unit: string): string => `${sizeWords(of[0], unit)} as built${depth ? `, ${sizeWords(of[depth], unit)} calibrated` : ""}`;
+    const pair = (of: readonly (number | null)[], unit: string): string =>
+      `${sizeWords(of[0], unit)} as built${depth ? `, ${sizeWords(of[depth], unit)} calibrated` : ""}`;
     const lines: [string, string][] = [
       ["Motion", pair(moved.motion_px, " px")],
       ["Direction", pair(moved.direction_error_deg, "°")],
       ["Blur", `${words(moved.blur_px[1], 3)} px; ${words(moved.blur_px[0], 3)} without errors`],
     ];
-    if (moved.straightness_deg.some((v) => v !== null)) lines.splice(2, 0, ["Straightness", pair(moved.straightness_deg, "°")]);
-    this.facts.replaceChildren(...lines.map(([name, text]) => h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are lost" : text))));
+    if (moved.straightness_deg.some((v) => v !== null))
+      lines.splice(2, 0, ["Straightness", pair(moved.straightness_deg, "°")]);
+    this.facts.replaceChildren(
+      ...lines.map(([name, text]) =>
+        h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are lost" : text)),
+      ),
+    );
   }
 
   private good(found: YieldOf): void {
@@ -277,7 +396,15 @@ export class TolerancesPanel {
 }
 
 /** A choice with its title; `offer` offers others. */
-function select(title: string, all: readonly (readonly [string, string])[], chosen: () => void): { element: HTMLElement; input: HTMLSelectElement; offer: (all: readonly (readonly [string, string])[], value: string) => void } {
+function select(
+  title: string,
+  all: readonly (readonly [string, string])[],
+  chosen: () => void,
+): {
+  element: HTMLElement;
+  input: HTMLSelectElement;
+  offer: (all: readonly (readonly [string, string])[], value: string) => void;
+} {
   const input = h("select", { id: unique() });
   const offer = (options: readonly (readonly [string, string])[], value: string): void => {
     input.replaceChildren(...options.map(([name, text]) => h("option", { value: name }, text)));
@@ -285,5 +412,9 @@ function select(title: string, all: readonly (readonly [string, string])[], chos
   };
   offer(all, all[0][0]);
   input.addEventListener("change", chosen);
-  return { element: h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input), input, offer };
+  return {
+    element: h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input),
+    input,
+    offer,
+  };
 }

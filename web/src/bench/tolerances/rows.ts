@@ -19,22 +19,54 @@ export class ErrorRow {
   private readonly value: HTMLInputElement;
   private readonly tolerance: HTMLInputElement;
 
-  constructor(private readonly error: ErrorOf, private of: { value: number; tolerance: number }, private readonly hands: RowHands) {
+  constructor(
+    private readonly error: ErrorOf,
+    private of: { value: number; tolerance: number },
+    private readonly hands: RowHands,
+  ) {
     const [id, unit, [part, own]] = [unique(), unitWords(error.unit), partAndError(error.name)];
     const title = `${part} ${own}`;
-    this.slider = h("input", { type: "range", min: String(-REACH), max: String(REACH), step: "0.01", "aria-label": `${title}, slider` });
+    this.slider = h("input", {
+      type: "range",
+      min: String(-REACH),
+      max: String(REACH),
+      step: "0.01",
+      "aria-label": `${title}, slider`,
+    });
     this.value = h("input", { type: "number", id, step: "any", "aria-describedby": `${id}h` });
-    this.tolerance = h("input", { type: "number", min: "0", step: "any", "aria-label": `Tolerance of ${title}${unit && `, ${unit}`}` });
+    this.tolerance = h("input", {
+      type: "number",
+      min: "0",
+      step: "any",
+      "aria-label": `Tolerance of ${title}${unit && `, ${unit}`}`,
+    });
     this.element = h(
       "div",
       { className: "field error", title: error.meaning },
-      h("label", { htmlFor: id }, h("span", { className: "hidden" }, `${part} `), h("span", { className: "own" }, own)),
-      h("span", { className: "entry" }, this.value, h("span", { className: "unit" }, "±"), this.tolerance, h("span", { className: "unit" }, unit)),
+      h(
+        "label",
+        { htmlFor: id },
+        h("span", { className: "hidden" }, `${part} `),
+        h("span", { className: "own" }, own),
+      ),
+      h(
+        "span",
+        { className: "entry" },
+        this.value,
+        h("span", { className: "unit" }, "±"),
+        this.tolerance,
+        h("span", { className: "unit" }, unit),
+      ),
       this.slider,
       h("span", { id: `${id}h`, className: "hidden" }, `${error.meaning}${unit && `, ${unit}`}`),
     );
-    this.slider.addEventListener("input", () => this.try(Number(this.slider.value) * this.of.tolerance, this.slider));
-    this.value.addEventListener("input", () => this.value.value !== "" && this.try(Number(this.value.value), this.value));
+    this.slider.addEventListener("input", () =>
+      this.try(Number(this.slider.value) * this.of.tolerance, this.slider),
+    );
+    this.value.addEventListener(
+      "input",
+      () => this.value.value !== "" && this.try(Number(this.value.value), this.value),
+    );
     this.value.addEventListener("change", () => this.show());
     this.tolerance.addEventListener("change", () => this.hold());
     this.show();
@@ -67,6 +99,9 @@ export class ErrorRow {
     if (from !== this.slider) this.slider.value = String(tolerance ? value / tolerance : 0);
     this.tolerance.value = String(Number(tolerance.toPrecision(3)));
     this.slider.disabled = tolerance === 0;
-    this.slider.setAttribute("aria-valuetext", `${words(value, 3)} ${unitWords(this.error.unit)}`.trim());
+    this.slider.setAttribute(
+      "aria-valuetext",
+      `${words(value, 3)} ${unitWords(this.error.unit)}`.trim(),
+    );
   }
 }

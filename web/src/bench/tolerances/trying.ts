@@ -2,7 +2,12 @@ import { parsed } from "../../shared/storage";
 
 export const GRADES = ["coarse", "medium", "fine"] as const;
 export const FOCUSES = ["none", "rms", "worst"] as const;
-export const MEASURES = ["motion_px", "direction_error_deg", "straightness_deg", "blur_px"] as const;
+export const MEASURES = [
+  "motion_px",
+  "direction_error_deg",
+  "straightness_deg",
+  "blur_px",
+] as const;
 const MOST = 200; // errors of a sensor are a few dozen
 
 /** Which errors are tried, and what a good sensor keeps. */
@@ -27,11 +32,23 @@ export function tryingIn(text: string): Trying | null {
   const found = parsed(text) as Partial<Record<keyof Trying, unknown>> | null | undefined;
   if (typeof found !== "object" || found === null) return null;
   const isOne = (all: readonly string[], value: unknown): boolean => all.includes(value as string);
-  const isWhole = isOne(GRADES, found.grade) && isOne(FOCUSES, found.focus) && isOne(MEASURES, found.quantity) && typeof found.after === "string";
-  const isGood = isWhole && isSize(found.limit) && isTable(found.values, Number.isFinite) && isTable(found.tolerances, isSize);
+  const isWhole =
+    isOne(GRADES, found.grade) &&
+    isOne(FOCUSES, found.focus) &&
+    isOne(MEASURES, found.quantity) &&
+    typeof found.after === "string";
+  const isGood =
+    isWhole &&
+    isSize(found.limit) &&
+    isTable(found.values, Number.isFinite) &&
+    isTable(found.tolerances, isSize);
   return isGood ? (found as Trying) : null;
 }
 
 const isSize = (value: unknown): boolean => Number.isFinite(value) && (value as number) >= 0;
 const isTable = (table: unknown, isGood: (value: unknown) => boolean): boolean =>
-  typeof table === "object" && table !== null && !Array.isArray(table) && Object.values(table).length <= MOST && Object.values(table).every(isGood);
+  typeof table === "object" &&
+  table !== null &&
+  !Array.isArray(table) &&
+  Object.values(table).length <= MOST &&
+  Object.values(table).every(isGood);

@@ -10,14 +10,18 @@ const KINDS: [BoardAsked["kind"], string][] = [
 
 /** Which board the pictures show. */
 export class BoardPanel {
-  private readonly kind = h("select", {}, ...KINDS.map(([value, text]) => h("option", { value }, text))) as HTMLSelectElement;
+  private readonly kind = h(
+    "select",
+    {},
+    ...KINDS.map(([value, text]) => h("option", { value }, text)),
+  );
   private readonly columns = number({ min: "2", max: "200", step: "1", value: "11" });
   private readonly rows = number({ min: "2", max: "200", step: "1", value: "7" });
   private readonly square = number({ min: "0.001", step: "any", value: "30" });
   private readonly marker = number({ min: "0", step: "any", placeholder: "¾" });
   private readonly spacing = number({ min: "0.01", max: "1", step: "any", value: "0.3" });
   private readonly family: HTMLSelectElement;
-  private readonly legacy = h("input", { type: "checkbox" }) as HTMLInputElement;
+  private readonly legacy = h("input", { type: "checkbox" });
   private readonly counted = h("span", {});
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private readonly command = h("code", { tabIndex: 0 });
@@ -25,26 +29,91 @@ export class BoardPanel {
   private readonly ofCharuco: HTMLElement[];
   private readonly ofApril: HTMLElement[];
 
-  constructor(place: HTMLElement, families: readonly string[], private readonly changed: () => void, copy: (text: string) => void) {
-    this.family = h("select", {}, h("option", { value: "" }, "usual"), ...families.map((name) => h("option", { value: name }, name))) as HTMLSelectElement;
+  constructor(
+    place: HTMLElement,
+    families: readonly string[],
+    private readonly changed: () => void,
+    copy: (text: string) => void,
+  ) {
+    this.family = h(
+      "select",
+      {},
+      h("option", { value: "" }, "usual"),
+      ...families.map((name) => h("option", { value: name }, name)),
+    );
     this.columns.setAttribute("aria-label", "Columns");
     this.rows.setAttribute("aria-label", "Rows");
-    const size = h("div", { className: "field" }, this.counted, h("div", { className: "size" }, this.columns, h("span", { "aria-hidden": "true" }, "×"), this.rows));
+    const size = h(
+      "div",
+      { className: "field" },
+      this.counted,
+      h(
+        "div",
+        { className: "size" },
+        this.columns,
+        h("span", { "aria-hidden": "true" }, "×"),
+        this.rows,
+      ),
+    );
     const markers = field("Markers", this.family);
     const marker = field("Marker, mm", this.marker);
     const spacing = field("Gap over side", this.spacing);
     const legacy = h("label", { className: "check" }, this.legacy, "Laid out as before OpenCV 4.6");
     [this.ofMarkers, this.ofCharuco, this.ofApril] = [[markers], [marker, legacy], [spacing]];
-    const print = h("details", { className: "more" }, h("summary", {}, "Print one"), h("div", {}, h("p", { className: "words" }, "This writes it true to scale. Print it at 100 %, glue it to something flat, and measure a square."), this.command, h("button", { type: "button", className: "small", onclick: () => copy(this.command.textContent ?? "") }, "Copy the command")));
-    place.append(field("Kind", this.kind), size, field("Square, mm", this.square), markers, marker, legacy, spacing, this.problem, print);
-    for (const input of [this.kind, this.columns, this.rows, this.square, this.marker, this.spacing, this.family, this.legacy]) input.addEventListener("change", () => this.change());
+    const print = h(
+      "details",
+      { className: "more" },
+      h("summary", {}, "Print one"),
+      h(
+        "div",
+        {},
+        h(
+          "p",
+          { className: "words" },
+          "This writes it true to scale. Print it at 100 %, glue it to something flat, and measure a square.",
+        ),
+        this.command,
+        h(
+          "button",
+          {
+            type: "button",
+            className: "small",
+            onclick: () => copy(this.command.textContent ?? ""),
+          },
+          "Copy the command",
+        ),
+      ),
+    );
+    place.append(
+      field("Kind", this.kind),
+      size,
+      field("Square, mm", this.square),
+      markers,
+      marker,
+      legacy,
+      spacing,
+      this.problem,
+      print,
+    );
+    for (const input of [
+      this.kind,
+      this.columns,
+      this.rows,
+      this.square,
+      this.marker,
+      this.spacing,
+      this.family,
+      this.legacy,
+    ])
+      input.addEventListener("change", () => this.change());
     this.show();
   }
 
   /** The board; null where what is entered is none. */
   get board(): BoardAsked | null {
     const inputs = [this.columns, this.rows, this.square, this.marker, this.spacing];
-    if (inputs.some((input) => !input.checkValidity()) || !(this.square.valueAsNumber > 0)) return null;
+    if (inputs.some((input) => !input.checkValidity()) || !(this.square.valueAsNumber > 0))
+      return null;
     const kind = this.kind.value as BoardAsked["kind"];
     return {
       kind,
@@ -60,7 +129,12 @@ export class BoardPanel {
 
   take(board: BoardAsked): void {
     this.kind.value = board.kind;
-    [this.columns.value, this.rows.value, this.square.value, this.spacing.value] = [board.columns, board.rows, board.square_mm, board.spacing].map(String);
+    [this.columns.value, this.rows.value, this.square.value, this.spacing.value] = [
+      board.columns,
+      board.rows,
+      board.square_mm,
+      board.spacing,
+    ].map(String);
     this.marker.value = board.marker_mm === null ? "" : String(board.marker_mm);
     this.family.value = board.family ?? "";
     this.legacy.checked = board.legacy;
@@ -80,13 +154,17 @@ export class BoardPanel {
     for (const part of this.ofApril) part.hidden = kind !== "aprilgrid";
     const { board } = this;
     this.problem.hidden = board !== null;
-    this.problem.textContent = board ? "" : "A board has 2 to 200 columns and rows, and squares wider than 0 mm.";
-    for (const input of [this.columns, this.rows, this.square]) input.setAttribute("aria-invalid", String(!input.checkValidity()));
+    this.problem.textContent = board
+      ? ""
+      : "A board has 2 to 200 columns and rows, and squares wider than 0 mm.";
+    for (const input of [this.columns, this.rows, this.square])
+      input.setAttribute("aria-invalid", String(!input.checkValidity()));
     if (board) this.command.textContent = printCommand(board);
   }
 }
 
-const number = (properties: Record<string, unknown>): HTMLInputElement => h("input", { type: "number", ...properties }) as HTMLInputElement;
+const number = (properties: Record<string, unknown>): HTMLInputElement =>
+  h("input", { type: "number", ...properties });
 
 function field(title: string, input: HTMLElement): HTMLElement {
   input.id = unique();

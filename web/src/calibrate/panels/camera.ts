@@ -3,13 +3,29 @@ import type { CalibrateStart, CalibrationAsk } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelsFor, modelWords } from "../words";
 
-type Sought = Pick<CalibrationAsk, "model" | "optics" | "camera_looks" | "image_flipped" | "centre_px" | "rim_radius_px" | "flat_board">;
+type Sought = Pick<
+  CalibrationAsk,
+  | "model"
+  | "optics"
+  | "camera_looks"
+  | "image_flipped"
+  | "centre_px"
+  | "rim_radius_px"
+  | "flat_board"
+>;
 
 /** The rim that was found in the pictures. */
 export type Rim = { centre: [number, number]; radius: number };
 
-const OPTICS: [Sought["optics"], string][] = [["mirror", "A mirror"], ["fisheye", "A fisheye"]];
-const LOOKS: [Sought["camera_looks"], string][] = [["up", "up"], ["down", "down"], ["forward", "ahead"]];
+const OPTICS: [Sought["optics"], string][] = [
+  ["mirror", "A mirror"],
+  ["fisheye", "A fisheye"],
+];
+const LOOKS: [Sought["camera_looks"], string][] = [
+  ["up", "up"],
+  ["down", "down"],
+  ["forward", "ahead"],
+];
 
 /** What is known of the camera beforehand. */
 export class CameraPanel {
@@ -23,14 +39,51 @@ export class CameraPanel {
   private readonly rimWords = h("p", { className: "words" });
   rim: Rim | null = null;
 
-  constructor(place: HTMLElement, private readonly start: CalibrateStart, changed: () => void) {
-    this.rimRow = h("label", { className: "check" }, this.useRim, "Begin at the rim, and end the field there");
-    const more = h("details", { className: "more" }, h("summary", {}, "More about the camera"), h("div", {}, field("Camera looks", this.looks), h("label", { className: "check" }, this.flipped, "The driver reverses its pictures left to right"), h("label", { className: "check" }, this.flat, "Take the board as perfectly flat and square")));
-    place.append(field("Seen through", this.optics), field("Model", this.model), this.rimRow, this.rimWords, more);
+  constructor(
+    place: HTMLElement,
+    private readonly start: CalibrateStart,
+    changed: () => void,
+  ) {
+    this.rimRow = h(
+      "label",
+      { className: "check" },
+      this.useRim,
+      "Begin at the rim, and end the field there",
+    );
+    const more = h(
+      "details",
+      { className: "more" },
+      h("summary", {}, "More about the camera"),
+      h(
+        "div",
+        {},
+        field("Camera looks", this.looks),
+        h(
+          "label",
+          { className: "check" },
+          this.flipped,
+          "The driver reverses its pictures left to right",
+        ),
+        h(
+          "label",
+          { className: "check" },
+          this.flat,
+          "Take the board as perfectly flat and square",
+        ),
+      ),
+    );
+    place.append(
+      field("Seen through", this.optics),
+      field("Model", this.model),
+      this.rimRow,
+      this.rimWords,
+      more,
+    );
     this.offer();
     this.showRim(null);
     this.optics.addEventListener("change", () => this.offer());
-    for (const input of [this.optics, this.model, this.looks, this.flipped, this.flat, this.useRim]) input.addEventListener("change", changed);
+    for (const input of [this.optics, this.model, this.looks, this.flipped, this.flat, this.useRim])
+      input.addEventListener("change", changed);
   }
 
   get sought(): Sought {
@@ -67,19 +120,26 @@ export class CameraPanel {
     this.rim = rim;
     if (isNew) this.useRim.checked = true;
     this.rimRow.hidden = rim === null;
-    this.rimWords.textContent = rim ? `The mirror's rim: ${words(rim.radius)} px about ${words(rim.centre[0])}, ${words(rim.centre[1])}.` : tried ? "No rim of a mirror is seen for sure; the search begins in the middle of the picture." : "";
+    this.rimWords.textContent = rim
+      ? `The mirror's rim: ${words(rim.radius)} px about ${words(rim.centre[0])}, ${words(rim.centre[1])}.`
+      : tried
+        ? "No rim of a mirror is seen for sure; the search begins in the middle of the picture."
+        : "";
   }
 
   private offer(): void {
     const before = this.model.value || "auto";
     const kinds = modelsFor(this.start, this.optics.value as Sought["optics"]);
-    this.model.replaceChildren(...kinds.map((kind) => h("option", { value: kind }, modelWords(kind))));
+    this.model.replaceChildren(
+      ...kinds.map((kind) => h("option", { value: kind }, modelWords(kind))),
+    );
     this.model.value = kinds.includes(before) ? before : "auto";
   }
 }
 
-const select = (all: [string, string][]): HTMLSelectElement => h("select", {}, ...all.map(([value, text]) => h("option", { value }, text))) as HTMLSelectElement;
-const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" }) as HTMLInputElement;
+const select = (all: [string, string][]): HTMLSelectElement =>
+  h("select", {}, ...all.map(([value, text]) => h("option", { value }, text)));
+const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" });
 
 function field(title: string, input: HTMLElement): HTMLElement {
   input.id = unique();

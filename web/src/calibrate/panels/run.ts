@@ -1,6 +1,11 @@
 import { ServerTask } from "../../shared/api";
 import { h, unique } from "../../shared/dom";
-import type { BoardSeen, CalibrationAsk, CalibrationFound, CalibrationNews } from "../../shared/messages";
+import type {
+  BoardSeen,
+  CalibrationAsk,
+  CalibrationFound,
+  CalibrationNews,
+} from "../../shared/messages";
 
 const STOP = "stop";
 const STOPPING = "Ending with the best camera found until now…";
@@ -17,15 +22,39 @@ export class RunPanel {
   private readonly task = new ServerTask<CalibrationNews>();
   private hasFound = false;
   private readonly reason = h("p", { className: "words", id: unique() });
-  private readonly begin = h("button", { type: "button", className: "primary", onclick: () => this.start() }, "Calibrate") as HTMLButtonElement;
-  private readonly enough = h("button", { type: "button", hidden: true, onclick: () => this.end() }, "Stop, and keep what is found") as HTMLButtonElement;
-  private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.over("Cancelled.") }, "Cancel") as HTMLButtonElement;
-  private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Calibration" }) as HTMLProgressElement;
+  private readonly begin = h(
+    "button",
+    { type: "button", className: "primary", onclick: () => this.start() },
+    "Calibrate",
+  );
+  private readonly enough = h(
+    "button",
+    { type: "button", hidden: true, onclick: () => this.end() },
+    "Stop, and keep what is found",
+  );
+  private readonly cancel = h(
+    "button",
+    { type: "button", hidden: true, onclick: () => this.over("Cancelled.") },
+    "Cancel",
+  );
+  private readonly bar = h("progress", {
+    max: 1,
+    hidden: true,
+    "aria-label": "Calibration",
+  });
   private readonly said = h("p", { className: "words", role: "status" });
 
-  constructor(place: HTMLElement, private readonly hands: Hands) {
+  constructor(
+    place: HTMLElement,
+    private readonly hands: Hands,
+  ) {
     this.begin.setAttribute("aria-describedby", this.reason.id);
-    place.append(h("div", { className: "row" }, this.begin, this.enough, this.cancel), this.reason, this.bar, this.said);
+    place.append(
+      h("div", { className: "row" }, this.begin, this.enough, this.cancel),
+      this.reason,
+      this.bar,
+      this.said,
+    );
   }
 
   /** Offer to begin, or say why not. */
@@ -45,8 +74,18 @@ export class RunPanel {
     const given = this.hands.given();
     if (!given) return;
     this.hasFound = false;
-    const cutOff = () => this.over(this.hasFound ? "Done; the report could not be made." : "The calibration was cut off; begin again.");
-    this.task.begin("api/calibrate/work", [given.ask, ...given.pictures], (news) => this.told(news), cutOff);
+    const cutOff = () =>
+      this.over(
+        this.hasFound
+          ? "Done; the report could not be made."
+          : "The calibration was cut off; begin again.",
+      );
+    this.task.begin(
+      "api/calibrate/work",
+      [given.ask, ...given.pictures],
+      (news) => this.told(news),
+      cutOff,
+    );
     this.running(true);
     this.said.textContent = "Starting…";
   }
@@ -64,7 +103,8 @@ export class RunPanel {
     } else if (news.state === "reported") {
       this.over("Done.");
       this.hands.reported(news.report!);
-    } else this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
+    } else
+      this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
   }
 
   /** Have it end with what it has found. */

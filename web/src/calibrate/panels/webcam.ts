@@ -1,7 +1,8 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
 import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
-import { openedWebcam } from "../../shared/media";
+import { openedWebcam, videoInputs } from "../../shared/media";
 import { cellsOf, crosses, movedBy } from "../drawing";
 
 const STILL = 0.008; // of the picture's longer side, between two looks
@@ -23,18 +24,44 @@ export class WebcamPane {
   private readonly stage = h("div", { className: "live" });
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
   private readonly said = h("p", { className: "advice", role: "status" });
-  private readonly auto = h("input", { type: "checkbox", checked: true }) as HTMLInputElement;
-  private readonly which = h("select", { "aria-label": "Which webcam", hidden: true }) as HTMLSelectElement;
+  private readonly auto = h("input", { type: "checkbox", checked: true });
+  private readonly which = h("select", {
+    "aria-label": "Which webcam",
+    hidden: true,
+  });
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
   private before: BoardSeen | null = null;
   private wanted = false;
   private number = 0;
+  private looking = new AbortController();
 
   constructor(private readonly hands: Hands) {
-    const buttons = h("div", { className: "row" }, h("button", { type: "button", className: "primary", onclick: () => (this.wanted = true) }, "Take a picture"), h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"), this.which);
-    this.element = h("section", { className: "plot webcam", "aria-label": "Webcam", hidden: true }, this.stage, this.said, h("label", { className: "check" }, this.auto, "Take pictures by itself, when the board is sharp, still, and somewhere new"), buttons);
-    this.which.addEventListener("change", () => void this.open(this.which.value));
+    const buttons = h(
+      "div",
+      { className: "row" },
+      h(
+        "button",
+        { type: "button", className: "primary", onclick: () => (this.wanted = true) },
+        "Take a picture",
+      ),
+      h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"),
+      this.which,
+    );
+    this.element = h(
+      "section",
+      { className: "plot webcam", "aria-label": "Webcam", hidden: true },
+      this.stage,
+      this.said,
+      h(
+        "label",
+        { className: "check" },
+        this.auto,
+        "Take pictures by itself, when the board is sharp, still, and somewhere new",
+      ),
+      buttons,
+    );
+    this.which.addEventListener("change", () => background(this.open(this.which.value)));
   }
 
   get isOpen(): boolean {
@@ -56,9 +83,11 @@ export class WebcamPane {
       this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${video.videoWidth} ${video.videoHeight}`);
       this.stage.replaceChildren(video, this.overlay);
       await this.offer(device);
+      if (number !== this.number) return;
       this.say("Show it the board.");
-      void this.run(number);
+      background(this.run(number));
     } catch (e) {
+      if (number !== this.number) return;
       this.stop();
       this.hands.fail(e);
     }
@@ -66,6 +95,8 @@ export class WebcamPane {
 
   stop(): void {
     this.number++;
+    this.looking.abort();
+    this.looking = new AbortController();
     this.close();
     this.close = () => {};
     this.video = this.before = null;
@@ -76,8 +107,10 @@ export class WebcamPane {
   }
 
   private async offer(device: string): Promise<void> {
-    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter((d) => d.kind === "videoinput");
-    this.which.replaceChildren(...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)));
+    const cameras = await videoInputs();
+    this.which.replaceChildren(
+      ...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)),
+    );
     this.which.value = device;
     this.which.hidden = cameras.length < 2;
   }
@@ -90,7 +123,7 @@ export class WebcamPane {
         await rest(REST_MS);
       } catch (e) {
         if (number !== this.number) return;
-        this.say(e instanceof Error && (e instanceof api.Refused || e instanceof api.Away) ? e.message : "Something went wrong with this picture.");
+        this.say(api.isForeseen(e) ? e.message : "Something went wrong with this picture.");
         await rest(PAUSE_MS);
       }
     }
@@ -101,14 +134,20 @@ export class WebcamPane {
     if (!board || document.hidden) return;
     const frame = await frameOf(this.video!);
     if (this.wanted) return this.take(frame, "Taken.");
-    const seen = await api.look(frame, { ...board, name: "the picture", quick: true }, new AbortController().signal);
+    const seen = await api.look(
+      frame,
+      { ...board, name: "the picture", quick: true },
+      this.looking.signal,
+    );
     const together = await this.hands.together(seen);
     if (number !== this.number) return;
     this.draw(seen, together);
     const isStill = movedBy(this.before, seen) < STILL;
     this.before = seen;
-    if (seen.reason !== null) return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
-    if (together.not_new !== null) return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
+    if (seen.reason !== null)
+      return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
+    if (together.not_new !== null)
+      return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
     if (!isStill) return this.say("Here; hold it still.");
     if (this.auto.checked) return this.take(frame, "Taken. Now hold it elsewhere.");
     this.say("This would be a good picture: take it.");
@@ -125,7 +164,10 @@ export class WebcamPane {
     this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     const size = Math.max(width, height) / 140;
     const empty = coverage ? cellsOf(coverage).filter((cell) => cell.count < coverage.enough) : [];
-    this.overlay.replaceChildren(svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }), svg("path", { class: "corners", d: crosses(seen.corners_px, size) }));
+    this.overlay.replaceChildren(
+      svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }),
+      svg("path", { class: "corners", d: crosses(seen.corners_px, size) }),
+    );
   }
 
   private say(sentence: string): void {
@@ -134,7 +176,8 @@ export class WebcamPane {
 }
 
 /** Where to hold the board next. */
-const advice = ({ advice: all }: Together): string => all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
+const advice = ({ advice: all }: Together): string =>
+  all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function frameOf(video: HTMLVideoElement): Promise<Blob> {

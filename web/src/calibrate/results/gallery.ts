@@ -25,7 +25,13 @@ export class Gallery {
     }
     for (const shot of shots) {
       const known = this.items.get(shot) ?? this.begun(shot);
-      const shown = JSON.stringify([shot.thumbnail, shot.seen?.ids.length, shot.trouble, shot.reason, shot === chosen]);
+      const shown = JSON.stringify([
+        shot.thumbnail,
+        shot.seen?.ids.length,
+        shot.trouble,
+        shot.reason,
+        shot === chosen,
+      ]);
       if (known.shown === shown) continue;
       fill(known.button, shot, shot === chosen);
       known.shown = shown;
@@ -45,10 +51,19 @@ export class Gallery {
 function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
   const reason = shot.trouble ?? shot.reason;
   const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Looking…");
-  const picture = h("span", { className: "thumbnail" }, shot.thumbnail ? h("img", { src: shot.thumbnail, alt: "" }) : null, cornersOf(shot));
+  const picture = h(
+    "span",
+    { className: "thumbnail" },
+    shot.thumbnail ? h("img", { src: shot.thumbnail, alt: "" }) : null,
+    cornersOf(shot),
+  );
   button.setAttribute("aria-pressed", String(isChosen));
   button.title = `${shot.name}: ${words}`;
-  button.replaceChildren(picture, h("b", {}, shot.name), h("small", { className: reason ? "missed" : "" }, words));
+  button.replaceChildren(
+    picture,
+    h("b", {}, shot.name),
+    h("small", { className: reason ? "missed" : "" }, words),
+  );
 }
 
 /** The corners found in a picture, over it. */
@@ -56,5 +71,12 @@ function cornersOf(shot: Shot): SVGElement | null {
   if (!shot.seen?.ids.length) return null;
   const [width, height] = shot.seen.image_size;
   const isUsed = shot.reason === null;
-  return svg("svg", { viewBox: `-0.5 -0.5 ${width} ${height}`, "aria-hidden": "true" }, svg("path", { class: isUsed ? "corners" : "corners unused", d: crosses(shot.seen.corners_px, Math.max(width, height) / 130) }));
+  return svg(
+    "svg",
+    { viewBox: `-0.5 -0.5 ${width} ${height}`, "aria-hidden": "true" },
+    svg("path", {
+      class: isUsed ? "corners" : "corners unused",
+      d: crosses(shot.seen.corners_px, Math.max(width, height) / 130),
+    }),
+  );
 }

@@ -8,45 +8,136 @@ import { px } from "../words";
 const ARROW = 0.02; // of the picture's longer side, of a residual of usual size
 const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP] = [420, 240, 46, 34, 8];
 
-const figure = (title: string, note: string, drawing: Element): HTMLElement => h("figure", { className: "plot" }, h("figcaption", {}, h("span", {}, title), note ? h("span", { className: "quiet" }, note) : null), drawing);
+const figure = (title: string, note: string, drawing: Element): HTMLElement =>
+  h(
+    "figure",
+    { className: "plot" },
+    h(
+      "figcaption",
+      {},
+      h("span", {}, title),
+      note ? h("span", { className: "quiet" }, note) : null,
+    ),
+    drawing,
+  );
 
 /** How corners are spread over the field: the fuller a part, the darker. */
-export function coveragePlot(shown: CoverageShown, size: readonly [number, number], corners: readonly (readonly [number, number])[], rim: Rim | null): HTMLElement {
+export function coveragePlot(
+  shown: CoverageShown,
+  size: readonly [number, number],
+  corners: readonly (readonly [number, number])[],
+  rim: Rim | null,
+): HTMLElement {
   const [filled, all] = coveredIn(shown);
-  const cells = cellsOf(shown).map(({ path, count }) => svg("path", { class: count < shown.enough ? "cell empty" : "cell", d: path, "fill-opacity": (0.12 + 0.4 * Math.min(1, count / (6 * shown.enough))).toFixed(2) }));
-  const drawing = svg("svg", { class: "field", viewBox: viewBox(size), role: "img", "aria-label": `Coverage of the field: ${filled} of its ${all} parts hold ${shown.enough} corners or more.` }, svg("rect", { class: "frame", x: -0.5, y: -0.5, width: size[0], height: size[1] }), ...cells, svg("path", { class: "dots", d: dots(corners) }));
-  if (rim) drawing.append(svg("circle", { class: "rim", cx: rim.centre[0], cy: rim.centre[1], r: rim.radius }));
-  return figure("Coverage", `${filled} of ${all} parts of the field hold ${shown.enough} corners or more`, drawing);
+  const cells = cellsOf(shown).map(({ path, count }) =>
+    svg("path", {
+      class: count < shown.enough ? "cell empty" : "cell",
+      d: path,
+      "fill-opacity": (0.12 + 0.4 * Math.min(1, count / (6 * shown.enough))).toFixed(2),
+    }),
+  );
+  const drawing = svg(
+    "svg",
+    {
+      class: "field",
+      viewBox: viewBox(size),
+      role: "img",
+      "aria-label": `Coverage of the field: ${filled} of its ${all} parts hold ${shown.enough} corners or more.`,
+    },
+    svg("rect", { class: "frame", x: -0.5, y: -0.5, width: size[0], height: size[1] }),
+    ...cells,
+    svg("path", { class: "dots", d: dots(corners) }),
+  );
+  if (rim)
+    drawing.append(
+      svg("circle", { class: "rim", cx: rim.centre[0], cy: rim.centre[1], r: rim.radius }),
+    );
+  return figure(
+    "Coverage",
+    `${filled} of ${all} parts of the field hold ${shown.enough} corners or more`,
+    drawing,
+  );
 }
 
 /** From each corner to where the camera sees it, over the picture. */
 export function residualPlot(found: CalibrationFound): HTMLElement {
   const all = found.pictures.flatMap((p) => p.residuals);
   const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
-  const drawing = svg("svg", { class: "field", viewBox: viewBox(found.image_size), role: "img", "aria-label": `Residuals of ${all.length} corners over the picture, ${px(found.rms_px)} on the average.` }, svg("rect", { class: "frame", x: -0.5, y: -0.5, width: found.image_size[0], height: found.image_size[1] }), svg("path", { class: "residuals", d: arrows(all, times) }));
+  const drawing = svg(
+    "svg",
+    {
+      class: "field",
+      viewBox: viewBox(found.image_size),
+      role: "img",
+      "aria-label": `Residuals of ${all.length} corners over the picture, ${px(found.rms_px)} on the average.`,
+    },
+    svg("rect", {
+      class: "frame",
+      x: -0.5,
+      y: -0.5,
+      width: found.image_size[0],
+      height: found.image_size[1],
+    }),
+    svg("path", { class: "residuals", d: arrows(all, times) }),
+  );
   return figure("Residuals over the picture", `${times} times as long`, drawing);
 }
 
 /** The same along and across the radius. */
 export function radiusPlot(found: CalibrationFound): HTMLElement {
-  const rows = byRadius(found.pictures.flatMap((p) => p.residuals), found.coverage.centre_px);
+  const rows = byRadius(
+    found.pictures.flatMap((p) => p.residuals),
+    found.coverage.centre_px,
+  );
   const outer = Math.max(...rows.map(([r]) => r), 1);
-  const high = Math.max(...rows.flatMap(([, along, across]) => [Math.abs(along), Math.abs(across)]), 1e-6);
+  const high = Math.max(
+    ...rows.flatMap(([, along, across]) => [Math.abs(along), Math.abs(across)]),
+    1e-6,
+  );
   const x = (radius: number): number => LEFT + (radius / outer) * (WIDTH - LEFT - 8);
-  const y = (value: number): number => TOP + ((high - value) / (2 * high)) * (HEIGHT - TOP - BOTTOM);
-  const label = (text: string, at: [number, number], anchor: string): SVGElement => svg("text", { x: at[0], y: at[1], "text-anchor": anchor }, text);
+  const y = (value: number): number =>
+    TOP + ((high - value) / (2 * high)) * (HEIGHT - TOP - BOTTOM);
+  const label = (text: string, at: [number, number], anchor: string): SVGElement =>
+    svg("text", { x: at[0], y: at[1], "text-anchor": anchor }, text);
   const drawing = svg(
     "svg",
-    { class: "scatter", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `Residuals against the distance from the centre, to ${words(outer, 3)} px: at most ${words(high, 2)} px along or across the radius.` },
-    svg("path", { class: "axis", d: `M${LEFT} ${TOP}V${HEIGHT - BOTTOM}M${LEFT} ${y(0)}H${WIDTH - 8}` }),
+    {
+      class: "scatter",
+      viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+      role: "img",
+      "aria-label": `Residuals against the distance from the centre, to ${words(outer, 3)} px: at most ${words(high, 2)} px along or across the radius.`,
+    },
+    svg("path", {
+      class: "axis",
+      d: `M${LEFT} ${TOP}V${HEIGHT - BOTTOM}M${LEFT} ${y(0)}H${WIDTH - 8}`,
+    }),
     svg("path", { class: "dots along", d: dots(rows.map(([r, along]) => [x(r), y(along)])) }),
     svg("path", { class: "dots across", d: dots(rows.map(([r, , across]) => [x(r), y(across)])) }),
     ...[high, 0, -high].map((value) => label(words(value, 2), [LEFT - 6, y(value) + 4], "end")),
-    ...[0, 0.5, 1].map((share) => label(words(share * outer, 3), [x(share * outer), HEIGHT - BOTTOM + 16], share ? (share < 1 ? "middle" : "end") : "start")),
+    ...[0, 0.5, 1].map((share) =>
+      label(
+        words(share * outer, 3),
+        [x(share * outer), HEIGHT - BOTTOM + 16],
+        share ? (share < 1 ? "middle" : "end") : "start",
+      ),
+    ),
     label("px from the centre", [(LEFT + WIDTH) / 2, HEIGHT - 2], "middle"),
   );
-  const legend = h("span", { className: "quiet" }, h("i", { className: "along" }), "along the radius ", h("i", { className: "across" }), "across it");
-  return h("figure", { className: "plot" }, h("figcaption", {}, h("span", {}, "Residuals against radius, px"), legend), drawing);
+  const legend = h(
+    "span",
+    { className: "quiet" },
+    h("i", { className: "along" }),
+    "along the radius ",
+    h("i", { className: "across" }),
+    "across it",
+  );
+  return h(
+    "figure",
+    { className: "plot" },
+    h("figcaption", {}, h("span", {}, "Residuals against radius, px"), legend),
+    drawing,
+  );
 }
 
-const viewBox = ([width, height]: readonly [number, number]): string => `-0.5 -0.5 ${width} ${height}`;
+const viewBox = ([width, height]: readonly [number, number]): string =>
+  `-0.5 -0.5 ${width} ${height}`;

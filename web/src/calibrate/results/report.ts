@@ -18,43 +18,117 @@ export function resultsOf(found: CalibrationFound): HTMLElement[] {
     ["Took", `${words(found.seconds, 2)} s`],
   ];
   return [
-    h("section", { className: "headline", "aria-label": "Result" }, h("dl", {}, ...numbers.map(([term, value]) => h("div", {}, h("dt", {}, term), h("dd", {}, value)))), list("notes", found.notes)),
+    h(
+      "section",
+      { className: "headline", "aria-label": "Result" },
+      h(
+        "dl",
+        {},
+        ...numbers.map(([term, value]) => h("div", {}, h("dt", {}, term), h("dd", {}, value))),
+      ),
+      list("notes", found.notes),
+    ),
     h("div", { className: "plots" }, residualPlot(found), radiusPlot(found)),
   ];
 }
 
 /** What became of every picture, parameter, model and corner. */
-export const tablesOf = (found: CalibrationFound, choose: (picture: string) => void): HTMLElement[] => [pictures(found, choose), parameters(found), ...(found.models.length > 1 ? [models(found)] : []), outliers(found)];
+export const tablesOf = (
+  found: CalibrationFound,
+  choose: (picture: string) => void,
+): HTMLElement[] => [
+  pictures(found, choose),
+  parameters(found),
+  ...(found.models.length > 1 ? [models(found)] : []),
+  outliers(found),
+];
 
 /** Sentences one below the other. */
-export const list = (className: string, sentences: readonly string[]): HTMLElement => h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
+export const list = (className: string, sentences: readonly string[]): HTMLElement =>
+  h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 
 function pictures(found: CalibrationFound, choose: (picture: string) => void): HTMLElement {
-  const name = (picture: string): HTMLElement => h("button", { type: "button", className: "link", onclick: () => choose(picture) }, picture);
-  const rows = found.pictures.map((p) => [name(p.name), String(p.found), p.rms_px === null ? "–" : words(p.rms_px, 3), p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3), p.used ? "used" : (p.reason ?? "not used")]);
+  const name = (picture: string): HTMLElement =>
+    h("button", { type: "button", className: "link", onclick: () => choose(picture) }, picture);
+  const rows = found.pictures.map((p) => [
+    name(p.name),
+    String(p.found),
+    p.rms_px === null ? "–" : words(p.rms_px, 3),
+    p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3),
+    p.used ? "used" : (p.reason ?? "not used"),
+  ]);
   return table("Pictures", ["picture", "corners", "RMS, px", "left out, px", ""], rows);
 }
 
 function parameters(found: CalibrationFound): HTMLElement {
-  const rows = found.parameters.map((p) => [p.name.replaceAll("_", " "), words(p.value, 6), p.sigma === null ? "fixed" : `± ${words(p.sigma, 2)}`, p.unit]);
-  return table("Parameters, each with its standard deviation", ["", "value", "sigma", "unit"], rows);
+  const rows = found.parameters.map((p) => [
+    p.name.replaceAll("_", " "),
+    words(p.value, 6),
+    p.sigma === null ? "fixed" : `± ${words(p.sigma, 2)}`,
+    p.unit,
+  ]);
+  return table(
+    "Parameters, each with its standard deviation",
+    ["", "value", "sigma", "unit"],
+    rows,
+  );
 }
 
 function models(found: CalibrationFound): HTMLElement {
-  const rows = found.models.map((m) => [m.kind === found.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind), String(m.parameters), words(m.rms_px, 3), m.held_out_rms_px === null ? "–" : words(m.held_out_rms_px, 3), m.why]);
-  return table("Models that were compared", ["model", "parameters", "RMS, px", "left out, px", ""], rows);
+  const rows = found.models.map((m) => [
+    m.kind === found.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind),
+    String(m.parameters),
+    words(m.rms_px, 3),
+    m.held_out_rms_px === null ? "–" : words(m.held_out_rms_px, 3),
+    m.why,
+  ]);
+  return table(
+    "Models that were compared",
+    ["model", "parameters", "RMS, px", "left out, px", ""],
+    rows,
+  );
 }
 
 function outliers(found: CalibrationFound): HTMLElement {
   const shown = found.outliers.slice(0, MOST_OUTLIERS);
   if (!shown.length) return h("p", { className: "words" }, "No corner was left out.");
-  const made = table("Corners that were left out", ["picture", "corner", "off by, px"], shown.map((o) => [o.picture, String(o.corner), words(o.residual_px, 3)]));
-  if (shown.length < found.outliers.length) made.append(h("p", { className: "words" }, `and ${found.outliers.length - shown.length} more, which the report names.`));
+  const made = table(
+    "Corners that were left out",
+    ["picture", "corner", "off by, px"],
+    shown.map((o) => [o.picture, String(o.corner), words(o.residual_px, 3)]),
+  );
+  if (shown.length < found.outliers.length)
+    made.append(
+      h(
+        "p",
+        { className: "words" },
+        `and ${found.outliers.length - shown.length} more, which the report names.`,
+      ),
+    );
   return made;
 }
 
-function table(title: string, heads: readonly string[], rows: readonly (string | HTMLElement)[][]): HTMLElement {
-  const cell = (value: string | HTMLElement, i: number): HTMLElement => (i ? h("td", { className: heads[i] ? "" : "why" }, value) : h("th", { scope: "row" }, value));
-  const head = h("tr", {}, ...heads.map((text) => (text ? h("th", { scope: "col" }, text) : h("td", {}))));
-  return h("div", { className: "table", tabIndex: 0, role: "region", "aria-label": title }, h("table", {}, h("caption", {}, title), h("thead", {}, head), h("tbody", {}, ...rows.map((row) => h("tr", {}, ...row.map(cell))))));
+function table(
+  title: string,
+  heads: readonly string[],
+  rows: readonly (string | HTMLElement)[][],
+): HTMLElement {
+  const cell = (value: string | HTMLElement, i: number): HTMLElement =>
+    i ? h("td", { className: heads[i] ? "" : "why" }, value) : h("th", { scope: "row" }, value);
+  const head = h(
+    "tr",
+    {},
+    ...heads.map((text) => (text ? h("th", { scope: "col" }, text) : h("td", {}))),
+  );
+  return h(
+    "div",
+    { className: "table", tabIndex: 0, role: "region", "aria-label": title },
+    h(
+      "table",
+      {},
+      h("caption", {}, title),
+      h("thead", {}, head),
+      h("tbody", {}, ...rows.map((row) => h("tr", {}, ...row.map(cell)))),
+    ),
+  );
 }

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
 import type { CalibrationFound } from "../../shared/messages";
@@ -17,12 +18,16 @@ interface Hands {
 
 /** One picture, large: its corners, the rim, how far corners lie off; and the board straightened. */
 export class Single {
-  readonly element = h("section", { className: "plot single", "aria-label": "The chosen picture", hidden: true });
+  readonly element = h("section", {
+    className: "plot single",
+    "aria-label": "The chosen picture",
+    hidden: true,
+  });
   private readonly title = h("b", {});
   private readonly words = h("p", { className: "words" });
-  private readonly image = h("img", {}) as HTMLImageElement;
+  private readonly image = h("img", {});
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
-  private readonly straight = h("img", { alt: "The board, straightened" }) as HTMLImageElement;
+  private readonly straight = h("img", { alt: "The board, straightened" });
   private readonly straightFigure: HTMLElement;
   private readonly straightWords = h("figcaption", {});
   private readonly again: HTMLElement;
@@ -31,10 +36,29 @@ export class Single {
   private shown: CalibrationFound | null = null;
 
   constructor(private readonly hands: Hands) {
-    this.again = h("button", { type: "button", className: "small", onclick: () => this.shot && hands.retry(this.shot) }, "Look again");
-    const bar = h("div", { className: "bar" }, this.title, this.again, h("button", { type: "button", className: "small", onclick: () => this.shot && hands.remove(this.shot) }, "Take it out"));
+    this.again = h(
+      "button",
+      { type: "button", className: "small", onclick: () => this.shot && hands.retry(this.shot) },
+      "Look again",
+    );
+    const bar = h(
+      "div",
+      { className: "bar" },
+      this.title,
+      this.again,
+      h(
+        "button",
+        { type: "button", className: "small", onclick: () => this.shot && hands.remove(this.shot) },
+        "Take it out",
+      ),
+    );
     this.straightFigure = h("figure", { hidden: true }, this.straight, this.straightWords);
-    const raw = h("figure", {}, h("div", { className: "whole" }, this.image, this.overlay), this.words);
+    const raw = h(
+      "figure",
+      {},
+      h("div", { className: "whole" }, this.image, this.overlay),
+      this.words,
+    );
     this.element.append(bar, h("div", { className: "pair" }, raw, this.straightFigure));
   }
 
@@ -44,16 +68,20 @@ export class Single {
       this.shot = null;
       return;
     }
-    if (shot !== this.shot) void this.load(shot);
+    if (shot !== this.shot) background(this.load(shot));
     this.title.textContent = shot.name;
     this.again.hidden = shot.trouble === null;
     const outcome = found?.pictures.find((p) => p.name === shot.name) ?? null;
     const reason = shot.trouble ?? outcome?.reason ?? shot.reason;
-    const state = shot.seen ? stateWords(shot.seen, reason) : (shot.trouble ?? "Looking for the board…");
+    const state = shot.seen
+      ? stateWords(shot.seen, reason)
+      : (shot.trouble ?? "Looking for the board…");
     const times = outcome?.rms_px ? timesFor(outcome.rms_px, ARROW_PX) : 1;
-    this.words.textContent = outcome?.used ? `${state}, ${px(outcome.rms_px)} off on the average; drawn ${times} times as long.` : state;
+    this.words.textContent = outcome?.used
+      ? `${state}, ${px(outcome.rms_px)} off on the average; drawn ${times} times as long.`
+      : state;
     this.draw(shot, rim, outcome?.used ? arrows(outcome.residuals, times) : "");
-    if (shot !== this.shot || found !== this.shown) void this.straighten(shot, found);
+    if (shot !== this.shot || found !== this.shown) background(this.straighten(shot, found));
     this.shot = shot;
     this.shown = found;
   }
@@ -76,8 +104,17 @@ export class Single {
     const { seen } = shot;
     const isUsed = seen !== null && shot.reason === null;
     this.overlay.replaceChildren(
-      ...(seen && rim ? [svg("circle", { class: "rim", cx: rim.centre[0], cy: rim.centre[1], r: rim.radius })] : []),
-      ...(seen ? [svg("path", { class: isUsed ? "corners" : "corners unused", d: crosses(seen.corners_px, Math.max(width, height) / 150) })] : []),
+      ...(seen && rim
+        ? [svg("circle", { class: "rim", cx: rim.centre[0], cy: rim.centre[1], r: rim.radius })]
+        : []),
+      ...(seen
+        ? [
+            svg("path", {
+              class: isUsed ? "corners" : "corners unused",
+              d: crosses(seen.corners_px, Math.max(width, height) / 150),
+            }),
+          ]
+        : []),
       ...(residuals ? [svg("path", { class: "residuals", d: residuals })] : []),
     );
   }
@@ -91,7 +128,10 @@ export class Single {
     const off = found.pictures.find((p) => p.name === shot.name)?.off_straight_px ?? null;
     this.straightWords.textContent = "Straightening the board…";
     try {
-      const made = await api.straight({ camera_file: found.camera_file, place, name: shot.name }, shot.blob);
+      const made = await api.straight(
+        { camera_file: found.camera_file, place, name: shot.name },
+        shot.blob,
+      );
       if (shot !== this.shot || found !== this.shown) return;
       URL.revokeObjectURL(this.straight.src);
       this.straight.src = URL.createObjectURL(made);

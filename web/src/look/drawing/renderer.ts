@@ -21,15 +21,25 @@ export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private program!: WebGLProgram;
   private textures!: Record<keyof typeof UNITS, WebGLTexture>;
-  private places = new Map<string, WebGLUniformLocation | null>();
+  private readonly places = new Map<string, WebGLUniformLocation | null>();
   private camera: Camera | null = null;
   private pictureSize: [number, number] = [0, 0];
   private restored: WebGLTexture | null = null;
   private readonly others = new Map<string, Kept>();
 
-  constructor(readonly canvas: HTMLCanvasElement, restored: () => void) {
-    const gl = canvas.getContext("webgl2", { antialias: false, premultipliedAlpha: true, powerPreference: "high-performance" });
-    if (!gl) throw new NoWebGL("This browser does not offer WebGL2, which draws the view. Try a current Firefox, Chrome or Safari.");
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    restored: () => void,
+  ) {
+    const gl = canvas.getContext("webgl2", {
+      antialias: false,
+      premultipliedAlpha: true,
+      powerPreference: "high-performance",
+    });
+    if (!gl)
+      throw new NoWebGL(
+        "This browser does not offer WebGL2, which draws the view. Try a current Firefox, Chrome or Safari.",
+      );
     this.gl = gl;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
@@ -51,14 +61,37 @@ export class Renderer {
     const t = camera.model.tables;
     if (t.lattice) {
       const nodes = 2 * t.lattice * t.lattice;
-      this.upload("lattice", gl.RG32F, gl.RG, t.lattice, t.lattice, camera.tables.subarray(0, nodes));
-      this.upload("limits", gl.R32F, gl.RED, t.limits, 1, camera.tables.subarray(nodes, nodes + t.limits));
-      if (t.starts) this.upload("starts", gl.RGB32F, gl.RGB, t.starts, t.starts, camera.tables.subarray(nodes + t.limits));
+      this.upload(
+        "lattice",
+        gl.RG32F,
+        gl.RG,
+        t.lattice,
+        t.lattice,
+        camera.tables.subarray(0, nodes),
+      );
+      this.upload(
+        "limits",
+        gl.R32F,
+        gl.RED,
+        t.limits,
+        1,
+        camera.tables.subarray(nodes, nodes + t.limits),
+      );
+      if (t.starts)
+        this.upload(
+          "starts",
+          gl.RGB32F,
+          gl.RGB,
+          t.starts,
+          t.starts,
+          camera.tables.subarray(nodes + t.limits),
+        );
       return;
     }
     const rows = new Float32Array(4 * t.radii);
     for (let i = 0; i < t.radii; i++)
-      for (let column = 0; column < (t.origins ? 3 : 1); column++) rows[4 * i + column] = camera.tables[column * t.radii + i];
+      for (let column = 0; column < (t.origins ? 3 : 1); column++)
+        rows[4 * i + column] = camera.tables[column * t.radii + i];
     this.upload("radii", gl.RGBA32F, gl.RGBA, t.radii, 1, rows);
   }
 
@@ -108,7 +141,11 @@ export class Renderer {
   }
 
   /** Draw a view of another picture into what was drawn: its parts are where they lie on the canvas. */
-  add(view: View, { camera, feed }: { camera: Camera; feed: { picture: Picture; width: number; height: number } }, name: string): void {
+  add(
+    view: View,
+    { camera, feed }: { camera: Camera; feed: { picture: Picture; width: number; height: number } },
+    name: string,
+  ): void {
     const { gl } = this;
     const before = { camera: this.camera!, pictureSize: this.pictureSize };
     this.setCamera(camera);
@@ -116,7 +153,8 @@ export class Renderer {
     gl.activeTexture(gl.TEXTURE0);
     const kept = this.others.get(name) ?? { texture: this.texture(gl.LINEAR), picture: null };
     gl.bindTexture(gl.TEXTURE_2D, kept.texture);
-    if (kept.picture !== feed.picture || feed.picture instanceof HTMLVideoElement) gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, feed.picture);
+    if (kept.picture !== feed.picture || feed.picture instanceof HTMLVideoElement)
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, feed.picture);
     this.others.set(name, { texture: kept.texture, picture: feed.picture });
     this.drawParts(view, false);
     gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
@@ -136,7 +174,8 @@ export class Renderer {
   /** Pixels of the picture that the view shows, (u, v, seen, 1) row by row from the top; what the tests measure. */
   coordinates(view: View): Float32Array {
     const { gl } = this;
-    if (!gl.getExtension("EXT_color_buffer_float")) throw new NoWebGL("this browser draws no floating numbers");
+    if (!gl.getExtension("EXT_color_buffer_float"))
+      throw new NoWebGL("this browser draws no floating numbers");
     const { width, height } = view;
     const [texture, frame] = [gl.createTexture(), gl.createFramebuffer()];
     gl.activeTexture(gl.TEXTURE0);
@@ -154,7 +193,11 @@ export class Renderer {
     gl.deleteFramebuffer(frame);
     gl.deleteTexture(texture);
     const rows = new Float32Array(values.length);
-    for (let y = 0; y < height; y++) rows.set(values.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)), 4 * width * y);
+    for (let y = 0; y < height; y++)
+      rows.set(
+        values.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)),
+        4 * width * y,
+      );
     return rows;
   }
 
@@ -180,7 +223,11 @@ export class Renderer {
     const { gl } = this;
     const { axis, right, down, tables, centre_px } = camera.model;
     const rows = [axis, right, down];
-    gl.uniformMatrix3fv(this.place("frame"), false, [0, 1, 2].flatMap((column) => rows.map((row) => row[column])));
+    gl.uniformMatrix3fv(
+      this.place("frame"),
+      false,
+      [0, 1, 2].flatMap((column) => rows.map((row) => row[column])),
+    );
     gl.uniform2f(this.place("picture_size"), ...this.pictureSize);
     gl.uniform2f(this.place("ends"), tables.first, tables.last);
     gl.uniform2f(this.place("centre"), camera.circle.u, camera.circle.v);
@@ -206,7 +253,10 @@ export class Renderer {
   private prepare(): void {
     const { gl } = this;
     this.program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]] as const) {
+    for (const [kind, text] of [
+      [gl.VERTEX_SHADER, VERTEX],
+      [gl.FRAGMENT_SHADER, FRAGMENT],
+    ] as const) {
       const shader = gl.createShader(kind)!;
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
@@ -214,7 +264,9 @@ export class Renderer {
     }
     gl.linkProgram(this.program);
     if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) {
-      const logs = (gl.getAttachedShaders(this.program) ?? []).map((shader) => gl.getShaderInfoLog(shader));
+      const logs = (gl.getAttachedShaders(this.program) ?? []).map((shader) =>
+        gl.getShaderInfoLog(shader),
+      );
       throw new NoWebGL(`The graphics driver refused the shader: ${logs.join(" ")}`);
     }
     this.places.clear();
@@ -236,12 +288,21 @@ export class Renderer {
     const { gl } = this;
     const made = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, made);
-    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, filter);
-    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+      gl.texParameteri(gl.TEXTURE_2D, side, filter);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
+      gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     return made;
   }
 
-  private upload(name: keyof typeof UNITS, inside: number, outside: number, width: number, height: number, data: Float32Array): void {
+  private upload(
+    name: keyof typeof UNITS,
+    inside: number,
+    outside: number,
+    width: number,
+    height: number,
+    data: Float32Array,
+  ): void {
     const { gl } = this;
     gl.activeTexture(gl.TEXTURE0 + UNITS[name]);
     gl.bindTexture(gl.TEXTURE_2D, this.textures[name]);
@@ -250,7 +311,8 @@ export class Renderer {
   }
 
   private place(name: string): WebGLUniformLocation | null {
-    if (!this.places.has(name)) this.places.set(name, this.gl.getUniformLocation(this.program, name));
+    if (!this.places.has(name))
+      this.places.set(name, this.gl.getUniformLocation(this.program, name));
     return this.places.get(name)!;
   }
 }

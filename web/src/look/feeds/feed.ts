@@ -1,6 +1,8 @@
 import * as api from "../../shared/api";
 import type { StreamState } from "../../shared/messages";
-import { asStored, openedWebcam, started } from "../../shared/media";
+import { background } from "../../shared/background";
+import { asStored, openedWebcam, release, started } from "../../shared/media";
+import { fileWord, shellWord } from "../../shared/shell";
 import type { Picture } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
 
@@ -31,6 +33,7 @@ export interface Seen {
   camera: Camera;
 }
 
+const RETRY_MS = 1500; // after a connection was lost
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
 /** A picture file; what the browser does not read, the server does. */
@@ -39,7 +42,15 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
     if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
     return createImageBitmap(await api.convert(blob, name), DECODING);
   });
-  return { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height, moves: false, close: () => bitmap.close() };
+  return {
+    name,
+    source: name,
+    picture: bitmap,
+    width: bitmap.width,
+    height: bitmap.height,
+    moves: false,
+    close: () => bitmap.close(),
+  };
 }
 
 /** A video file, again and again. */
@@ -53,69 +64,121 @@ export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
 }
 
 /** A video at an address, again and again. */
-export async function addressFeed(address: string, name: string, after = (): void => {}): Promise<Feed> {
-  const video = Object.assign(document.createElement("video"), { src: address, muted: true, loop: true, playsInline: true });
+export async function addressFeed(
+  address: string,
+  name: string,
+  after = (): void => {},
+): Promise<Feed> {
+  const video = Object.assign(document.createElement("video"), {
+    src: address,
+    muted: true,
+    loop: true,
+    playsInline: true,
+  });
   try {
     await started(video);
   } catch {
-    throw new api.Refused(`${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`);
+    release(video);
+    throw new api.Refused(
+      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${shellWord(fileWord(name))}`,
+    );
   }
   return { ...ofVideo(video, name, after), video };
 }
 
 /** A camera of this machine. */
 export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
-  const { video, name, device, close } = await openedWebcam(id, lost);
-  return { ...ofVideo(video, name, close), device };
+  const { video, name, device } = await openedWebcam(id, lost);
+  return { ...ofVideo(video, name), device };
 }
 
-/** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
-export function streamFeed(id: string, name: string, told: (state: StreamState | null) => void): Promise<Feed> {
+/** Open a video, camera or stream of the server: the newest frame whenever the last one is drawn; `signal` gives it up before its first frame. */
+export function streamFeed(
+  id: string,
+  name: string,
+  told: (state: StreamState | null) => void,
+  signal: AbortSignal,
+): Promise<Feed> {
   return new Promise((resolve, reject) => {
     let feed: Feed | null = null;
     let closed = false;
     let isNew = (): void => {};
     let last = ""; // what the server said of its end
+    let isSkipping = false; // while frames cannot be decoded
     let socket: WebSocket;
+    let retry: ReturnType<typeof setTimeout> | undefined;
     const connect = (): void => {
-      socket = new WebSocket(api.socketAddress(`api/stream?id=${encodeURIComponent(id)}`));
-      socket.onopen = () => socket.send("next");
-      socket.onclose = () => {
+      const own = new WebSocket(api.socketAddress(`api/stream?id=${encodeURIComponent(id)}`));
+      socket = own;
+      const next = (): void => {
+        if (own.readyState === WebSocket.OPEN) own.send("next");
+      };
+      own.onopen = next;
+      own.onclose = () => {
         if (closed) return;
         if (last) return reject(new api.Refused(last));
         told(null);
-        setTimeout(connect, 1500);
+        retry = setTimeout(connect, RETRY_MS);
       };
-      socket.onmessage = async ({ data }: MessageEvent<string | Blob>) => {
-        if (typeof data === "string") {
-          const state = JSON.parse(data) as StreamState;
-          if (state.state === "ended") last = state.sentence;
-          return told(state);
-        }
-        const bitmap = await createImageBitmap(data, DECODING);
-        if (closed) return bitmap.close();
-        if (feed) (feed.picture as ImageBitmap).close();
-        const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
-        if (feed) Object.assign(feed, shown);
-        else resolve((feed = { ...shown, name, source: name, moves: true, next: (then) => (isNew = then), close }));
-        isNew();
-        requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
+      own.onmessage = ({ data }: MessageEvent<string | Blob>) => {
+        if (typeof data !== "string")
+          return background(show(data).finally(() => requestAnimationFrame(next)));
+        const state = JSON.parse(data) as StreamState;
+        if (state.state === "ended") last = state.sentence;
+        told(state);
       };
+    };
+    const show = async (data: Blob): Promise<void> => {
+      const bitmap = await createImageBitmap(data, DECODING).catch(() => null);
+      if (closed) return bitmap?.close();
+      if (!bitmap) {
+        isSkipping = true;
+        const sentence = `Frames of ${name} cannot be decoded and are skipped.`;
+        return told({ state: "lost", sentence });
+      }
+      if (isSkipping) told({ state: "playing", sentence: "" });
+      isSkipping = false;
+      if (feed) (feed.picture as ImageBitmap).close();
+      const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
+      if (feed) Object.assign(feed, shown);
+      else {
+        const next = (then: () => void): void => {
+          isNew = then;
+        };
+        feed = { ...shown, name, source: name, moves: true, next, close };
+        signal.removeEventListener("abort", giveUp);
+        resolve(feed);
+      }
+      isNew();
     };
     const close = (): void => {
       closed = true;
+      clearTimeout(retry);
       socket.close();
       if (feed) (feed.picture as ImageBitmap).close();
     };
+    const giveUp = (): void => {
+      close();
+      reject(cancelled());
+    };
+    if (signal.aborted) return reject(cancelled());
+    signal.addEventListener("abort", giveUp);
     connect();
   });
 }
 
+const cancelled = (): DOMException => new DOMException("Another source was opened.", "AbortError");
+
 /** What a feed shows now, as a file of at most so many pixels a side, and how many of the feed's each of them is. */
-export async function fileOf(feed: Feed, longest = Infinity): Promise<{ picture: Blob; scale: number }> {
+export async function fileOf(
+  feed: Feed,
+  longest = Infinity,
+): Promise<{ picture: Blob; scale: number }> {
   const scale = Math.max(1, Math.max(feed.width, feed.height) / longest);
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side / scale)));
+  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) =>
+    Math.max(1, Math.round(side / scale)),
+  );
   const context = canvas.getContext("2d")!;
   context.imageSmoothingQuality = "high";
   context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
@@ -124,14 +187,23 @@ export async function fileOf(feed: Feed, longest = Infinity): Promise<{ picture:
   return { picture, scale };
 }
 
-function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed {
+function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}): Feed {
   const close = (): void => {
-    video.pause();
+    release(video);
     after();
   };
   const next = (then: () => void): void => {
     if ("requestVideoFrameCallback" in video) video.requestVideoFrameCallback(then);
     else requestAnimationFrame(then); // in older browsers, which do not tell
   };
-  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, next, close };
+  return {
+    name,
+    source: name,
+    picture: video,
+    width: video.videoWidth,
+    height: video.videoHeight,
+    moves: true,
+    next,
+    close,
+  };
 }

@@ -30,7 +30,12 @@ export async function keepPicture({ id }: Identity, value: Kept): Promise<void> 
   type Listed = { id: string; bytes: number };
   const before = ((await shelved<Listed[]>(PICTURES)) ?? []).filter((p) => p.id !== id);
   const all = [...before, { id, bytes: value.blob.size }];
-  const newest = all.slice(-MOST_PICTURES).filter((_, i, some) => i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MOST_BYTES);
+  const newest = all
+    .slice(-MOST_PICTURES)
+    .filter(
+      (_, i, some) =>
+        i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MOST_BYTES,
+    );
   for (const gone of all.filter((p) => !newest.includes(p))) await unshelve(`picture ${gone.id}`);
   await shelve(PICTURES, newest);
   await keep(`picture ${id}`, value);
@@ -41,8 +46,12 @@ export const keptPicture = ({ id }: Identity): Promise<Kept | undefined> => kept
 /** The identity of a file: a sum of 64 bits over its bytes. */
 export async function identityOf(blob: Blob, name: string): Promise<Identity> {
   const step = blob.size / PIECES;
-  const pieces = Array.from({ length: PIECES }, (_, i) => blob.slice(Math.floor(i * step), Math.floor(i * step) + PIECE_BYTES));
-  const [low, high] = await summed(blob.size <= WHOLE_BYTES ? blob : new Blob([...pieces, String(blob.size)]));
+  const pieces = Array.from({ length: PIECES }, (_, i) =>
+    blob.slice(Math.floor(i * step), Math.floor(i * step) + PIECE_BYTES),
+  );
+  const [low, high] = await summed(
+    blob.size <= WHOLE_BYTES ? blob : new Blob([...pieces, String(blob.size)]),
+  );
   return { id: [low, high].map((word) => word.toString(16).padStart(8, "0")).join(""), name };
 }
 

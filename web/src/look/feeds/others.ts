@@ -1,10 +1,11 @@
+import { background } from "../../shared/background";
 import { INITIAL, ofTaken, type State } from "../../shared/state";
 import type { Camera } from "../geometry/camera";
 import type { Feed, Seen } from "./feed";
 
 /** What is needed to see other pictures than the one that is shown. */
 interface Hands {
-  open: (source: string) => Promise<Feed>;
+  open: (source: string, signal: AbortSignal) => Promise<Feed>;
   fetch: (s: State) => Promise<Camera>;
   /** A camera with its circle where a state has it. */
   fit: (camera: Camera, feed: Feed, rim: State["rim"]) => Camera;
@@ -17,6 +18,7 @@ interface Hands {
 /** The other pictures and cameras that views beside the shown one are of: held as long as there are such views. */
 export class Others {
   private readonly feeds = new Map<string, Feed | null>(); // by source; null while they are opened
+  private readonly opening = new Map<string, AbortController>(); // of those that are null
   private readonly cameras = new Map<string, Camera | null>();
   private readonly troubles = new Map<string, string>(); // by source, or by camera: why it cannot be had
 
@@ -28,12 +30,13 @@ export class Others {
     for (const [source, feed] of this.feeds)
       if (!states.some((s) => s.source === source)) {
         feed?.close();
+        this.opening.get(source)?.abort();
         this.feeds.delete(source);
         this.troubles.delete(source);
       }
     for (const s of states) {
-      if (!this.feeds.has(s.source)) void this.open(s.source);
-      if (!this.cameras.has(nameOf(s))) void this.fetch(s);
+      if (!this.feeds.has(s.source)) background(this.open(s.source));
+      if (!this.cameras.has(nameOf(s))) background(this.fetch(s));
     }
   }
 
@@ -45,7 +48,9 @@ export class Others {
 
   /** Why nothing is seen yet of what a state is of; "" where something is. */
   doubt(s: State): string {
-    return this.seenBy(s) ? "" : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
+    return this.seenBy(s)
+      ? ""
+      : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
   }
 
   /** Let go of a picture that is shown by itself from now on; null where it is not held. */
@@ -57,14 +62,21 @@ export class Others {
 
   /** Hold a picture that was shown by itself, or close it where no view is of it. */
   give(source: string, feed: Feed): void {
-    if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source)) return feed.close();
+    if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source))
+      return feed.close();
     this.feeds.set(source, feed);
     this.follow(source, feed);
   }
 
   private async open(source: string): Promise<void> {
     this.feeds.set(source, null);
-    const feed = await this.hands.open(source).catch((e: unknown) => this.fail(source, e));
+    const opening = new AbortController();
+    this.opening.set(source, opening);
+    const feed = await this.hands
+      .open(source, opening.signal)
+      .catch((e: unknown) => (opening.signal.aborted ? null : this.fail(source, e)));
+    if (opening.signal.aborted) return feed?.close();
+    this.opening.delete(source);
     if (!feed || this.feeds.get(source) !== null) return feed?.close();
     this.feeds.set(source, feed);
     this.follow(source, feed);
@@ -94,4 +106,5 @@ export class Others {
   }
 }
 
-const nameOf = (s: State): string => JSON.stringify({ ...ofTaken(s), source: INITIAL.source, rim: null });
+const nameOf = (s: State): string =>
+  JSON.stringify({ ...ofTaken(s), source: INITIAL.source, rim: null });

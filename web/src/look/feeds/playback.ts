@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { byId } from "../../shared/dom";
 
 /** Stopping a video, and going to another place in it. */
@@ -9,7 +10,10 @@ export class Playback {
 
   constructor() {
     this.button.addEventListener("click", () => this.toggle());
-    this.time.addEventListener("input", () => this.video && (this.video.currentTime = Number(this.time.value)));
+    this.time.addEventListener(
+      "input",
+      () => this.video && (this.video.currentTime = Number(this.time.value)),
+    );
   }
 
   /** Follow a video; null where there is none, or one without an end. */
@@ -19,13 +23,14 @@ export class Playback {
     if (!this.video) return;
     this.time.max = String(this.video.duration);
     const show = (): void => this.show();
-    for (const event of ["timeupdate", "play", "pause", "seeked"] as const) this.video.addEventListener(event, show);
+    for (const event of ["timeupdate", "play", "pause", "seeked"] as const)
+      this.video.addEventListener(event, show);
     show();
   }
 
   toggle(): void {
     if (!this.video) return;
-    if (this.video.paused) void this.video.play();
+    if (this.video.paused) background(this.video.play());
     else this.video.pause();
   }
 
@@ -41,4 +46,5 @@ export class Playback {
 }
 
 /** Minutes and seconds. */
-const clock = (s: number): string => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
+const clock = (s: number): string =>
+  `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;

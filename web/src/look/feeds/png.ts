@@ -3,7 +3,9 @@ export async function withTexts(png: Blob, texts: Record<string, string>): Promi
   const bytes = new Uint8Array(await png.arrayBuffer());
   const afterHeader = 8 + 25;
   const chunks = Object.entries(texts).map(([key, text]) => textChunk(key, text));
-  return new Blob([bytes.slice(0, afterHeader), ...chunks, bytes.slice(afterHeader)], { type: "image/png" });
+  return new Blob([bytes.slice(0, afterHeader), ...chunks, bytes.slice(afterHeader)], {
+    type: "image/png",
+  });
 }
 
 /** An iTXt chunk: UTF-8, not compressed. */

@@ -1,14 +1,25 @@
 import { byId, save } from "../../shared/dom";
 import { say } from "../../shared/notices";
 
-const KINDS = ["video/mp4;codecs=avc1.640033", "video/mp4;codecs=vp9", "video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"];
+const KINDS = [
+  "video/mp4;codecs=avc1.640033",
+  "video/mp4;codecs=vp9",
+  "video/webm;codecs=vp9",
+  "video/webm;codecs=vp8",
+  "video/webm",
+];
 
 /** Records the view while its button is pressed. */
 export class Recorder {
   private running: MediaRecorder | null = null;
 
-  constructor(private readonly view: HTMLCanvasElement, private readonly started: () => void) {
-    byId("record").addEventListener("click", () => (this.running ? this.running.stop() : this.start()));
+  constructor(
+    private readonly view: HTMLCanvasElement,
+    private readonly started: () => void,
+  ) {
+    byId("record").addEventListener("click", () =>
+      this.running ? this.running.stop() : this.start(),
+    );
   }
 
   /** Whether the view must be drawn again and again, for browsers record changes alone. */
@@ -17,19 +28,33 @@ export class Recorder {
   }
 
   private start(): void {
-    const kind = typeof MediaRecorder === "undefined" ? undefined : KINDS.find((k) => MediaRecorder.isTypeSupported(k));
+    const kind =
+      typeof MediaRecorder === "undefined"
+        ? undefined
+        : KINDS.find((k) => MediaRecorder.isTypeSupported(k));
     if (!kind) return say("This browser does not record canvases.");
     const pieces: Blob[] = [];
     const stream = this.view.captureStream(30);
-    const recorder = (this.running = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 12e6 }));
+    const release = (): void => stream.getTracks().forEach((track) => track.stop());
+    let recorder: MediaRecorder;
+    try {
+      recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 12e6 });
+      recorder.start(1000);
+    } catch {
+      release();
+      return say("This browser cannot record the view.");
+    }
+    this.running = recorder;
     recorder.ondataavailable = (e) => pieces.push(e.data);
     recorder.onstop = () => {
-      stream.getTracks().forEach((track) => track.stop());
+      release();
       this.running = null;
       this.show(false);
-      save(new Blob(pieces, { type: kind }), `view.${kind.startsWith("video/mp4") ? "mp4" : "webm"}`);
+      save(
+        new Blob(pieces, { type: kind }),
+        `view.${kind.startsWith("video/mp4") ? "mp4" : "webm"}`,
+      );
     };
-    recorder.start(1000);
     this.show(true);
     this.started();
   }

@@ -1,4 +1,5 @@
 import { byId } from "../../shared/dom";
+import { videoInputs } from "../../shared/media";
 import { type Feed, webcamFeed } from "./feed";
 
 /** The cameras of this machine; which there are browsers tell once one of them was allowed. */
@@ -13,8 +14,9 @@ export class Webcams {
   /** Open one, or the one that the browser prefers, and offer all. */
   async open(id: string, lost: (sentence: string) => void): Promise<Feed> {
     const feed = await webcamFeed(id, lost);
-    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter((d) => d.kind === "videoinput");
-    const option = (d: MediaDeviceInfo, i: number): HTMLOptionElement => new Option(d.label || `Camera ${i + 1}`, d.deviceId);
+    const cameras = await videoInputs();
+    const option = (d: MediaDeviceInfo, i: number): HTMLOptionElement =>
+      new Option(d.label || `Camera ${i + 1}`, d.deviceId);
     this.select.replaceChildren(...cameras.map(option));
     this.select.value = feed.device!;
     byId("webcams-label").hidden = cameras.length < 2;

@@ -14,24 +14,41 @@ const GAP = 6; // px
 export function within(aspect: number | null, { left, top, width, height }: Cell): Cell {
   if (aspect === null) return { left, top, width, height };
   const w = Math.min(width, height * aspect);
-  return { left: left + (width - w) / 2, top: top + (height - w / aspect) / 2, width: w, height: w / aspect };
+  return {
+    left: left + (width - w) / 2,
+    top: top + (height - w / aspect) / 2,
+    width: w,
+    height: w / aspect,
+  };
 }
 
 /** Places of several views, as large as they can be together and none small for another; of each its width over height, null where any will do. */
-export function arranged(aspects: readonly (number | null)[], width: number, height: number): Cell[] {
-  const worth = (cells: Cell[]): number => cells.reduce((sum, c) => sum + Math.sqrt(c.width * c.height), 0);
-  const all = [true, false].flatMap((isAlone) => aspects.map((_, i) => inRows(rowsOf(aspects, i + 1, isAlone), width, height)));
+export function arranged(
+  aspects: readonly (number | null)[],
+  width: number,
+  height: number,
+): Cell[] {
+  const worth = (cells: Cell[]): number =>
+    cells.reduce((sum, c) => sum + Math.sqrt(c.width * c.height), 0);
+  const all = [true, false].flatMap((isAlone) =>
+    aspects.map((_, i) => inRows(rowsOf(aspects, i + 1, isAlone), width, height)),
+  );
   return all.reduce((best, cells) => (worth(cells) > worth(best) * 1.001 ? cells : best));
 }
 
 const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;
 
 /** The views in rows of so many, those that are wide in rows of their own or not. */
-function rowsOf(aspects: readonly (number | null)[], most: number, isAlone: boolean): (number | null)[][] {
+function rowsOf(
+  aspects: readonly (number | null)[],
+  most: number,
+  isAlone: boolean,
+): (number | null)[][] {
   const rows: (number | null)[][] = [];
   for (const aspect of aspects) {
     const last = rows.at(-1);
-    if (!last || last.length >= most || (isAlone && (isWide(aspect) || isWide(last[0])))) rows.push([aspect]);
+    if (!last || last.length >= most || (isAlone && (isWide(aspect) || isWide(last[0]))))
+      rows.push([aspect]);
     else last.push(aspect);
   }
   return rows;
@@ -49,7 +66,9 @@ function inRows(rows: (number | null)[][], width: number, height: number): Cell[
   return rows.flatMap((row) => {
     const high = isLow(row) ? (less * width) / row[0]! : rest;
     const side = (width - GAP * (row.length - 1)) / row.length;
-    const cells = row.map((aspect, i) => within(aspect, { left: i * (side + GAP), top, width: side, height: high }));
+    const cells = row.map((aspect, i) =>
+      within(aspect, { left: i * (side + GAP), top, width: side, height: high }),
+    );
     top += high + GAP;
     return cells;
   });

@@ -36,16 +36,28 @@ export class Camera {
   leaning(to: Lean): Camera {
     const { mount, axis, right, down } = this.model;
     const from = { pitch: mount.pitch_deg, roll: mount.roll_deg };
-    const [a, r, d] = [axis, right, down].map((v) => [...releaned(v as Vec3, from, to)] as [number, number, number]);
+    const [a, r, d] = [axis, right, down].map(
+      (v) => [...releaned(v as Vec3, from, to)] as [number, number, number],
+    );
     const stands = { ...mount, pitch_deg: to.pitch, roll_deg: to.roll };
-    return new Camera({ ...this.model, mount: stands, axis: a, right: r, down: d }, this.tables, this.circle, this.size);
+    return new Camera(
+      { ...this.model, mount: stands, axis: a, right: r, down: d },
+      this.tables,
+      this.circle,
+      this.size,
+    );
   }
 
   get isMoved(): boolean {
     const own = circleOf(this.model);
     const { u, v, radius } = this.circle;
-    const moved = Math.max(Math.abs(u - own.u), Math.abs(v - own.v), Math.abs(radius - own.radius)) > 1e-6;
-    return moved || this.size[0] !== this.model.image_size[0] || this.size[1] !== this.model.image_size[1];
+    const moved =
+      Math.max(Math.abs(u - own.u), Math.abs(v - own.v), Math.abs(radius - own.radius)) > 1e-6;
+    return (
+      moved ||
+      this.size[0] !== this.model.image_size[0] ||
+      this.size[1] !== this.model.image_size[1]
+    );
   }
 
   /** The pixel of a direction, or of a point in mm; beyond the field, of where the field ends, with `seen` false. */
@@ -56,14 +68,15 @@ export class Camera {
     const inside = clamp(s, t.first, end);
     const pixel = this.pixelAt(inside * cos, inside * sin);
     const [w, h] = this.size;
-    const inPicture = pixel[0] >= -0.5 && pixel[1] >= -0.5 && pixel[0] <= w - 0.5 && pixel[1] <= h - 0.5;
+    const inPicture =
+      pixel[0] >= -0.5 && pixel[1] >= -0.5 && pixel[0] <= w - 0.5 && pixel[1] <= h - 0.5;
     return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
   }
 
   /** Under what a target is seen: sin(Omega/2), and cosine and sine of the azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
-    const seen: Vec3 = [dot(target, axis as Vec3), dot(target, right as Vec3), dot(target, down as Vec3)];
+    const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
     if (isPoint && t.starts) return this.solveInSpace(seen);
     const [s, cos, sin] = polar(seen);
     return [isPoint && t.origins ? this.solve(Math.hypot(seen[1], seen[2]), seen[0]) : s, cos, sin];
@@ -77,7 +90,11 @@ export class Camera {
     for (let step = 0; step < NEWTON_STEPS; step++) {
       const length = Math.hypot(x, y);
       if (length > last) [x, y] = [(x / length) * last, (y / length) * last];
-      const [p, px, py] = [this.pixelAt(x, y), this.pixelAt(x + NUDGE, y), this.pixelAt(x, y + NUDGE)];
+      const [p, px, py] = [
+        this.pixelAt(x, y),
+        this.pixelAt(x + NUDGE, y),
+        this.pixelAt(x, y + NUDGE),
+      ];
       const [a, b, c, d] = [px[0] - p[0], py[0] - p[0], px[1] - p[1], py[1] - p[1]];
       const k = NUDGE / (a * d - b * c);
       const [eu, ev] = [u - p[0], v - p[1]];
@@ -89,16 +106,16 @@ export class Camera {
     if (!(s <= end + 1e-6 && s >= this.model.tables.first - 1e-6)) return null;
     const cosine = Math.sqrt(Math.max(0, 1 - s * s));
     return sum(
-      times(1 - 2 * s * s, this.model.axis as Vec3),
-      times(2 * cosine * x, this.model.right as Vec3),
-      times(2 * cosine * y, this.model.down as Vec3),
+      times(1 - 2 * s * s, this.model.axis),
+      times(2 * cosine * x, this.model.right),
+      times(2 * cosine * y, this.model.down),
     );
   }
 
   /** The pixel at a place of the disk sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
-    let [du, dv] = [0, 0];
+    let du: number, dv: number;
     if (this.model.tables.lattice) {
       const [u, v] = this.latticeAt(x, y);
       [du, dv] = [u - own.u, v - own.v];
@@ -126,13 +143,22 @@ export class Camera {
   }
 
   /** Component k of a lattice of n x n nodes at a place of the disk, between its nodes. */
-  private between(from: number, n: number, components: number, x: number, y: number): (k: number) => number {
+  private between(
+    from: number,
+    n: number,
+    components: number,
+    x: number,
+    y: number,
+  ): (k: number) => number {
     const { last } = this.model.tables;
     const place = (a: number): number => ((a / last + 1) / 2) * (n - 1);
     const [i, j] = [x, y].map((a) => clamp(Math.floor(place(a)), 0, n - 2));
     const [fx, fy] = [place(x) - i, place(y) - j];
-    const at = (di: number, dj: number, k: number): number => this.tables[from + components * ((j + dj) * n + i + di) + k];
-    return (k) => (at(0, 0, k) * (1 - fx) + at(1, 0, k) * fx) * (1 - fy) + (at(0, 1, k) * (1 - fx) + at(1, 1, k) * fx) * fy;
+    const at = (di: number, dj: number, k: number): number =>
+      this.tables[from + components * ((j + dj) * n + i + di) + k];
+    return (k) =>
+      (at(0, 0, k) * (1 - fx) + at(1, 0, k) * fx) * (1 - fy) +
+      (at(0, 1, k) * (1 - fx) + at(1, 1, k) * fx) * fy;
   }
 
   private limit(phi: number): number {
@@ -168,7 +194,13 @@ export class Camera {
     for (let i = 0; i < STEPS_IN_SPACE; i++) {
       const [s, cos, sin] = found;
       const inside = Math.min(s, last);
-      const start = this.between(2 * lattice * lattice + limits, starts, 3, inside * cos, inside * sin);
+      const start = this.between(
+        2 * lattice * lattice + limits,
+        starts,
+        3,
+        inside * cos,
+        inside * sin,
+      );
       found = polar([along - start(0), right - start(1), down - start(2)]);
     }
     return found;

@@ -26,7 +26,10 @@ export function releaned(v: Vec3, from: Lean, to: Lean): Vec3 {
 export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
   const [, right] = viewAxes(panDeg, 0);
   const [forward, left, up] = axesOf(lean).map((axis) => turned(axis, right, upDeg * RAD));
-  return { pitch: Math.asin(clamp(forward[2], -1, 1)) / RAD, roll: Math.atan2(left[2], up[2]) / RAD };
+  return {
+    pitch: Math.asin(clamp(forward[2], -1, 1)) / RAD,
+    roll: Math.atan2(left[2], up[2]) / RAD,
+  };
 }
 
 /** A vector turned about a unit vector, radians. */

@@ -4,29 +4,60 @@ import { releaned, turned } from "./lean";
 import { RAD, type Vec3 } from "./vectors";
 
 /** Away from where the camera looks: what it is turned about, clockwise in its picture. */
-const BEHIND: Record<MountOf["camera_looks"], Vec3> = { up: [0, 0, -1], down: [0, 0, 1], forward: [-1, 0, 0] };
+const BEHIND: Record<MountOf["camera_looks"], Vec3> = {
+  up: [0, 0, -1],
+  down: [0, 0, 1],
+  forward: [-1, 0, 0],
+};
 
 /** A camera, standing as asked: of those that stand plumb, the top of the picture forward, turned and leaned. */
-export function standing(plumb: readonly CameraShown[], own: MountOf, asked: CameraAsk): CameraShown {
+export function standing(
+  plumb: readonly CameraShown[],
+  own: MountOf,
+  asked: CameraAsk,
+): CameraShown {
   const mount = { ...own };
-  for (const key of Object.keys(own) as (keyof MountOf)[]) Object.assign(mount, asked[key] == null ? {} : { [key]: asked[key] });
-  const found = plumb.find(({ mount: m }) => m.camera_looks === mount.camera_looks && m.image_flipped === mount.image_flipped)!;
+  for (const key of Object.keys(own) as (keyof MountOf)[])
+    Object.assign(mount, asked[key] == null ? {} : { [key]: asked[key] });
+  const found = plumb.find(
+    ({ mount: m }) =>
+      m.camera_looks === mount.camera_looks && m.image_flipped === mount.image_flipped,
+  )!;
   const angle = (mount.forward_azimuth_deg - found.mount.forward_azimuth_deg) * RAD;
   const from = { pitch: 0, roll: 0 };
   const to = { pitch: mount.pitch_deg, roll: mount.roll_deg };
-  const put = (v: readonly number[]): [number, number, number] => [...releaned(turned(v as Vec3, BEHIND[mount.camera_looks], angle), from, to)];
+  const put = (v: readonly number[]): [number, number, number] => [
+    ...releaned(turned(v as Vec3, BEHIND[mount.camera_looks], angle), from, to),
+  ];
   const [axis, right, down] = [found.axis, found.right, found.down].map(put);
   const leans = mount.pitch_deg !== 0 || mount.roll_deg !== 0;
-  return { ...found, mount, mount_in_file: own, axis, right, down, ...(leans && fieldOf(axis, found)) };
+  return {
+    ...found,
+    mount,
+    mount_in_file: own,
+    axis,
+    right,
+    down,
+    ...(leans && fieldOf(axis, found)),
+  };
 }
 
 /** The elevations that a field about an axis reaches, and the pole that the axis is nearer to. */
-function fieldOf(axis: Vec3, { tables }: CameraShown): Pick<CameraShown, "tilt_min_deg" | "tilt_max_deg" | "pole"> {
-  const [first, last] = [tables.first, tables.last].map((s) => (2 * Math.asin(clamp(s, 0, 1))) / RAD);
+function fieldOf(
+  axis: Vec3,
+  { tables }: CameraShown,
+): Pick<CameraShown, "tilt_min_deg" | "tilt_max_deg" | "pole"> {
+  const [first, last] = [tables.first, tables.last].map(
+    (s) => (2 * Math.asin(clamp(s, 0, 1))) / RAD,
+  );
   const up = Math.asin(clamp(axis[2], -1, 1)) / RAD;
   const highest = (axisTilt: number): number => {
     const toPole = 90 - axisTilt;
     return toPole < first ? 90 - (first - toPole) : toPole > last ? 90 - (toPole - last) : 90;
   };
-  return { tilt_min_deg: -highest(-up), tilt_max_deg: highest(up), pole: axis[2] > 1e-9 ? "zenith" : "nadir" };
+  return {
+    tilt_min_deg: -highest(-up),
+    tilt_max_deg: highest(up),
+    pole: axis[2] > 1e-9 ? "zenith" : "nadir",
+  };
 }

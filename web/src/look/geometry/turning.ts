@@ -9,7 +9,10 @@ export interface Orientation {
 
 /** Where the back of a device looks: east, north and up. */
 function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
-  const [[ca, sa], [cb, sb], [cg, sg]] = [alpha, beta, gamma].map((angle) => [Math.cos(angle * RAD), Math.sin(angle * RAD)]);
+  const [[ca, sa], [cb, sb], [cg, sg]] = [alpha, beta, gamma].map((angle) => [
+    Math.cos(angle * RAD),
+    Math.sin(angle * RAD),
+  ]);
   const [x, y] = [-sg, cg * sb];
   return [x * ca - y * sa, x * sa + y * ca, -cg * cb];
 }
@@ -17,5 +20,8 @@ function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
 /** Whither the back of a device looks, degrees: clockwise from north, and above the horizon. */
 export function aimOf(orientation: Orientation): { heading: number; tilt: number } {
   const [east, north, up] = backOf(orientation);
-  return { heading: Math.atan2(east, north) / RAD, tilt: Math.atan2(up, Math.hypot(east, north)) / RAD };
+  return {
+    heading: Math.atan2(east, north) / RAD,
+    tilt: Math.atan2(up, Math.hypot(east, north)) / RAD,
+  };
 }

@@ -6,7 +6,8 @@ export const RAD = Math.PI / 180;
 
 export const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const times = (k: number, a: Vec3): Vec3 => [k * a[0], k * a[1], k * a[2]];
-export const sum = (...vs: Vec3[]): Vec3 => vs.reduce((a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
+export const sum = (...vs: Vec3[]): Vec3 =>
+  vs.reduce((a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
 export const cross = (a: Vec3, b: Vec3): Vec3 => [
   a[1] * b[2] - a[2] * b[1],
   a[2] * b[0] - a[0] * b[2],
@@ -21,7 +22,10 @@ export function panTiltDirection(pan: number, tilt: number): Vec3 {
 
 /** Pan and tilt, degrees, of a direction. */
 export function panTiltOf(d: Vec3): { pan: number; tilt: number } {
-  return { pan: Math.atan2(-d[1], d[0]) / RAD, tilt: Math.atan2(d[2], Math.hypot(d[0], d[1])) / RAD };
+  return {
+    pan: Math.atan2(-d[1], d[0]) / RAD,
+    tilt: Math.atan2(d[2], Math.hypot(d[0], d[1])) / RAD,
+  };
 }
 
 /** Forward, right and down of a view that pans and tilts, degrees. */

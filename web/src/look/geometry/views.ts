@@ -47,15 +47,19 @@ function heightOf(s: State, camera: Camera, aspect: number): number {
 export function elevations(s: State, camera: Camera, aspect: number): [number, number] {
   const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
   const half = heightOf(s, camera, aspect) / 2;
-  const middle = isAllHigh(s, camera, aspect) ? (low + high) / 2 : clamp(s.tilt, low + half, high - half);
+  const middle = isAllHigh(s, camera, aspect)
+    ? (low + high) / 2
+    : clamp(s.tilt, low + half, high - half);
   return [Math.max(-90, rounded4(middle - half)), Math.min(90, rounded4(middle + half))];
 }
 
 /** Whether a panorama shows all from the lowest elevation to the highest, so that there is nothing to tilt to. */
-export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean => heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
+export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean =>
+  heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
 
 /** Degrees around that a panorama shows. */
-export const spanOf = (s: State, camera: Camera, aspect: number): number => rounded4(s.fit === "fill" ? heightOf(s, camera, aspect) * aspect : 360 / s.zoom);
+export const spanOf = (s: State, camera: Camera, aspect: number): number =>
+  rounded4(s.fit === "fill" ? heightOf(s, camera, aspect) * aspect : 360 / s.zoom);
 
 /** Angle from the pole to the edge of a dome, degrees. */
 export function domeEnd(s: State, camera: Camera): number {
@@ -65,7 +69,9 @@ export function domeEnd(s: State, camera: Camera): number {
 /** Angle from the left edge of a little planet to the right, degrees; its longer side shows the whole. */
 export function planetWidth(s: State, camera: Camera, aspect: number): number {
   const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
-  return rounded4((4 * Math.atan((Math.tan((widest * RAD) / 4) / s.zoom) * Math.min(1, aspect))) / RAD);
+  return rounded4(
+    (4 * Math.atan((Math.tan((widest * RAD) / 4) / s.zoom) * Math.min(1, aspect))) / RAD,
+  );
 }
 
 /** Scale of the plan of the ground, mm per pixel. */
@@ -94,22 +100,43 @@ export function viewOf(s: State, camera: Camera, width: number, height: number):
   const box = { left: 0, top: 0, width, height };
   switch (s.mode) {
     case "panorama":
-      return whole(width, height, { ...box, ...panorama(s.pan, spanOf(s, camera, width / height), elevations(s, camera, width / height), distance) });
+      return whole(width, height, {
+        ...box,
+        ...panorama(
+          s.pan,
+          spanOf(s, camera, width / height),
+          elevations(s, camera, width / height),
+          distance,
+        ),
+      });
     case "perspective":
       return whole(width, height, { ...box, ...plane(s.pan, s.tilt, s.hfov, width, distance) });
     case "dome": {
       const perPixel = (domeEnd(s, camera) * RAD) / (Math.min(width, height) / 2);
       const numbers: Part["numbers"] = [perPixel, Math.min(width, height) / 2, 0, 0];
-      return whole(width, height, { ...box, ...polar(SHAPES.polar, s.pan, camera, numbers, distance) });
+      return whole(width, height, {
+        ...box,
+        ...polar(SHAPES.polar, s.pan, camera, numbers, distance),
+      });
     }
     case "planet": {
       const perPixel = Math.tan((planetWidth(s, camera, width / height) * RAD) / 4) / (width / 2);
-      return whole(width, height, { ...box, ...polar(SHAPES.planet, s.pan, camera, [perPixel, 0, 0, 0], distance) });
+      return whole(width, height, {
+        ...box,
+        ...polar(SHAPES.planet, s.pan, camera, [perPixel, 0, 0, 0], distance),
+      });
     }
     case "ground": {
       const axes = viewAxes(s.pan, -90);
       const numbers: Part["numbers"] = [groundScale(s, width, height), s.height, 0, 0];
-      return whole(width, height, { ...box, shape: SHAPES.ground, axes, numbers, distance: 0, isPoint: true });
+      return whole(width, height, {
+        ...box,
+        shape: SHAPES.ground,
+        axes,
+        numbers,
+        distance: 0,
+        isPoint: true,
+      });
     }
     case "mosaic":
       return mosaic(s, camera, width, distance);
@@ -122,18 +149,35 @@ function whole(width: number, height: number, part: Part): View {
 
 type Shape = Omit<Part, "left" | "top" | "width" | "height">;
 
-function panorama(pan: number, span: number, [low, high]: [number, number], distance: number): Shape {
+function panorama(
+  pan: number,
+  span: number,
+  [low, high]: [number, number],
+  distance: number,
+): Shape {
   const numbers: Part["numbers"] = [pan * RAD, span * RAD, low * RAD, high * RAD];
   return { shape: SHAPES.panorama, axes: viewAxes(0, 0), numbers, distance, isPoint: distance > 0 };
 }
 
 function plane(pan: number, tilt: number, hfov: number, width: number, distance: number): Shape {
   const focal = width / 2 / Math.tan((hfov * RAD) / 2);
-  return { shape: SHAPES.plane, axes: viewAxes(pan, tilt), numbers: [focal, 0, 0, 0], distance, isPoint: distance > 0 };
+  return {
+    shape: SHAPES.plane,
+    axes: viewAxes(pan, tilt),
+    numbers: [focal, 0, 0, 0],
+    distance,
+    isPoint: distance > 0,
+  };
 }
 
 /** Looking down at the nadir, or up at the zenith from the opposite side: forward is at the top in both. */
-function polar(shape: Part["shape"], pan: number, camera: Camera, numbers: Part["numbers"], distance: number): Shape {
+function polar(
+  shape: Part["shape"],
+  pan: number,
+  camera: Camera,
+  numbers: Part["numbers"],
+  distance: number,
+): Shape {
   const axes = camera.model.pole === "nadir" ? viewAxes(pan, -90) : viewAxes(pan + 180, 90);
   return { shape, axes, numbers, distance, isPoint: distance > 0 };
 }
@@ -151,7 +195,13 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
   const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
   const over = Math.max(1, rounded((MOSAIC_VIEWS * side * (high - low)) / 360));
   const parts: Part[] = [
-    { left: 0, top: 0, width: MOSAIC_VIEWS * side, height: over, ...panorama(s.pan + 45, 360, [low, high], 0) },
+    {
+      left: 0,
+      top: 0,
+      width: MOSAIC_VIEWS * side,
+      height: over,
+      ...panorama(s.pan + 45, 360, [low, high], 0),
+    },
   ];
   [-90, 0, 90, 180].forEach((pan, i) => {
     const box = { left: i * side, top: over, width: side, height: under };
@@ -162,7 +212,9 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
 
 /** What a pixel of a view looks at: a point in mm, or a direction; null where it looks at nothing. */
 export function targetIn(view: View, u: number, v: number): Vec3 | null {
-  const part = view.parts.find((p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height);
+  const part = view.parts.find(
+    (p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height,
+  );
   return part ? targetAt(part, u - part.left, v - part.top) : null;
 }
 

@@ -7,7 +7,12 @@ import { Loupe } from "./loupe";
 
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
-const STEPS: Record<string, readonly [number, number]> = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
+const STEPS: Record<string, readonly [number, number]> = {
+  ArrowRight: [1, 0],
+  ArrowLeft: [-1, 0],
+  ArrowDown: [0, 1],
+  ArrowUp: [0, -1],
+};
 const COARSE = 10; // with the shift key
 
 /** The picture as it was taken, with what the view shows of it, and handles to fit its circle. */
@@ -19,31 +24,43 @@ export class CirclePane {
   private camera: Camera | null = null;
   private feed: Feed | null = null;
   private held: Handle | null = null;
-  private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Edge of the circle") };
+  private readonly handles: Record<Handle, SVGElement> = {
+    centre: handle("Centre of the circle"),
+    radius: handle("Edge of the circle"),
+  };
   private readonly drawn = svg("g", {});
   isFitting = false;
 
-  constructor(private readonly lookAt: (pixel: Pixel) => void, private readonly fitted: (circle: Circle) => void) {
+  constructor(
+    private readonly lookAt: (pixel: Pixel) => void,
+    private readonly fitted: (circle: Circle) => void,
+  ) {
     this.overlay.addEventListener("dblclick", (e) => this.lookAt(this.pixelOf(e)));
     this.overlay.addEventListener("pointerdown", (e) => this.grab(e));
     this.overlay.addEventListener("pointermove", (e) => this.move(e));
-    for (const end of ["pointerup", "pointercancel"] as const) this.overlay.addEventListener(end, () => this.letGo());
-    for (const which of ["centre", "radius"] as const) this.handles[which].addEventListener("keydown", (e) => this.key(e as KeyboardEvent, which));
+    for (const end of ["pointerup", "pointercancel"] as const)
+      this.overlay.addEventListener(end, () => this.letGo());
+    for (const which of ["centre", "radius"] as const)
+      this.handles[which].addEventListener("keydown", (e) => this.key(e, which));
     this.overlay.append(this.drawn);
   }
 
   drawPicture(feed: Feed): void {
     this.feed = feed;
     const box = this.place.getBoundingClientRect();
-    const scale = Math.min(devicePixelRatio, 2) * Math.min(box.width / feed.width, box.height / feed.height);
-    const [w, h] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side * Math.min(scale, 1))));
+    const scale =
+      Math.min(devicePixelRatio, 2) * Math.min(box.width / feed.width, box.height / feed.height);
+    const [w, h] = [feed.width, feed.height].map((side) =>
+      Math.max(1, Math.round(side * Math.min(scale, 1))),
+    );
     if (this.raw.width !== w || this.raw.height !== h) [this.raw.width, this.raw.height] = [w, h];
     this.raw.style.objectFit = "contain";
     const context = this.raw.getContext("2d")!;
     context.imageSmoothingQuality = "high";
     context.drawImage(feed.picture, 0, 0, w, h);
     const viewBox = `-0.5 -0.5 ${feed.width} ${feed.height}`;
-    if (this.overlay.getAttribute("viewBox") !== viewBox) this.overlay.setAttribute("viewBox", viewBox);
+    if (this.overlay.getAttribute("viewBox") !== viewBox)
+      this.overlay.setAttribute("viewBox", viewBox);
   }
 
   clear(): void {
@@ -57,17 +74,28 @@ export class CirclePane {
   drawView(camera: Camera, view: View): void {
     this.camera = camera;
     const outlines = view.parts.map((part) => outline(camera, part)).join("");
-    const parts: SVGElement[] = [svg("path", { d: outlines, class: "footprint under" }), svg("path", { d: outlines, class: "footprint" })];
+    const parts: SVGElement[] = [
+      svg("path", { d: outlines, class: "footprint under" }),
+      svg("path", { d: outlines, class: "footprint" }),
+    ];
     const unit = this.unit;
     for (const part of view.parts) {
       const centre = seenAt(camera, part, (part.width - 1) / 2, (part.height - 1) / 2);
-      if (centre) parts.push(svg("circle", { cx: centre[0], cy: centre[1], r: 4 * unit, class: "looking" }));
+      if (centre)
+        parts.push(svg("circle", { cx: centre[0], cy: centre[1], r: 4 * unit, class: "looking" }));
     }
     if (this.isFitting) {
       const { u, v, radius } = camera.circle;
       parts.push(svg("circle", { cx: u, cy: v, r: radius, class: "rim" }));
       this.put("centre", u, v, unit, `${u.toFixed(1)}, ${v.toFixed(1)} px`, u);
-      this.put("radius", u + radius * Math.SQRT1_2, v + radius * Math.SQRT1_2, unit, `${radius.toFixed(1)} px`, radius);
+      this.put(
+        "radius",
+        u + radius * Math.SQRT1_2,
+        v + radius * Math.SQRT1_2,
+        unit,
+        `${radius.toFixed(1)} px`,
+        radius,
+      );
     }
     this.drawn.replaceChildren(...parts);
     for (const each of Object.values(this.handles)) {
@@ -77,9 +105,23 @@ export class CirclePane {
   }
 
   /** Put a handle where it belongs, and say where that is. */
-  private put(which: Handle, u: number, v: number, unit: number, words: string, value: number): void {
-    const attributes = { cx: u, cy: v, r: HANDLE * unit, "aria-valuetext": words, "aria-valuenow": value.toFixed(1) };
-    for (const [name, text] of Object.entries(attributes)) this.handles[which].setAttribute(name, String(text));
+  private put(
+    which: Handle,
+    u: number,
+    v: number,
+    unit: number,
+    words: string,
+    value: number,
+  ): void {
+    const attributes = {
+      cx: u,
+      cy: v,
+      r: HANDLE * unit,
+      "aria-valuetext": words,
+      "aria-valuenow": value.toFixed(1),
+    };
+    for (const [name, text] of Object.entries(attributes))
+      this.handles[which].setAttribute(name, String(text));
   }
 
   /** Arrow keys move the centre, or make the circle larger (right, up) and smaller; with shift ten pixels at a time. */
@@ -89,7 +131,10 @@ export class CirclePane {
     e.preventDefault();
     const [du, dv] = step.map((s) => s * (e.shiftKey ? COARSE : 1));
     const { u, v, radius } = this.camera.circle;
-    const circle = which === "centre" ? { u: u + du, v: v + dv, radius } : { u, v, radius: Math.max(4, radius + du - dv) };
+    const circle =
+      which === "centre"
+        ? { u: u + du, v: v + dv, radius }
+        : { u, v, radius: Math.max(4, radius + du - dv) };
     this.camera = this.camera.fitted(circle, this.camera.size); // the next key may come before it is drawn
     this.fitted(circle);
   }
@@ -100,7 +145,9 @@ export class CirclePane {
   }
 
   private pixelOf(e: MouseEvent): Pixel {
-    const p = new DOMPoint(e.clientX, e.clientY).matrixTransform(this.overlay.getScreenCTM()!.inverse());
+    const p = new DOMPoint(e.clientX, e.clientY).matrixTransform(
+      this.overlay.getScreenCTM()!.inverse(),
+    );
     return [p.x, p.y];
   }
 
@@ -121,7 +168,10 @@ export class CirclePane {
     if (!this.held || !this.camera) return;
     const [u, v] = this.pixelOf(e);
     const { u: cu, v: cv, radius } = this.camera.circle;
-    const circle = this.held === "centre" ? { u, v, radius } : { u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) };
+    const circle =
+      this.held === "centre"
+        ? { u, v, radius }
+        : { u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) };
     this.fitted(circle);
     this.enlarge([u, v], circle);
   }
@@ -139,7 +189,12 @@ export class CirclePane {
 type Handle = "centre" | "radius";
 
 function handle(name: string): SVGElement {
-  return svg("circle", { class: "handle", tabindex: 0, role: "slider", "aria-label": `${name}; arrow keys move it` });
+  return svg("circle", {
+    class: "handle",
+    tabindex: 0,
+    role: "slider",
+    "aria-label": `${name}; arrow keys move it`,
+  });
 }
 
 function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null {
@@ -160,12 +215,19 @@ function outline(camera: Camera, part: Part): string {
   for (let side = 0; side < 4 && !round; side++)
     for (let i = 0; i < PER_SIDE; i++) {
       const t = i / PER_SIDE;
-      const [u, v] = [[t, 0], [1, t], [1 - t, 1], [0, 1 - t]][side];
+      const [u, v] = [
+        [t, 0],
+        [1, t],
+        [1 - t, 1],
+        [0, 1 - t],
+      ][side];
       add(u * w - 0.5, v * h - 0.5);
     }
   for (let i = 0; i < 2 * PER_SIDE && round; i++) {
     const [phi, radius] = [(i * Math.PI) / PER_SIDE, Math.min(w, h) / 2 - 0.5];
     add((w - 1) / 2 + radius * Math.cos(phi), (h - 1) / 2 + radius * Math.sin(phi));
   }
-  return points.length ? `M${points.map(([u, v]) => `${u.toFixed(1)} ${v.toFixed(1)}`).join("L")}Z` : "";
+  return points.length
+    ? `M${points.map(([u, v]) => `${u.toFixed(1)} ${v.toFixed(1)}`).join("L")}Z`
+    : "";
 }

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { byId, h } from "../../shared/dom";
 import { INITIAL, type Looks } from "../../shared/state";
 import type { Store } from "../../shared/store";
@@ -17,10 +18,30 @@ interface Answer {
 }
 
 const TAKEN_BY: readonly Answer[] = [
-  { answer: "A mirror ball", seen: "a whole ball; who took it stands in the middle", sensor: "ball:340", looks: "forward" },
-  { answer: "Most of a ball", seen: "as hangs under a shop's ceiling", sensor: "ball:260", looks: "up" },
-  { answer: "A bulging mirror", seen: "as at street corners and driveways", sensor: "ball:160", looks: "forward" },
-  { answer: "A panorama mirror", seen: "screwed to a lens, a hole or the lens in its middle", sensor: "exact-equidistant", looks: "up" },
+  {
+    answer: "A mirror ball",
+    seen: "a whole ball; who took it stands in the middle",
+    sensor: "ball:340",
+    looks: "forward",
+  },
+  {
+    answer: "Most of a ball",
+    seen: "as hangs under a shop's ceiling",
+    sensor: "ball:260",
+    looks: "up",
+  },
+  {
+    answer: "A bulging mirror",
+    seen: "as at street corners and driveways",
+    sensor: "ball:160",
+    looks: "forward",
+  },
+  {
+    answer: "A panorama mirror",
+    seen: "screwed to a lens, a hole or the lens in its middle",
+    sensor: "exact-equidistant",
+    looks: "up",
+  },
 ];
 
 /** What the card needs of the tab. */
@@ -37,14 +58,17 @@ export class FirstLook {
   private readonly card = byId("ask");
   private isKnown: boolean;
 
-  constructor(private readonly store: Store, private readonly hands: Hands) {
+  constructor(
+    private readonly store: Store,
+    private readonly hands: Hands,
+  ) {
     this.isKnown = store.state.sensor !== INITIAL.sensor;
     store.listen((_, changed) => {
       if (!changed.has("sensor") && !changed.has("source")) return;
       this.card.hidden = true;
       if (changed.has("sensor")) this.isKnown = true;
       const feed = hands.feed();
-      if (changed.has("sensor") && feed) void this.look(feed);
+      if (changed.has("sensor") && feed) background(this.look(feed));
     });
   }
 
@@ -56,20 +80,64 @@ export class FirstLook {
   /** Find the mirror in a picture whose circle nobody has said. */
   async look(feed: Feed): Promise<void> {
     const { camera } = this.hands.sensor();
-    if (!camera || feed.moves || this.store.state.rim || !camera.model.is_adjustable || isOwn(camera, feed)) return;
+    if (
+      !camera ||
+      feed.moves ||
+      this.store.state.rim ||
+      !camera.model.is_adjustable ||
+      isOwn(camera, feed)
+    )
+      return;
     if (alone) return this.ask(null);
     const found = await this.hands.rim.find(feed);
     if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found);
   }
 
   private ask(found: RimFound | null): void {
-    const close = h("button", { type: "button", className: "small", "aria-label": "Put this away", onclick: () => this.done() }, "×");
+    const close = h(
+      "button",
+      {
+        type: "button",
+        className: "small",
+        "aria-label": "Put this away",
+        onclick: () => this.done(),
+      },
+      "×",
+    );
     const where = found?.is_sure
       ? h("p", {}, `The mirror was found in it, ${percent(found.confidence)} sure.`)
-      : h("p", {}, found ? "Where the mirror ends is not clear in this picture. " : "Where the mirror ends is a guess so far. ", h("button", { type: "button", className: "small", onclick: () => this.byHand() }, "Set its edge by hand"));
-    const answers = TAKEN_BY.map((given) => h("button", { type: "button", onclick: () => void this.answered(given) }, given.answer, h("small", {}, given.seen)));
-    const file = h("button", { type: "button", onclick: () => this.fromFile() }, "A camera I have a file of", h("small", {}, "a sensor or calibration file"));
-    const question = this.isKnown ? [] : [h("h2", { id: "ask-title" }, "What took this picture?"), h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file]))];
+      : h(
+          "p",
+          {},
+          found
+            ? "Where the mirror ends is not clear in this picture. "
+            : "Where the mirror ends is a guess so far. ",
+          h(
+            "button",
+            { type: "button", className: "small", onclick: () => this.byHand() },
+            "Set its edge by hand",
+          ),
+        );
+    const answers = TAKEN_BY.map((given) =>
+      h(
+        "button",
+        { type: "button", onclick: () => background(this.answered(given)) },
+        given.answer,
+        h("small", {}, given.seen),
+      ),
+    );
+    const file = h(
+      "button",
+      { type: "button", onclick: () => this.fromFile() },
+      "A camera I have a file of",
+      h("small", {}, "a sensor or calibration file"),
+    );
+    const question = this.isKnown
+      ? []
+      : [
+          h("h2", { id: "ask-title" }, "What took this picture?"),
+          h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file])),
+        ];
     this.card.replaceChildren(close, where, ...question);
     this.card.hidden = false;
   }
@@ -78,7 +146,8 @@ export class FirstLook {
     const { rim } = this.store.state;
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);
-    if (rim && !alone) requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
+    if (rim && !alone)
+      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // once it is drawn through the new camera
   }
 
   private fromFile(): void {
@@ -98,4 +167,5 @@ export class FirstLook {
 }
 
 /** Whether a picture is of the size that a sensor's own pictures have; balls have none. */
-const isOwn = ({ model }: Camera, feed: Feed): boolean => model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);
+const isOwn = ({ model }: Camera, feed: Feed): boolean =>
+  model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);

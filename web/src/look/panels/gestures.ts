@@ -26,7 +26,7 @@ interface Shown {
 /** Dragging, wheel, pinch and keys on the view. */
 export class Gestures {
   glides = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-  private pointers = new Map<number, PointerEvent>();
+  private readonly pointers = new Map<number, PointerEvent>();
   private speed = { x: 0, y: 0, at: 0 };
   private gliding = 0;
 
@@ -41,7 +41,8 @@ export class Gestures {
   ) {
     view.addEventListener("pointerdown", (e) => this.down(e));
     view.addEventListener("pointermove", (e) => this.move(e));
-    for (const end of ["pointerup", "pointercancel"] as const) view.addEventListener(end, (e) => this.up(e));
+    for (const end of ["pointerup", "pointercancel"] as const)
+      view.addEventListener(end, (e) => this.up(e));
     view.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     view.addEventListener("dblclick", (e) => {
       const box = this.shown.box();
@@ -64,7 +65,8 @@ export class Gestures {
     if (!before) return;
     if (this.pointers.size === 2) {
       const other = [...this.pointers.values()].find((p) => p.pointerId !== e.pointerId)!;
-      const apart = (p: PointerEvent): number => Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
+      const apart = (p: PointerEvent): number =>
+        Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
       if (apart(before) > 0) this.enlarge(apart(e) / apart(before));
     }
     const share = 1 / this.pointers.size;
@@ -80,7 +82,12 @@ export class Gestures {
     if (!this.pointers.delete(e.pointerId) || this.pointers.size) return;
     this.view.classList.remove("held");
     if (this.horizon.isDragged()) return this.horizon.settle();
-    if (this.glides && e.timeStamp - this.speed.at < 60 && Math.hypot(this.speed.x, this.speed.y) > 80) this.glide(e);
+    if (
+      this.glides &&
+      e.timeStamp - this.speed.at < 60 &&
+      Math.hypot(this.speed.x, this.speed.y) > 80
+    )
+      this.glide(e);
   }
 
   private glide(from: PointerEvent): void {
@@ -123,12 +130,22 @@ export class Gestures {
     if (s.mode === "perspective") {
       const perWidth = (2 * Math.tan((s.hfov * RAD) / 2)) / RAD;
       const tilt = s.tilt + up * perWidth;
-      this.store.set({ pan: s.pan + (right * perWidth) / Math.max(0.2, Math.cos(s.tilt * RAD)), tilt });
+      this.store.set({
+        pan: s.pan + (right * perWidth) / Math.max(0.2, Math.cos(s.tilt * RAD)),
+        tilt,
+      });
     } else if (s.mode === "panorama") {
       const [low, high] = elevations(s, camera, width / height);
       const [middle, span] = [(low + high) / 2, spanOf(s, camera, width / height)];
-      this.store.set({ pan: s.pan + right * span, tilt: isAllHigh(s, camera, width / height) ? s.tilt : middle + up * span });
-    } else this.store.set({ pan: s.pan + right * 360, tilt: s.tilt + (s.mode === "mosaic" ? up * 360 : 0) });
+      this.store.set({
+        pan: s.pan + right * span,
+        tilt: isAllHigh(s, camera, width / height) ? s.tilt : middle + up * span,
+      });
+    } else
+      this.store.set({
+        pan: s.pan + right * 360,
+        tilt: s.tilt + (s.mode === "mosaic" ? up * 360 : 0),
+      });
   }
 
   private enlarge(factor: number): void {

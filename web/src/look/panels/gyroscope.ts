@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import { allow, byId } from "../../shared/dom";
 import { say } from "../../shared/notices";
 import { wrapped } from "../../shared/numbers";
@@ -7,8 +8,10 @@ import { aimOf, type Orientation } from "../geometry/turning";
 const WAIT_MS = 1500; // for the first word of a device that can tell
 const STEEP_DEG = 80; // from which it does not turn sideways: a device that lies flat has no direction there
 const NOT_TOLD = "This device does not tell how it is turned.";
-const REFUSED = "Motion was refused. Allow it for this page in the browser's settings, and try again.";
-const NOT_SAFE = "Browsers tell how a device is turned to pages of this machine, or over https, only.";
+const REFUSED =
+  "Motion was refused. Allow it for this page in the browser's settings, and try again.";
+const NOT_SAFE =
+  "Browsers tell how a device is turned to pages of this machine, or over https, only.";
 
 /** Safari asks, and only if somebody pressed something. */
 type Asking = { requestPermission?: () => Promise<"granted" | "denied"> };
@@ -22,7 +25,7 @@ export class GyroscopePanel {
 
   constructor(private readonly store: Store) {
     this.button.hidden = !matchMedia("(any-pointer: coarse)").matches;
-    this.button.addEventListener("click", () => void (this.isOn ? this.stop() : this.start()));
+    this.button.addEventListener("click", () => background(this.isOn ? this.stop() : this.start()));
     if (!isSecureContext) allow(this.button, NOT_SAFE);
     else allow(this.button, "DeviceOrientationEvent" in window ? null : NOT_TOLD);
   }
@@ -34,11 +37,14 @@ export class GyroscopePanel {
   private async start(): Promise<void> {
     if (this.button.getAttribute("aria-disabled") === "true") return say(this.button.title);
     const { requestPermission } = DeviceOrientationEvent as unknown as Asking;
-    const answer = requestPermission ? await requestPermission.call(DeviceOrientationEvent).catch(() => "denied") : "granted";
+    const answer = requestPermission
+      ? await requestPermission.call(DeviceOrientationEvent).catch(() => "denied")
+      : "granted";
     if (answer !== "granted") return say(REFUSED);
     this.button.setAttribute("aria-pressed", "true");
     this.last = null;
     addEventListener("deviceorientation", this.told);
+    clearTimeout(this.waiting);
     this.waiting = window.setTimeout(() => this.give(), WAIT_MS);
   }
 

@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail, say } from "../../shared/notices";
@@ -21,22 +22,35 @@ export class LevelPanel {
   private readonly finder = byId<HTMLButtonElement>("find-level");
   private seen: { camera: Camera; feed: Feed } | null = null;
 
-  constructor(private readonly store: Store, private readonly sensor: () => SensorPanel, changed: () => void) {
+  constructor(
+    private readonly store: Store,
+    private readonly sensor: () => SensorPanel,
+    changed: () => void,
+  ) {
     this.button.addEventListener("click", () => {
       const isOn = !this.isOn;
       this.button.setAttribute("aria-pressed", String(isOn));
       if (isOn && !isLevelled(store.state)) store.set({ mode: "panorama" });
       changed();
     });
-    this.finder.addEventListener("click", () => void this.find());
-    byId("plumb").addEventListener("click", () => void this.sensor().want({ pitch: 0, roll: 0 }));
+    this.finder.addEventListener("click", () => background(this.find()));
+    byId("plumb").addEventListener("click", () =>
+      background(this.sensor().want({ pitch: 0, roll: 0 })),
+    );
   }
 
   /** What is looked at, and through what. */
   follow(camera: Camera, feed: Feed): void {
     this.seen = { camera, feed };
-    const isKnown = camera.model.kind === "ball" || (camera.model.kind === "sensor" && !camera.model.tables.lattice);
-    allow(this.finder, isKnown ? null : "Levels are found of mirror balls, and of sensors whose mirror is in its place; drag the horizon.");
+    const isKnown =
+      camera.model.kind === "ball" ||
+      (camera.model.kind === "sensor" && !camera.model.tables.lattice);
+    allow(
+      this.finder,
+      isKnown
+        ? null
+        : "Levels are found of mirror balls, and of sensors whose mirror is in its place; drag the horizon.",
+    );
   }
 
   /** Have upright edges of the picture tell how the sensor leaned; unasked only what is sure counts. */
@@ -49,9 +63,17 @@ export class LevelPanel {
       const found = await api.level(askOf(camera, feed.name, scale), picture);
       if (feed !== this.seen?.feed) return;
       const isSure = found && (isAsked || found.is_sure);
-      if (!found || !isSure) return isAsked ? say("Too little stands upright in it to tell; drag the horizon instead.") : undefined;
-      await this.sensor().want({ pitch: +found.pitch_deg.toFixed(2), roll: +found.roll_deg.toFixed(2) });
-      say(`It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`);
+      if (!found || !isSure)
+        return isAsked
+          ? say("Too little stands upright in it to tell; drag the horizon instead.")
+          : undefined;
+      await this.sensor().want({
+        pitch: +found.pitch_deg.toFixed(2),
+        roll: +found.roll_deg.toFixed(2),
+      });
+      say(
+        `It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`,
+      );
     } catch (e) {
       if (isAsked) fail(e);
     } finally {
@@ -73,23 +95,34 @@ export class LevelPanel {
     const mount = this.sensor().camera?.model.mount;
     if (!mount) return;
     const [{ pan, tilt }, after] = [panTiltOf(from), panTiltOf(to)];
-    this.sensor().lean(raised({ pitch: mount.pitch_deg, roll: mount.roll_deg }, pan, after.tilt - tilt));
+    this.sensor().lean(
+      raised({ pitch: mount.pitch_deg, roll: mount.roll_deg }, pan, after.tilt - tilt),
+    );
   }
 
   /** Show where the horizon belongs, over a view in its place on a canvas. */
   show(camera: Camera | null, canvas: HTMLElement, place: Place): void {
-    byId("plumb").hidden = !camera || (camera.model.mount.pitch_deg === 0 && camera.model.mount.roll_deg === 0);
+    byId("plumb").hidden =
+      !camera || (camera.model.mount.pitch_deg === 0 && camera.model.mount.roll_deg === 0);
     this.line.hidden = !camera || !this.isDragged();
     if (this.line.hidden || !camera) return;
     const { left, top, width, height, state } = place;
     const share = heightOf(state, camera, width / height);
     this.line.hidden = !(share > 0 && share < 1);
-    Object.assign(this.line.style, { top: `${canvas.offsetTop + top + share * height}px`, left: `${canvas.offsetLeft + left}px`, width: `${width}px` });
+    Object.assign(this.line.style, {
+      top: `${canvas.offsetTop + top + share * height}px`,
+      left: `${canvas.offsetLeft + left}px`,
+      width: `${width}px`,
+    });
   }
 }
 
 /** The question about a picture that is so many times smaller than the one that is shown. */
-function askOf({ model, circle, size }: Camera, name: string, scale: number): Parameters<typeof api.level>[0] {
+function askOf(
+  { model, circle, size }: Camera,
+  name: string,
+  scale: number,
+): Parameters<typeof api.level>[0] {
   const at = (c: number): number => (c + 0.5) / scale - 0.5;
   return {
     id: model.id,
@@ -105,7 +138,8 @@ const isLevelled = (s: State): boolean => s.mode === "panorama" || s.mode === "p
 
 /** How far down a view its horizon lies, as a part of its height. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
-  if (s.mode === "perspective") return 0.5 + (aspect / 2 / Math.tan((s.hfov * RAD) / 2)) * Math.tan(s.tilt * RAD);
+  if (s.mode === "perspective")
+    return 0.5 + (aspect / 2 / Math.tan((s.hfov * RAD) / 2)) * Math.tan(s.tilt * RAD);
   const [low, high] = elevations(s, camera, aspect);
   return high / (high - low);
 }

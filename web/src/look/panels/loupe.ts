@@ -8,7 +8,10 @@ const RIM = "#ffb454";
 
 /** The picture around a handle that is dragged, enlarged: a finger hides what it aims at. */
 export class Loupe {
-  private readonly canvas = Object.assign(document.createElement("canvas"), { className: "loupe", hidden: true });
+  private readonly canvas = Object.assign(document.createElement("canvas"), {
+    className: "loupe",
+    hidden: true,
+  });
 
   constructor(pane: HTMLElement) {
     this.canvas.setAttribute("aria-hidden", "true");

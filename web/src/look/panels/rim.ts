@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
 import type { CameraShown, RimFound } from "../../shared/messages";
@@ -15,16 +16,21 @@ export class RimPanel {
   private readonly finder = byId<HTMLButtonElement>("find-rim");
   private feed: Feed | null = null;
   private readonly found = new WeakMap<Feed, RimFound>();
-  private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) => byId<HTMLInputElement>(id));
+  private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
+    byId<HTMLInputElement>(id),
+  );
 
-  constructor(private readonly store: Store, toggled: (isFitting: boolean) => void) {
+  constructor(
+    private readonly store: Store,
+    toggled: (isFitting: boolean) => void,
+  ) {
     this.button.addEventListener("click", () => {
       const isFitting = this.button.getAttribute("aria-pressed") !== "true";
       this.button.setAttribute("aria-pressed", String(isFitting));
       byId("rim-numbers").hidden = !isFitting;
       toggled(isFitting);
     });
-    this.finder.addEventListener("click", () => void this.findHere());
+    this.finder.addEventListener("click", () => background(this.findHere()));
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
     for (const input of this.inputs)
       input.addEventListener("change", () => {
@@ -61,14 +67,26 @@ export class RimPanel {
   private async findHere(): Promise<void> {
     if (!this.feed) return say("Open a picture first.");
     const found = await this.find(this.feed);
-    if (found) say(found.is_sure ? `Circle found, ${percent(found.confidence)} sure` : "No mirror was found for sure. Fit its circle by hand.");
+    if (found)
+      say(
+        found.is_sure
+          ? `Circle found, ${percent(found.confidence)} sure`
+          : "No mirror was found for sure. Fit its circle by hand.",
+      );
   }
 
   /** How the circle of a picture came about, in words. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
     const found = this.found.get(feed);
-    const isFound = found?.is_sure && rim && Math.hypot(rim[0] - found.centre_px[0], rim[1] - found.centre_px[1], rim[2] - found.radius_px) < 0.1;
+    const isFound =
+      found?.is_sure &&
+      rim &&
+      Math.hypot(
+        rim[0] - found.centre_px[0],
+        rim[1] - found.centre_px[1],
+        rim[2] - found.radius_px,
+      ) < 0.1;
     return isFound ? `. The mirror was found by itself, ${percent(found.confidence)} sure` : "";
   }
 
@@ -77,18 +95,27 @@ export class RimPanel {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
     if (rim) return camera.fitted({ u: rim[0], v: rim[1], radius: rim[2] }, size);
-    if (hasSize(camera.model, size)) return camera.fitted(circleOf(camera.model), camera.model.image_size);
-    const guess = { u: (size[0] - 1) / 2, v: (size[1] - 1) / 2, radius: Math.round(GUESS * Math.min(...size)) };
+    if (hasSize(camera.model, size))
+      return camera.fitted(circleOf(camera.model), camera.model.image_size);
+    const guess = {
+      u: (size[0] - 1) / 2,
+      v: (size[1] - 1) / 2,
+      radius: Math.round(GUESS * Math.min(...size)),
+    };
     return camera.fitted(guess, size);
   }
 
   show(camera: Camera, feed: Feed | null): void {
     this.feed = feed;
     byId("rim-row").hidden = !camera.model.is_adjustable;
-    if (!camera.model.is_adjustable && this.button.getAttribute("aria-pressed") === "true") this.button.click();
+    if (!camera.model.is_adjustable && this.button.getAttribute("aria-pressed") === "true")
+      this.button.click();
     byId("reset-rim").hidden = !this.store.state.rim;
     const { u, v, radius } = camera.circle;
-    this.inputs.forEach((input, i) => document.activeElement !== input && (input.value = String(+[u, v, radius][i].toFixed(2))));
+    this.inputs.forEach(
+      (input, i) =>
+        document.activeElement !== input && (input.value = String(+[u, v, radius][i].toFixed(2))),
+    );
   }
 }
 
@@ -103,4 +130,5 @@ async function lookedAt(feed: Feed): Promise<RimFound> {
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
 /** Whether a camera's pictures have a size. */
-export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean => image_size[0] === w && image_size[1] === h;
+export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean =>
+  image_size[0] === w && image_size[1] === h;

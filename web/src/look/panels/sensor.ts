@@ -1,5 +1,7 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId, choices } from "../../shared/dom";
+import { checkReadable } from "../../shared/media";
 import type { SensorEntry } from "../../shared/messages";
 import { banner, busy, fail, say } from "../../shared/notices";
 import { INITIAL, type Looks, type State } from "../../shared/state";
@@ -36,29 +38,57 @@ export class SensorPanel {
   /** The file of a sensor that was made here, which no folder holds yet. */
   made: Kept | null = null;
 
-  constructor(private readonly store: Store, private readonly hands: Hands) {
-    const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
-    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => void this.want({ looks: value, pitch: null, roll: null })); // a lean is one of the way that it looks
-    const optics = [["mirror", "a mirror"], ["fisheye", "a fisheye"]] as const;
-    this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) => void this.loadAgain(value));
-    this.select.addEventListener("change", () => void this.want({ sensor: this.select.value, ...AS_IN_FILE }));
+  constructor(
+    private readonly store: Store,
+    private readonly hands: Hands,
+  ) {
+    const looks = [
+      ["up", "up"],
+      ["down", "down"],
+      ["forward", "ahead"],
+    ] as const;
+    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) =>
+      background(this.want({ looks: value, pitch: null, roll: null })),
+    ); // a lean is one of the way that it looks
+    const optics = [
+      ["mirror", "a mirror"],
+      ["fisheye", "a fisheye"],
+    ] as const;
+    this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) =>
+      background(this.loadAgain(value)),
+    );
+    this.select.addEventListener("change", () =>
+      background(this.want({ sensor: this.select.value, ...AS_IN_FILE })),
+    );
     byId("load").addEventListener("click", () => byId<HTMLInputElement>("calibration").click());
     byId<HTMLInputElement>("calibration").addEventListener("change", (e) => {
       const input = e.target as HTMLInputElement;
-      if (input.files?.[0]) void this.load(input.files[0], input.files[0].name);
+      if (input.files?.[0]) background(this.load(input.files[0], input.files[0].name));
       input.value = "";
     });
     const ball = byId<HTMLInputElement>("ball-field");
-    ball.addEventListener("change", () => ball.checkValidity() && void this.want({ sensor: `ball:${+ball.value}` }));
+    ball.addEventListener(
+      "change",
+      () => ball.checkValidity() && background(this.want({ sensor: `ball:${+ball.value}` })),
+    );
     const forward = byId<HTMLInputElement>("forward");
-    forward.addEventListener("change", () => forward.checkValidity() && void this.want({ forward: +forward.value }));
+    forward.addEventListener(
+      "change",
+      () => forward.checkValidity() && background(this.want({ forward: +forward.value })),
+    );
     for (const key of ["pitch", "roll"] as const) {
       const input = byId<HTMLInputElement>(key);
-      input.addEventListener("change", () => input.checkValidity() && void this.want({ [key]: +input.value }));
+      input.addEventListener(
+        "change",
+        () => input.checkValidity() && background(this.want({ [key]: +input.value })),
+      );
     }
     const flipped = byId<HTMLInputElement>("flipped");
-    flipped.addEventListener("change", () => void this.want({ flipped: flipped.checked }));
-    store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
+    flipped.addEventListener("change", () => background(this.want({ flipped: flipped.checked })));
+    store.listen(
+      (_, changed) =>
+        this.chosen && CHOSEN.some((key) => changed.has(key)) && background(this.want()),
+    );
   }
 
   /** Take a sensor that stands as its own file says, or looks otherwise, its circle where it was found in the picture. */
@@ -74,9 +104,11 @@ export class SensorPanel {
   /** Read a calibration file, and choose it; `isMade` is for one of a design on the bench. */
   async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
     try {
+      await checkReadable(file, name);
       const entry = await api.loadSensor(file, name, optics);
       await keep(entry.id, { blob: file, name, optics, isMade });
-      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade)) say(`${entry.name} loaded`);
+      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade))
+        say(`${entry.name} loaded`);
     } catch (e) {
       fail(e, "sensor");
     }
@@ -124,7 +156,12 @@ export class SensorPanel {
     if (this.chosen && this.fetched) {
       this.take(this.fetched);
       this.store.set(this.chosen, false);
-    } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) fail(e, "sensor");
+    } else if (
+      e instanceof api.Refused &&
+      sensor !== INITIAL.sensor &&
+      (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))
+    )
+      fail(e, "sensor");
   }
 
   /** The camera of a state, from the server where it was not fetched before. */
@@ -137,8 +174,22 @@ export class SensorPanel {
     return camera;
   }
 
-  private async fetchAnew({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
-    const asked = { id: sensor, camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
+  private async fetchAnew({
+    sensor,
+    looks,
+    forward,
+    flipped,
+    pitch,
+    roll,
+  }: Chosen): Promise<Camera> {
+    const asked = {
+      id: sensor,
+      camera_looks: looks,
+      forward_azimuth_deg: forward,
+      image_flipped: flipped,
+      pitch_deg: pitch,
+      roll_deg: roll,
+    };
     const { model, tables } = await supply.camera(asked).catch(async (e: unknown) => {
       const file = await kept(sensor);
       if (!(e instanceof api.Refused) || supply.alone) throw e;
@@ -166,11 +217,15 @@ export class SensorPanel {
   /** Have the server's camera that leans as this one. */
   settleLean(): void {
     const mount = this.camera?.model.mount;
-    if (mount) void this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) });
+    if (mount)
+      background(
+        this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) }),
+      );
   }
 
   private show({ model }: Camera): void {
-    byId("sensor-words").textContent = `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
+    byId("sensor-words").textContent =
+      `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
     this.select.value = model.id;
     if (this.select.value !== model.id) this.add(model);
     this.showLooks(model.mount.camera_looks);
@@ -178,30 +233,48 @@ export class SensorPanel {
     byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
     for (const key of ["pitch", "roll"] as const) {
       const input = byId<HTMLInputElement>(key);
-      if (document.activeElement !== input) input.value = String(+model.mount[`${key}_deg`].toFixed(2));
+      if (document.activeElement !== input)
+        input.value = String(+model.mount[`${key}_deg`].toFixed(2));
     }
     const [kind, field] = model.id.split(":");
     byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
-    if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
+    if (model.kind === "ocam")
+      this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
     byId("ball-row").hidden = kind !== "ball" || supply.alone !== null;
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
   }
 
   private add(entry: { id: string; name: string; title: string; kind: SensorEntry["kind"] }): void {
-    const group = entry.kind === "ball" ? [...this.select.options].find((o) => o.value.startsWith("ball:")) : null;
+    const group =
+      entry.kind === "ball"
+        ? [...this.select.options].find((o) => o.value.startsWith("ball:"))
+        : null;
     if (group) group.replaceWith(this.option(entry));
-    else if (![...this.select.options].some((o) => o.value === entry.id)) this.select.append(this.option(entry));
+    else if (![...this.select.options].some((o) => o.value === entry.id))
+      this.select.append(this.option(entry));
     this.select.value = entry.id;
   }
 
   private option(entry: { id: string; name: string; title: string }): HTMLOptionElement {
-    return Object.assign(document.createElement("option"), { value: entry.id, textContent: entry.name, title: entry.title });
+    return Object.assign(document.createElement("option"), {
+      value: entry.id,
+      textContent: entry.name,
+      title: entry.title,
+    });
   }
 }
 
 type Optics = NonNullable<Kept["optics"]>;
 
-const ELSEWHERE = "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
+const ELSEWHERE =
+  "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
 const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
 const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
-const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null, pitch: null, roll: null } as const;
+const AS_IN_FILE = {
+  rim: null,
+  looks: null,
+  forward: null,
+  flipped: null,
+  pitch: null,
+  roll: null,
+} as const;

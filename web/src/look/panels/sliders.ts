@@ -12,12 +12,16 @@ interface Scale {
 
 const same = (x: number): number => x;
 const degrees = (x: number): string => `${x.toFixed(1)}°`;
-const millimetres = (mm: number): string => (mm >= 9995 ? `${(mm / 1000).toFixed(1)} m` : `${Math.round(mm)} mm`);
+const millimetres = (mm: number): string =>
+  mm >= 9995 ? `${(mm / 1000).toFixed(1)} m` : `${Math.round(mm)} mm`;
 
 /** Even steps of the slider for even factors of the value. */
 function factors(low: number, high: number): Pick<Scale, "to" | "from"> {
   const range = Math.log(high / low);
-  return { to: (x) => +(low * Math.exp(x * range)).toPrecision(3), from: (value) => Math.log(value / low) / range };
+  return {
+    to: (x) => +(low * Math.exp(x * range)).toPrecision(3),
+    from: (value) => Math.log(value / low) / range,
+  };
 }
 
 const near = factors(150, 50_000);
@@ -41,13 +45,19 @@ export function bindSliders(store: Store): void {
   const show = (s: State): void => {
     for (const { key, from, words } of SCALES) {
       const input = byId<HTMLInputElement>(key);
-      if (document.activeElement !== input || Number(input.value) !== from(s[key])) input.value = String(from(s[key]));
+      if (document.activeElement !== input || Number(input.value) !== from(s[key]))
+        input.value = String(from(s[key]));
       const text = words(s[key]);
       input.setAttribute("aria-valuetext", text);
       byId("sliders").querySelector(`output[for="${key}"]`)!.textContent = text;
     }
     for (const label of byId("sliders").querySelectorAll<HTMLElement>("label"))
-      label.hidden = !label.dataset.for!.split(" ").includes(s.mode) || (label.contains(byId("tilt")) && s.mode === "panorama" && s.zoom === 1 && asShown(s).fit === "whole");
+      label.hidden =
+        !label.dataset.for!.split(" ").includes(s.mode) ||
+        (label.contains(byId("tilt")) &&
+          s.mode === "panorama" &&
+          s.zoom === 1 &&
+          asShown(s).fit === "whole");
   };
   for (const { key, to } of SCALES) {
     const input = byId<HTMLInputElement>(key);

@@ -1,5 +1,16 @@
 import { byId, h } from "../../shared/dom";
-import { type KeptView, LONGEST_NAME, MODES, ofTaken, ofView, type State, TAKEN, textOf, VIEW, viewsIn } from "../../shared/state";
+import {
+  type KeptView,
+  LONGEST_NAME,
+  MODES,
+  ofTaken,
+  ofView,
+  type State,
+  TAKEN,
+  textOf,
+  VIEW,
+  viewsIn,
+} from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { asShown, type Place } from "../stage";
 
@@ -13,7 +24,12 @@ const TITLES: Record<State["mode"], string> = {
   mosaic: "Mosaic",
 };
 export const KINDS = MODES.map((mode) => [mode, TITLES[mode]] as const);
-const AROUND = [["Ahead", 0], ["Right", 90], ["Behind", 180], ["Left", -90]] as const;
+const AROUND = [
+  ["Ahead", 0],
+  ["Right", 90],
+  ["Behind", 180],
+  ["Left", -90],
+] as const;
 
 /** Views that are kept under names: chosen one by one, or shown side by side and moved each by itself. */
 export class ViewsPanel {
@@ -23,7 +39,10 @@ export class ViewsPanel {
   private shape = "";
 
   /** `sources` are those among which there is a choice, by what the state calls them. */
-  constructor(private readonly store: Store, private readonly sources: () => readonly { source: string; name: string }[]) {
+  constructor(
+    private readonly store: Store,
+    private readonly sources: () => readonly { source: string; name: string }[],
+  ) {
     byId("keep-view").addEventListener("click", () => this.keep());
     this.together.addEventListener("click", () => this.showAll(!store.state.all));
     store.listen((s, changed) => this.follow(s, changed));
@@ -34,7 +53,11 @@ export class ViewsPanel {
   states(): State[] {
     const s = asShown(this.store.state);
     const { kept } = this;
-    return s.all && kept.length ? kept.map((view, i) => (i === this.active ? s : asShown({ ...s, ...ofView(view), ...view.of }))) : [s];
+    return s.all && kept.length
+      ? kept.map((view, i) =>
+          i === this.active ? s : asShown({ ...s, ...ofView(view), ...view.of }),
+        )
+      : [s];
   }
 
   /** Those that are of other pictures than the one that is shown, or through other cameras. */
@@ -55,7 +78,9 @@ export class ViewsPanel {
 
   /** Make the view the one that is moved which lies at a place of the canvas, px. */
   chooseAt(places: readonly Place[], x: number, y: number): void {
-    const at = places.findIndex((p) => x >= p.left && y >= p.top && x < p.left + p.width && y < p.top + p.height);
+    const at = places.findIndex(
+      (p) => x >= p.left && y >= p.top && x < p.left + p.width && y < p.top + p.height,
+    );
     if (at >= 0 && places.length > 1 && at !== this.active) this.go(at);
   }
 
@@ -63,12 +88,20 @@ export class ViewsPanel {
   label(places: readonly Place[], canvas: HTMLElement, doubt: (s: State) => string): void {
     const shown = places.length > 1 ? places : [];
     while (this.cells.children.length > shown.length) this.cells.lastElementChild!.remove();
-    while (this.cells.children.length < shown.length) this.cells.append(h("div", {}, h("span", {})));
+    while (this.cells.children.length < shown.length)
+      this.cells.append(h("div", {}, h("span", {})));
     shown.forEach(({ left, top, width, height, state, seen }, i) => {
       const cell = this.cells.children[i] as HTMLElement;
       cell.className = i === this.active ? "moved" : "";
-      Object.assign(cell.style, { left: `${canvas.offsetLeft + left}px`, top: `${canvas.offsetTop + top}px`, width: `${width}px`, height: `${height}px` });
-      cell.firstElementChild!.textContent = seen ? this.kept[i].name : `${this.kept[i].name}: ${doubt(state)}`;
+      Object.assign(cell.style, {
+        left: `${canvas.offsetLeft + left}px`,
+        top: `${canvas.offsetTop + top}px`,
+        width: `${width}px`,
+        height: `${height}px`,
+      });
+      cell.firstElementChild!.textContent = seen
+        ? this.kept[i].name
+        : `${this.kept[i].name}: ${doubt(state)}`;
     });
   }
 
@@ -79,12 +112,20 @@ export class ViewsPanel {
   /** The view that is shown, among those that are kept; -1 where it is none of them. */
   private get current(): number {
     const s = this.store.state;
-    return s.all ? this.active : this.kept.findIndex(({ of, ...view }) => VIEW.every((key) => view[key] === s[key]) && !this.isOther({ ...s, ...of }));
+    return s.all
+      ? this.active
+      : this.kept.findIndex(
+          ({ of, ...view }) =>
+            VIEW.every((key) => view[key] === s[key]) && !this.isOther({ ...s, ...of }),
+        );
   }
 
   private keep(): void {
     const { kept } = this;
-    this.store.set({ views: textOf([...kept, this.named(this.newName())]), ...(this.store.state.all && { view: kept.length }) });
+    this.store.set({
+      views: textOf([...kept, this.named(this.newName())]),
+      ...(this.store.state.all && { view: kept.length }),
+    });
   }
 
   /** What is shown, as a view to be kept: of what is looked at, where there are several. */
@@ -96,13 +137,21 @@ export class ViewsPanel {
   /** Of the source that is shown, where there are several. */
   private get sourceName(): string | null {
     const sources = this.sources();
-    return (sources.length > 1 && sources.find(({ source }) => source === this.store.state.source)?.name) || null;
+    return (
+      (sources.length > 1 &&
+        sources.find(({ source }) => source === this.store.state.source)?.name) ||
+      null
+    );
   }
 
   private newName(): string {
     const { mode, pan } = this.store.state;
-    const name = this.sourceName ?? (mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode]);
-    const alike = this.kept.filter((view) => view.name === name || view.name.startsWith(`${name} (`)).length;
+    const name =
+      this.sourceName ??
+      (mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode]);
+    const alike = this.kept.filter(
+      (view) => view.name === name || view.name.startsWith(`${name} (`),
+    ).length;
     return alike ? `${name} (${alike + 1})` : name;
   }
 
@@ -116,11 +165,18 @@ export class ViewsPanel {
     const isAll = this.store.state.all && rest.length > 0;
     const next = Math.min(this.active, rest.length - 1);
     const view = rest[next];
-    this.store.set({ views: textOf(rest), all: isAll, view: isAll ? next : -1, ...(isAll && { ...ofView(view), ...view.of }) });
+    this.store.set({
+      views: textOf(rest),
+      all: isAll,
+      view: isAll ? next : -1,
+      ...(isAll && { ...ofView(view), ...view.of }),
+    });
   }
 
   private rename(index: number, name: string): void {
-    const views = this.kept.map((view, i) => (i === index && name.trim() ? { ...view, name: name.trim() } : view));
+    const views = this.kept.map((view, i) =>
+      i === index && name.trim() ? { ...view, name: name.trim() } : view,
+    );
     this.store.set({ views: textOf(views) });
     this.show();
   }
@@ -132,10 +188,18 @@ export class ViewsPanel {
     let { kept } = this;
     let { current } = this;
     if (!kept.length && this.sourceName !== null) {
-      kept = this.sources().map(({ source, name }) => ({ name: name.slice(0, LONGEST_NAME), ...ofView(s), of: { ...ofTaken(s), source } }));
+      kept = this.sources().map(({ source, name }) => ({
+        name: name.slice(0, LONGEST_NAME),
+        ...ofView(s),
+        of: { ...ofTaken(s), source },
+      }));
       current = kept.findIndex(({ of }) => of?.source === s.source);
     }
-    if (!kept.length) kept = AROUND.map(([name, pan]) => ({ name, ...ofView({ ...s, mode: "perspective", pan, tilt: 0, hfov: 90, zoom: 1 }) }));
+    if (!kept.length)
+      kept = AROUND.map(([name, pan]) => ({
+        name,
+        ...ofView({ ...s, mode: "perspective", pan, tilt: 0, hfov: 90, zoom: 1 }),
+      }));
     if (current < 0) kept = [this.named(this.newName()), ...kept];
     current = Math.max(current, 0);
     this.store.set({ views: textOf(kept), all, view: current });
@@ -143,9 +207,27 @@ export class ViewsPanel {
 
   /** What is moved where all are shown is kept as it is. */
   private follow(s: State, changed: Set<keyof State>): void {
-    const isMoved = s.all && [...VIEW, ...TAKEN].some((key) => changed.has(key)) && !changed.has("view") && !changed.has("views");
-    if (isMoved) this.store.set({ views: textOf(this.kept.map((view, i) => (i === this.active ? { name: view.name, ...ofView(s), ...(view.of && { of: ofTaken(s) }) } : view))) });
-    if (isMoved || [...VIEW, ...TAKEN].some((key) => changed.has(key)) || (["views", "view", "all"] as const).some((key) => changed.has(key))) this.show();
+    const isMoved =
+      s.all &&
+      [...VIEW, ...TAKEN].some((key) => changed.has(key)) &&
+      !changed.has("view") &&
+      !changed.has("views");
+    if (isMoved)
+      this.store.set({
+        views: textOf(
+          this.kept.map((view, i) =>
+            i === this.active
+              ? { name: view.name, ...ofView(s), ...(view.of && { of: ofTaken(s) }) }
+              : view,
+          ),
+        ),
+      });
+    if (
+      isMoved ||
+      [...VIEW, ...TAKEN].some((key) => changed.has(key)) ||
+      (["views", "view", "all"] as const).some((key) => changed.has(key))
+    )
+      this.show();
   }
 
   private show(): void {
@@ -158,9 +240,31 @@ export class ViewsPanel {
   }
 
   private chip({ name }: KeptView, i: number, isCurrent: boolean): HTMLElement {
-    if (!isCurrent) return h("li", {}, h("button", { type: "button", onclick: () => this.go(i) }, name));
-    const input = h("input", { type: "text", value: name, maxLength: 40, size: Math.max(4, name.length), spellcheck: false, "aria-label": "Name of this view" });
+    if (!isCurrent)
+      return h("li", {}, h("button", { type: "button", onclick: () => this.go(i) }, name));
+    const input = h("input", {
+      type: "text",
+      value: name,
+      maxLength: 40,
+      size: Math.max(4, name.length),
+      spellcheck: false,
+      "aria-label": "Name of this view",
+    });
     input.addEventListener("change", () => this.rename(i, input.value));
-    return h("li", { className: "current", "aria-current": "true" }, input, h("button", { type: "button", "aria-label": `Forget ${name}`, title: "Forget this view", onclick: () => this.drop(i) }, "×"));
+    return h(
+      "li",
+      { className: "current", "aria-current": "true" },
+      input,
+      h(
+        "button",
+        {
+          type: "button",
+          "aria-label": `Forget ${name}`,
+          title: "Forget this view",
+          onclick: () => this.drop(i),
+        },
+        "×",
+      ),
+    );
   }
 }

@@ -15,8 +15,13 @@ export class WaysPanel {
   private readonly fill = byId<HTMLButtonElement>("fill");
   private readonly beside = byId<HTMLButtonElement>("beside");
 
-  constructor(private readonly store: Store, besides: () => void) {
-    this.fill.addEventListener("click", () => store.set({ fit: asShown(store.state).fit === "fill" ? "whole" : "fill" }));
+  constructor(
+    private readonly store: Store,
+    besides: () => void,
+  ) {
+    this.fill.addEventListener("click", () =>
+      store.set({ fit: asShown(store.state).fit === "fill" ? "whole" : "fill" }),
+    );
     this.beside.addEventListener("click", () => store.set({ beside: !store.state.beside }));
     store.listen((_, changed) => {
       this.show();

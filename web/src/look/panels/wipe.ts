@@ -1,3 +1,4 @@
+import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail } from "../../shared/notices";
@@ -17,8 +18,13 @@ export class WipePanel {
   private asked: { feed: Feed; by: string } | null = null;
   picture: ImageBitmap | null = null;
 
-  constructor(private readonly store: Store, private readonly changed: () => void) {
-    this.button.addEventListener("click", () => store.set({ wipe: store.state.wipe === null ? HALF : null }));
+  constructor(
+    private readonly store: Store,
+    private readonly changed: () => void,
+  ) {
+    this.button.addEventListener("click", () =>
+      store.set({ wipe: store.state.wipe === null ? HALF : null }),
+    );
     this.slider.addEventListener("input", () => store.set({ wipe: Number(this.slider.value) }));
   }
 
@@ -34,12 +40,18 @@ export class WipePanel {
     allow(this.button, reason);
     this.button.setAttribute("aria-pressed", String(wipe !== null));
     const by = nameOf(camera, this.store.state.distance);
-    if (this.asked && (this.asked.feed !== feed || this.asked.by !== by || wipe === null || reason)) this.forget();
-    if (wipe !== null && !reason && !this.asked) void this.restore(camera, feed, by);
+    if (this.asked && (this.asked.feed !== feed || this.asked.by !== by || wipe === null || reason))
+      this.forget();
+    if (wipe !== null && !reason && !this.asked) background(this.restore(camera, feed, by));
     this.place.hidden = this.share === null;
     if (wipe === null || this.place.hidden) return;
     const { offsetTop, offsetLeft, offsetWidth, offsetHeight } = canvas;
-    Object.assign(this.place.style, { top: `${offsetTop}px`, left: `${offsetLeft}px`, width: `${offsetWidth}px`, height: `${offsetHeight}px` });
+    Object.assign(this.place.style, {
+      top: `${offsetTop}px`,
+      left: `${offsetLeft}px`,
+      width: `${offsetWidth}px`,
+      height: `${offsetHeight}px`,
+    });
     this.line.style.left = `${100 * wipe}%`;
     if (document.activeElement !== this.slider) this.slider.value = String(wipe);
     this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % as given`);
@@ -58,16 +70,22 @@ export class WipePanel {
     try {
       const { model, circle, size } = camera;
       const distance = this.store.state.distance;
-      const made = await api.restored({
-        id: model.id,
-        mount: model.mount,
-        image_size: [...size] as [number, number],
-        centre_px: [circle.u, circle.v],
-        rim_radius_px: circle.radius,
-        name: feed.name,
-        object_distance_mm: Number.isFinite(distance) ? distance : null,
-      }, (await fileOf(feed)).picture);
-      const picture = await createImageBitmap(made, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+      const made = await api.restored(
+        {
+          id: model.id,
+          mount: model.mount,
+          image_size: [...size] as [number, number],
+          centre_px: [circle.u, circle.v],
+          rim_radius_px: circle.radius,
+          name: feed.name,
+          object_distance_mm: Number.isFinite(distance) ? distance : null,
+        },
+        (await fileOf(feed)).picture,
+      );
+      const picture = await createImageBitmap(made, {
+        colorSpaceConversion: "none",
+        premultiplyAlpha: "none",
+      });
       if (this.asked !== asked) return picture.close();
       this.picture = picture;
       this.changed();
@@ -82,8 +100,12 @@ export class WipePanel {
 
 function reasonAgainst({ model }: Camera, feed: Feed): string | null {
   if (feed.moves) return "Pictures are restored one at a time, not while they move.";
-  if (model.kind !== "sensor") return "What blur there is, is known of sensors whose mirror and lens are known; choose one.";
-  return model.tables.lattice ? "The mirror of this sensor is out of its place; only of one in its place is the blur known." : null;
+  if (model.kind !== "sensor")
+    return "What blur there is, is known of sensors whose mirror and lens are known; choose one.";
+  return model.tables.lattice
+    ? "The mirror of this sensor is out of its place; only of one in its place is the blur known."
+    : null;
 }
 
-const nameOf = ({ model, circle, size }: Camera, distance: number): string => JSON.stringify([model.id, model.mount.image_flipped, circle, size, distance]);
+const nameOf = ({ model, circle, size }: Camera, distance: number): string =>
+  JSON.stringify([model.id, model.mount.image_flipped, circle, size, distance]);

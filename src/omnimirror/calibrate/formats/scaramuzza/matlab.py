@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from ....arguments import float_of
 from ....camera_models import OCam
 from ....errors import OmnimirrorError, SpecError
-from ..base import CameraFormat, Layout, Reading, Stored, row, text_of
-from ..entries import Node, read_json
+from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
+from ..entries import Node
 
 Array = NDArray[np.float64]
 
 LARGEST = 1e100
+SCRIPT = re.compile(rb"fisheyeIntrinsics\s*\(")
 TERMS = frozenset({"a0", "a2", "a3", "a4", "cx", "cy", "c", "d", "e"})
 NAMES = ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix")
 
@@ -76,10 +77,10 @@ def ocam_of(taylor: Taylor, image_size: tuple[int, int], reading: Reading) -> OC
 # -- reading -------------------------------------------------------------------------------------------
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file with its four arguments."""
-    text = text_of(data, reading.source)
-    table = read_json(text, reading.source) if text.lstrip().startswith("{") else _arguments(text, reading.source)
+    is_script = SCRIPT.search(file.data) is not None
+    table = _arguments(file.text, reading.source) if is_script else file.entries
     a0, *rest = table[NAMES[0]].numbers(4)
     size = table[NAMES[1]].entries()
     if len(size) != 2:
@@ -98,7 +99,15 @@ def _arguments(text: str, source: str) -> Node:
     if not call:
         raise SpecError(f"{source} does not call fisheyeIntrinsics with its numbers in brackets")
     line = code[: call.start()].count("\n") + 1
-    parts = re.findall(r"\[([^\][]*)\]", call[1])
+    variables = dict(re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()]))
+    arguments = re.sub(r"[A-Za-z]\w*", lambda word: variables.get(word[0], word[0]), call[1])
+    outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
+    if unknown := re.search(r"[A-Za-z]\w*", outside):
+        raise SpecError(
+            f"{source} line {line}: {unknown[0]} is a variable that the script does not set to numbers in brackets; "
+            "write the numbers into the call of fisheyeIntrinsics"
+        )
+    parts = re.findall(r"\[([^\][]*)\]", arguments)
     if len(parts) not in (3, 4):
         raise SpecError(
             f"{source} line {line}: fisheyeIntrinsics has {len(parts)} arguments in brackets; it is valid with "
@@ -121,10 +130,9 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
     return entry
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether it calls ``fisheyeIntrinsics``, or holds its arguments."""
-    begins_as_json = data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
-    return (NAMES[0].encode() in data) if begins_as_json else re.search(rb"fisheyeIntrinsics\s*\(", data) is not None
+def recognises(file: CameraFile) -> bool:
+    """Check for a call of ``fisheyeIntrinsics``, or for its arguments."""
+    return file.has(NAMES[0]) or (file.table is None and SCRIPT.search(file.data) is not None)
 
 
 # -- writing -------------------------------------------------------------------------------------------

@@ -7,13 +7,16 @@ one, which OCamCalib's own ``world2cam`` projects with, is fitted when a file is
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from ....camera_models import OCam, parse_ocam
-from ..base import CameraFormat, Layout, Reading, Stored, row, text_of
+from ....camera_models import OCam
+from ....camera_models.consistency import inverse_doubts
+from ....camera_models.ocam import parse_polynomials
+from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
 
 Array = NDArray[np.float64]
 
@@ -22,12 +25,11 @@ MOST_TERMS = 30
 SAMPLES = 2000
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of a ``calib_results.txt``."""
-    camera = parse_ocam(
-        text_of(data, reading.source), reading.source, reading.optics, reading.mount, reading.rim_radius_px
-    )
-    return [Stored("", camera)]
+    camera, inverse = parse_polynomials(file.text, reading.source)
+    camera = replace(camera, **reading.told)
+    return [Stored("", camera, tuple(inverse_doubts(camera, inverse)))]
 
 
 def write(camera: OCam, name: str = "") -> str:
@@ -77,9 +79,9 @@ def inverse_polynomial(camera: OCam, start: float) -> tuple[Array, float]:
     return coefficients, error
 
 
-def recognises(name: str, data: bytes) -> bool:
-    """Whether the first line that holds something is a count and that many numbers."""
-    for line in data[:4000].decode("utf-8-sig", "replace").splitlines():
+def recognises(file: CameraFile) -> bool:
+    """Check that the first line that is not empty is a count and that many numbers."""
+    for line in file.data[:4000].decode("utf-8-sig", "replace").splitlines():
         words = line.split("#")[0].split()
         if words:
             return bool(re.fullmatch(r"\d{1,3}", words[0])) and len(words) == int(words[0]) + 1

@@ -12,15 +12,15 @@ import json
 import numpy as np
 
 from ....camera_models import OCam
-from ..base import CameraFormat, Layout, Reading, Stored, text_of
-from ..entries import read_json
+from ....camera_models.consistency import inverse_doubts
+from ..base import CameraFile, CameraFormat, Layout, Reading, Stored
 from .matlab import Taylor, ocam_of, taylor_of
 from .ocamcalib import inverse_polynomial
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of a calibration file."""
-    table = read_json(text_of(data, reading.source), reading.source)
+    table = file.entries
     coefficients = np.array(table["taylor_coefficient"].numbers())
     u, v = table["distortion_center"].numbers(2)
     stretch = table["stretch_matrix"].matrix(2, 2)
@@ -29,7 +29,9 @@ def read(data: bytes, reading: Reading) -> list[Stored]:
     else:
         width, height = reading.size()
     name = table["camera_name"].word() if "camera_name" in table else ""
-    return [Stored(name, ocam_of(Taylor(coefficients, (u, v), stretch), (width, height), reading))]
+    camera = ocam_of(Taylor(coefficients, (u, v), stretch), (width, height), reading)
+    inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
+    return [Stored(name, camera, tuple(inverse_doubts(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)))]
 
 
 def write(camera: OCam, name: str = "") -> str:
@@ -50,7 +52,7 @@ def write(camera: OCam, name: str = "") -> str:
 
 FORMAT = CameraFormat(
     "py-OCamCalib JSON",
-    lambda name, data: b'"taylor_coefficient"' in data,
+    lambda file: file.has("taylor_coefficient"),
     read,
     {"py-ocamcalib": Layout(OCam, write, "Scaramuzza's polynomial")},
     (),

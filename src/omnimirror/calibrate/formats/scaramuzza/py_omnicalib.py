@@ -9,26 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from ....camera_models import OCam
-from ..base import CameraFormat, Layout, Reading, Stored, row, text_of
-from ..entries import read_yaml
+from ....camera_models.consistency import inverse_doubts
+from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
 from .matlab import Taylor, ocam_of, taylor_of
 from .ocamcalib import MOST_TERMS, inverse_polynomial
 
+INVERSE = "poly_incident_angle_to_radius"
 PLACES = frozenset({"cx", "cy", *(f"a{power}" for power in range(MOST_TERMS))})
 
 
-def read(data: bytes, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: Reading) -> list[Stored]:
     """The camera of a ``calibration.yml``, without the pictures' poses."""
-    table = read_yaml(text_of(data, reading.source), reading.source)
+    table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
     u, v = table["principal_point"].numbers(2)
-    if "image_size" in table:
-        if len(table["image_size"].entries()) != 2:
-            table["image_size"].refuse("is valid as two numbers, width and height")
-        width, height = (entry.whole() for entry in table["image_size"].entries())
-    else:
-        width, height = reading.size()
-    return [Stored("", ocam_of(Taylor(coefficients, (u, v), np.eye(2)), (width, height), reading))]
+    camera = ocam_of(Taylor(coefficients, (u, v), np.eye(2)), reading.size_in(table, "image_size"), reading)
+    inverse = table[INVERSE].numbers() if INVERSE in table else ()
+    return [Stored("", camera, tuple(inverse_doubts(camera, inverse, 0.0)))]
 
 
 def write(camera: OCam, name: str = "") -> str:
@@ -38,7 +35,7 @@ def write(camera: OCam, name: str = "") -> str:
     width, height = camera.image_size
     return (
         "extrinsics: []\n"
-        f"poly_incident_angle_to_radius: [{row(inverse)}]\n"
+        f"{INVERSE}: [{row(inverse)}]\n"
         f"poly_radius_to_z: [{row(taylor.coefficients)}]\n"
         f"principal_point: [{row(taylor.centre_px)}]\n"
         f"image_size: [{width}, {height}]\n"
@@ -47,7 +44,7 @@ def write(camera: OCam, name: str = "") -> str:
 
 FORMAT = CameraFormat(
     "py-omnicalib YAML",
-    lambda name, data: b"poly_radius_to_z" in data,
+    lambda file: file.has("poly_radius_to_z"),
     read,
     {"py-omnicalib": Layout(OCam, write, "Scaramuzza's polynomial of a round picture", PLACES)},
 )

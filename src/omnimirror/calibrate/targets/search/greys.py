@@ -15,24 +15,32 @@ Grey = NDArray[np.float32]
 
 USUAL_PX = 900
 """Longer side of the picture in which a board is looked for first: squares have ten pixels or more in most."""
+MOST_PIXELS = 128_000_000
+"""Of a picture; the search takes up to 13 bytes of memory for each."""
 SMALLEST_PX, LARGEST_PX = 200, 6000
 LARGEST_ENLARGED_PX = 3000  # of a picture that is looked at twice as large as it is, for squares of few pixels
 FULL = {"u": 255.0, "f": 1.0}
 
 
 def grey(picture: NDArray[Any]) -> Grey:
-    """Brightness of a picture (height, width) or (height, width, 1 to 4), RGB, on a scale of 0 to 255.
+    """Convert a picture (height, width) or (height, width, 1 to 4), RGB, to its brightness on a scale of 0 to 255.
 
     Raises
     ------
     InvalidParameter
-        It is no picture.
+        It is no picture, or has more than :data:`MOST_PIXELS`.
     """
     picture = np.asarray(picture)
     if picture.ndim not in (2, 3) or picture.dtype.kind not in "uf" or min(picture.shape[:2]) < 16:
         raise InvalidParameter(
             f"a picture of shape {picture.shape} and kind {picture.dtype} is not valid; it is valid as (height, width) "
             "or (height, width, 3), of whole numbers from 0 or floats, with at least 16 px a side"
+        )
+    height, width = picture.shape[:2]
+    if height * width > MOST_PIXELS:
+        raise InvalidParameter(
+            f"a picture in which a board is searched for must not have more than {MOST_PIXELS / 1e6:.0f} megapixels; "
+            f"got {width} x {height} px; reduce it"
         )
     full = 1.0 if picture.dtype.kind == "f" else float(np.iinfo(picture.dtype).max)
     values = picture.astype(np.float32)

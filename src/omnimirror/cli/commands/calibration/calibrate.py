@@ -23,6 +23,8 @@ from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
 from ....calibrate.targets.finding import find_boards
 from ....camera_models.base import CameraModel, Optics
+from ....errors import OmnimirrorError
+from ....escaping import shell_command
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
 from ....media.batch import READABLE, expand_inputs
@@ -33,7 +35,7 @@ from ...help_pages import DocumentedCommand
 from ...options.board import SoughtBoardOptions
 from ...options.common import NUMBER, WHOLE, angle, distance, pixel, whole_size
 from ...options.declared import Options, option, takes
-from ...outputs import Output, output_console, plain_table, progress_bar, say, say_written
+from ...outputs import Output, notice, output_console, plain_table, progress_bar, say, say_written
 
 FEW_SHOWN = 12
 
@@ -193,11 +195,17 @@ def command(
     known = read_surveys(survey.points, survey.directions)
     detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several)
     with _steps(console) as progress, interrupts.deferred():
-        found = calibrate_camera(
-            detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
-            lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
-            progress=progress, stop=interrupts.is_pending,
-        )  # fmt: skip
+        try:
+            found = calibrate_camera(
+                detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
+                lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
+                progress=progress, stop=interrupts.is_pending,
+            )  # fmt: skip
+        except OmnimirrorError:
+            if not (code := interrupts.exit_code() or stopped_by):
+                raise
+            notice("stopped before a camera was found")
+            sys.exit(code)
         code = interrupts.exit_code() or stopped_by
         _write(found, output, json_path, report, figures)
     _print(console, found, known)
@@ -205,7 +213,8 @@ def command(
     if figures:
         say("Figures in ", (str(figures), "bold"), console=console)
     if code:
-        say("Stopped: this is what was found until then", console=console)
+        say("Stopped: this is the best camera found so far", console=console)
+        click.echo("omnimirror: stopped", err=True)
         sys.exit(code)
 
 
@@ -265,9 +274,7 @@ def _write(
 
 
 def _command_line() -> str:
-    import shlex
-
-    return shlex.join(["omnimirror", *sys.argv[1:]])
+    return shell_command(["omnimirror", *sys.argv[1:]])
 
 
 # -- what is printed -------------------------------------------------------------------------------------

@@ -32,12 +32,10 @@ from ...outputs import (
     say,
     say_written,
 )
+from ...process import stopped_code
 from .bought import buy
 from .front import check_pick, find_front
 from .tables import MISSED, print_conflict, print_convergence, print_design, print_merits
-
-STOPPED = 130
-"""Exit code of a search that Ctrl-C ended; what it had by then is written."""
 
 FOR_BOTH = ("seed", "resume", "paper_mode", "image_radius_px")
 ONLY = {
@@ -125,7 +123,10 @@ def command(
     for path in (searched.figure, searched.resume):
         if path and path.exists():
             say_written(path, console=console)
-    sys.exit(STOPPED if not is_complete else MISSED if design and not design.is_met else 0)
+    if not is_complete:
+        click.echo("omnimirror: stopped", err=True)
+        sys.exit(stopped_code())
+    sys.exit(MISSED if design and not design.is_met else 0)
 
 
 def _write(console: Console, design: Design, out: Path | None, json_file: Path | None) -> None:

@@ -7,7 +7,6 @@ from datetime import date
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from ....arguments import float_of
 from ....files import write_json
@@ -15,15 +14,15 @@ from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool, Work
 from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
 from ....manufacture.exporter import export
-from ....manufacture.parts import drawn_housing
 from ....sensor import Sensor
 from ....specs import load_sensor
+from ....tolerancing.drawing_conflicts import tolerance_conflicts
 from ....tolerancing.tolerance_file import allocated_tolerances
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
-from ...outputs import json_option, output_console, output_option, plain_table, say_written
+from ...outputs import json_option, output_console, output_option, plain_table, say, say_written
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
@@ -139,6 +138,8 @@ class ToolOptions(Options):
 @takes(FileOptions, "files")
 @takes(ToolOptions, "lathe")
 @takes(HousingOptions, "housing")
+@click.option("--allow-changes", is_flag=True,
+              help="Write the files even if an option changes the evaluated sensor.")  # fmt: skip
 @json_option("Write the table: each file, what it holds and how far it lies from the mirror.")
 def command(
     sensor: str,
@@ -150,6 +151,7 @@ def command(
     files: FileOptions,
     lathe: ToolOptions,
     housing: HousingOptions,
+    allow_changes: bool,
     json_file: Path | None,
 ) -> None:
     """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
@@ -162,7 +164,8 @@ def command(
     with console.status("Writing"):
         written = export(
             camera, output, formats=formats, body=solid.body(camera), secondary_body=solid.secondary_body(),
-            housing=housing.of(drawn_housing(camera)), tool=lathe.tool(), workshop=told, **files.given,
+            housing=housing.of(camera.housing), tool=lathe.tool(), workshop=told,
+            allow_changes=allow_changes, **files.given,
         )  # fmt: skip
     numbers = ("deviation from the mirror\num", "of its rays\ndeg")
     table = plain_table("file", "what", *numbers, words=("file", "what"))
@@ -175,11 +178,16 @@ def command(
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
     if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := told.missing(parts)):
         console.print(f"A shop will ask for what the drawing does not say: {', '.join(missing)} (--workshop FILE)")
+    if any(file.path.suffix.lower() in DRAWN for file in written):
+        for conflict in tolerance_conflicts(camera, told, solid.body(camera), solid.secondary_body()):
+            say(("tolerances contradict each other", "yellow"), f": {conflict}", console=console)
     for file in written:
         if not file.follows:
-            console.print(
-                f"[yellow]{escape(file.path.name)} does not follow the mirror[/]: its rays are up to "
-                f"{ray_words(file)} deg off; no asphere does better, the grid sag (--formats gridsag) does"
+            say(
+                (f"{file.path.name} does not follow the mirror", "yellow"),
+                f": its rays are up to {ray_words(file)} deg off; no asphere does better, the grid sag "
+                "(--formats gridsag) does",
+                console=console,
             )
 
 

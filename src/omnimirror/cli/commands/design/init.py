@@ -8,6 +8,7 @@ import click
 
 from ....components.template import sensor_template
 from ....errors import OmnimirrorError
+from ....escaping import shell_word
 from ....files import is_stream, write_text
 from ...help_pages import DocumentedCommand
 from ...outputs import Output, say
@@ -26,4 +27,4 @@ def command(path: Path, force: bool) -> None:
         raise OmnimirrorError(f"{path} exists already; choose another name or give --force to replace it")
     write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))
     if not is_stream(path):
-        say(f"Wrote {path}; change it, then: omnimirror evaluate {path}")
+        say(f"Wrote {path}; change it, then: omnimirror evaluate {shell_word(str(path))}")

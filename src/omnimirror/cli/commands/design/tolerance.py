@@ -10,6 +10,7 @@ from rich.console import Console
 
 from ....design.criteria.requirement_file import load_requirements
 from ....errors import InvalidParameter, OmnimirrorError
+from ....escaping import shell_command
 from ....files import is_stream, write_json, write_text
 from ....specs import load_sensor
 from ....tolerancing.analysis import ToleranceReport, limits_of, tolerance
@@ -128,7 +129,8 @@ def command(
     if sensor == INIT:
         return _init(tolerances, grade, force)
     if tolerances is None:
-        raise click.UsageError(f"the file of tolerances is missing; omnimirror tolerance init {sensor} writes one")
+        command = shell_command(["omnimirror", "tolerance", "init", sensor])
+        raise click.UsageError(f"the file of tolerances is missing; {command} writes one")
     meant = load_sensor(sensor)
     plan = load_tolerances(tolerances, meant)
     if save_trials and out is None:
@@ -170,7 +172,7 @@ def _init(name: str | None, grade: str, force: bool) -> None:
     if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} exists already; rename it or give --force to replace it")
     write_text(path, tolerance_template(load_sensor(name), grade))
-    say(f"Wrote {path}; change it, then: omnimirror tolerance {name} {path}")
+    say(f"Wrote {path}; change it, then: omnimirror tolerance {shell_command([name, path])}")
 
 
 def _limit(words: str) -> tuple[str, float]:

@@ -12,7 +12,7 @@ from rich.text import Text
 from ....analysis.comparison import Comparison, compare
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.common import SENSOR
+from ...options.common import SENSOR, distance
 from ...outputs import format_option, json_option, output_console, output_option, say, say_written
 
 FORMATS = ("png", "html")
@@ -24,18 +24,26 @@ FORMATS = ("png", "html")
     examples=("omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html",),
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
+@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
+              help="Distance of the objects from the mirror, for lengths per pixel.")  # fmt: skip
 @output_option("-o", "--output", formats=FORMATS,
                help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
 @format_option(FORMATS)
 @output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
 @json_option("Write the table, an object per sensor.")
-def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
+def command(
+    sensors: tuple[str, ...],
+    object_distance_mm: float,
+    output: Path | None,
+    csv_file: Path | None,
+    json_file: Path | None,
+) -> None:
     """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
 
     A sensor whose mirror is decentred or tilted is compared over its whole picture, at all azimuths.
     """
     console = output_console()
-    comparison = compare([load_sensor(s) for s in sensors])
+    comparison = compare([load_sensor(s) for s in sensors], object_distance_mm)
     print_comparison(console, comparison)
     for note in comparison.notes:
         say(("Note: ", "yellow"), note, console=console)

@@ -18,6 +18,7 @@ from ....analysis.meridional.focus_merits import FOCUS_MERITS
 from ....analysis.meridional.viewpoints import best_viewpoint
 from ....analysis.temperature import at_temperature, thermal_motion_px
 from ....calibrate.physical import SensorModel
+from ....escaping import shell_command
 from ....lenses import BlurMode
 from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
@@ -185,8 +186,8 @@ def _show_mapping(
             console=console,
         )
     if result.camera.uncertainty is not None:
-        say(f"error: one standard deviation of a direction; omnimirror uncertainty {source} shows it over the picture",
-            console=console)  # fmt: skip
+        command = shell_command(["omnimirror", "uncertainty", source])
+        say(f"error: one standard deviation of a direction; {command} shows it over the picture", console=console)
     console.print()
     cells = result.texts()
     heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]

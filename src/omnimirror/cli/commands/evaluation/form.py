@@ -22,7 +22,7 @@ from ....tolerancing.forms.effects import FormEffect, as_made, form_effect
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ...help_pages import DocumentedCommand
-from ...options.common import SENSOR, WHOLE
+from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes
 from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say_written
 
@@ -37,6 +37,9 @@ class PointOptions(Options):
     departures: bool = option(
         is_flag=True, default=False, help="The third number is no height but the departure, along the normal."
     )
+    probe_radius_mm: float = option(
+        type=NUMBER, default=0.0, help="Radius of the probe, of points that are centres of its ball."
+    )
     order: int | None = option(
         type=WHOLE, help="Largest order of the terms that are not about the axis.  [default: what the points ask for]"
     )
@@ -44,7 +47,9 @@ class PointOptions(Options):
     def of(self, mirror: Mirror, path: Path) -> FormError:
         """The form error."""
         points = read_points(path, cast(Unit, self.unit))
-        return form_error(mirror, points, order=self.order, are_departures=self.departures)
+        return form_error(
+            mirror, points, order=self.order, are_departures=self.departures, probe_radius_mm=self.probe_radius_mm
+        )
 
 
 @click.command(
@@ -124,9 +129,10 @@ def _print_asphere(console: Console, asphere: ForbesAsphere | None, why_none: st
     if asphere is None:
         console.print(f"\nabout its axis it is no asphere of Forbes: {why_none}", soft_wrap=True)
         return
-    terms = ", ".join(f"{um:.4f}" for um in asphere.um)
+    terms, names = ", ".join(f"{um:.4f}" for um in asphere.um), "a0"
+    names += f" ... a{len(asphere.um) - 1}" if len(asphere.um) > 1 else ""
     console.print(
-        f"\nabout its axis an asphere of Forbes (Qbfs): R = {asphere.radius_mm:.6f} mm, a0 .. a{len(asphere.um) - 1} = "
+        f"\nabout its axis an asphere of Forbes (Qbfs): R = {asphere.radius_mm:.6f} mm, {names} = "
         f"{terms} um, which leaves {asphere.left_um:.2g} um rms",
         soft_wrap=True,
     )
@@ -139,11 +145,21 @@ def _print_form(console: Console, form: FormError) -> None:
         f"{len(form.x_mm)} points{wrong}, {least:.3g} to {most:.4g} mm from the axis of a mirror of "
         f"{form.mirror.rim_radius_mm:.4g} mm"
     )
-    (x, y, z), (about_x, about_y) = place.vertex_mm, place.tilt_deg
+    (x, y, z), (about_x, about_y) = np.round(place.vertex_mm, 4) + 0.0, np.round(place.tilt_deg, 4) + 0.0
     over = "; turned over about x" if place.turned_over else ""
     console.print(f"its place: vertex at {x:.4f}, {y:.4f}, {z:.4f} mm, tilt {about_x:.4f}, {about_y:.4f} deg{over}")
-    if len(place.free):
-        console.print("its points fit as well when it is turned about its centre: it was centred by its outline")
+    if place.is_profile:
+        console.print("profile through the axis: only the form about the axis is determined")
+    if place.radius_mm is not None and place.radius_sigma_mm is not None:
+        nominal = float(form.mirror.radius_t(0.0))
+        console.print(
+            f"radius of the sphere: {place.radius_mm:.5f} +- {place.radius_sigma_mm:.2g} mm, "
+            f"{100 * (place.radius_mm / nominal - 1):+.3g} % of the nominal {nominal:.6g} mm"
+        )
+    if place.is_centred_by_outline:
+        console.print("points do not determine the rotation about its centre: it was centred by their outline")
+    elif len(place.free):
+        console.print("points do not determine the rotation about its centre: the axis is that of the machine")
     console.print(
         f"\nform {form.peak_to_valley_um:.3g} um from peak to valley, {form.rms_um:.3g} um rms, of that "
         f"{form.rotational_rms_um:.3g} um about the axis\nnoise of a point {form.noise_um:.2g} um, neither form nor "
@@ -180,6 +196,9 @@ def _numbers(form: FormError, effect: FormEffect | None, asphere: ForbesAsphere 
         "vertex_mm": np.asarray(form.place.vertex_mm).tolist(),
         "tilt_deg": np.asarray(form.place.tilt_deg).tolist(),
         "turned_over": form.place.turned_over,
+        "radius_mm": form.place.radius_mm,
+        "radius_sigma_mm": form.place.radius_sigma_mm,
+        "is_profile": form.place.is_profile,
         "peak_to_valley_um": form.peak_to_valley_um,
         "rms_um": form.rms_um,
         "rotational_rms_um": form.rotational_rms_um,

@@ -17,9 +17,7 @@ from ...outputs import output_console, say
 )
 @click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
               help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
-@click.option(
-    "--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only."
-)
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only.")
 @click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
 def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.

@@ -11,7 +11,7 @@ import click
 from ....straighten import Straightening
 from ...options.declared import Options, flag, option
 from ...options.view import ViewOptions
-from ...outputs import frame_bar, say
+from ...outputs import frame_bar, notice, say
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ def dewarp_recording(
     with frame_bar() as progress:
         done = straighten_bag(Path(sources[0]), Path(outputs[0]), how, chosen, progress)
     for note in done.notes:
-        click.echo(f"omnimirror: {note}", err=True)
+        notice(note)
     passed = f", {done.passed} other messages" if done.passed else ""
     say(f"{outputs[0]}: {done.pictures} pictures of {done.topic}{passed}")
     for topic in done.topics:
         say(f"  {topic}")
     if done.exit_code:
-        click.echo(f"omnimirror: stopped; {outputs[0]} holds what was done", err=True)
+        notice(f"stopped; {outputs[0]} holds what was done")
         sys.exit(done.exit_code)

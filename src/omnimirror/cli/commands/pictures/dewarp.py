@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -22,7 +23,7 @@ from ...options.common import NUMBER, WHOLE, distance, three_wavelengths
 from ...options.declared import Options, flag, option, takes
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
-from ...outputs import PICTURES, frame_bar, output_console, remark, say, take_standard_output
+from ...outputs import PICTURES, frame_bar, notice, output_console, remark, say, take_standard_output
 from .bags import BagOptions, dewarp_recording
 from .viewer import is_one_picture, needs_pyav, write_viewer
 
@@ -174,6 +175,7 @@ def command(
     for options in (view, pictures):
         options.check()
     if sampling.threads is not None:
+        click.get_current_context().call_on_close(partial(backend.set_threads, backend.threads))
         backend.set_threads(sampling.threads)
     if viewer is not None:
         if auto.auto:
@@ -298,12 +300,14 @@ def _say_found(told: str) -> None:
 def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
     results = found.results
     for name, sentence in results.failed.items():
-        click.echo(f"omnimirror: {name}: {sentence}", err=True)
+        notice(f"{name}: {sentence}")
     count = len(results.done) + len(results.failed) + len(results.not_begun)
     was_there = f", {found.was_there} were there" if is_going_on else ""
     say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
     for why, how_many in found.left_out.items():
         say(f"{folder}: {how_many} of them {why}")
+    if results.not_begun:
+        click.echo(f"omnimirror: stopped; {folder} holds what was done", err=True)
 
 
 def _named(output: str, kind: str | None) -> Path:
@@ -338,7 +342,7 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
             raise
         raise needs_pyav(source) from None
     with frame_bar() as progress:
-        listener = Listener(lambda sentence: click.echo(f"omnimirror: {sentence}", err=True), progress)
+        listener = Listener(notice, progress)
         done = straighten_video(source, outputs, how, recording, listener)
     name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     (width, height), outcome = done.view.size, done.outcome
@@ -346,6 +350,6 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
     remark(f"{name}: {done.view}, {told}")
     if done.summary:
         remark(f"{source}: {done.summary}")
-    if outcome.stopped and outputs:
-        click.echo(f"omnimirror: stopped; {name} holds what was done", err=True)
+    if outcome.stopped and (outputs or outcome.is_signal):  # closing a window is how a mere preview ends
+        notice(f"stopped; {name} holds what was done" if outputs else "stopped")
         sys.exit(outcome.exit_code)

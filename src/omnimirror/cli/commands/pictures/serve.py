@@ -15,6 +15,7 @@ from ...help_pages import DocumentedCommand
 from ...options.camera import CameraOptions
 from ...options.common import WholeRange
 from ...options.declared import option, takes
+from ...outputs import notice
 from .studio import ListenOptions
 
 
@@ -82,5 +83,5 @@ def command(
         source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation,
         host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish,
         threads=threads, tell=click.echo,
-        report=lambda sentence: click.echo(f"omnimirror: {sentence}", err=True),
+        report=notice,
     )  # fmt: skip

@@ -34,6 +34,7 @@ from ...outputs import (
     PICTURES,
     format_option,
     json_option,
+    notice,
     output_console,
     output_option,
     plain_table,
@@ -204,7 +205,7 @@ def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taki
 def _stopped(output: Path, done: int, what: str) -> None:
     """Say what is left of work that Ctrl-C has ended; the last word is the application's."""
     held = f"holds the {done} {what} that were done" if done else "was not written"
-    click.echo(f"omnimirror: {output} {held}", err=True)
+    notice(f"{output} {held}")
 
 
 @command.command(
@@ -273,7 +274,7 @@ def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
             raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
     kept, this = load_recipe(again), version("omnimirror")
     if kept.made_by != this:
-        click.echo(f"omnimirror: {again} is of omnimirror {kept.made_by}, and {this} may make other files", err=True)
+        notice(f"{again} is of omnimirror {kept.made_by}, and {this} may make other files")
     return kept.recipe
 
 
@@ -437,7 +438,7 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Pat
         except OutsideField as e:
             if name in sensors:
                 raise
-            click.echo(f"omnimirror: {e}", err=True)
+            notice(e)
             continue
         records.append({"sensor": name, "blur_share": found.blur_share} | asdict(found))
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...formats import Deviation, ProgramFormat, filled
+from ...formats import Code, Deviation, ProgramFormat, filled, quotable, write_script
 from ...rays.table import ray_table
 from ..fixed_views import ViewMap, check_small
 from .lattice import MapLattice, finest_lattice, interpolated, lattice_of, listed, spans_of, weights
@@ -22,10 +22,11 @@ FLOOR_REACH = 3.0  # heights, to which its error is told
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     source, header = paths
     values, lattice, rays = c_values(view)
-    name = re.sub(r"\W+", "_", source.stem).strip("_") or "view"
+    name = re.sub(r"[^A-Za-z0-9]+", "_", source.stem).strip("_") or "view"
     name = f"v_{name}" if name[0].isdigit() else name
+    names = {"name": Code(name), "guard": Code(name.upper()), "header": Code(quotable(header))}
     for path, template in ((source, "view.c.in"), (header, "view.h.in")):
-        path.write_text(filled(template, **values, name=name, guard=name.upper(), header=header.name), encoding="utf-8")
+        write_script(path, filled(template, **values, **names))
     bytes_ = 8 * lattice.nodes[..., 0].size + 12 * rays.nodes[..., 0].size
     return f"{view.sizes}, {bytes_ / 1000:.0f} KB of tables; {values['floor_words']}", deviation_of(lattice)
 
@@ -50,7 +51,7 @@ def c_values(view: ViewMap) -> tuple[dict[str, object], MapLattice, MapLattice]:
             **view.words,
             "step": lattice.step, "columns": lattice.nodes.shape[1], "bits": PLACE_BITS,
             "nodes": listed(flat(lattice.nodes * 2**PLACE_BITS)), "starts": listed(starts), "runs": listed(runs),
-            "floor_step": rays.step, "floor_columns": rays.nodes.shape[1], "origin_scale": f"{origin_scale:.1f}f",
+            "floor_step": rays.step, "floor_columns": rays.nodes.shape[1], "origin_scale": Code(f"{origin_scale:.1f}f"),
             "rays": listed(flat(whole)), "floor_starts": listed(floor_starts), "floor_runs": listed(floor_runs),
             "weights": braced(np.rint(1024 * weights(lattice.step))),
             "floor_words": f"floor within {floor_cm:.2g} cm at 1 m height, as far as {FLOOR_REACH:g} m",
@@ -93,9 +94,9 @@ def flat(values: NDArray[np.float64]) -> list[int]:
     return numbers
 
 
-def braced(values: NDArray[np.float64]) -> str:
-    """Rows of whole numbers, each in braces."""
-    return ",\n    ".join("{" + ", ".join(str(int(v)) for v in row) + "}" for row in values)
+def braced(values: NDArray[np.float64]) -> Code:
+    """Write rows of whole numbers, each in braces."""
+    return Code(",\n    ".join("{" + ", ".join(str(int(v)) for v in row) + "}" for row in values))
 
 
 C99: ProgramFormat[ViewMap] = ProgramFormat(_write, (".c", ".h"), "C99: ESP32, OpenMV, any microcontroller")

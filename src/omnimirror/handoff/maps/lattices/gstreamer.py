@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import numpy as np
 
 from ....errors import InvalidParameter
-from ...formats import Deviation, ProgramFormat, filled
+from ....escaping import gstreamer_comment, shell_word
+from ...formats import Code, Deviation, ProgramFormat, filled, write_script
 from ..fixed_views import ViewMap
 from ..shaders import CARD_PX
 from .lattice import MapLattice, finest_lattice, listed, spans_of
@@ -20,9 +20,10 @@ LONGEST_WORD = 120_000  # bytes of a command's argument, of which Linux takes 13
 def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     """glshader has one texture, the picture's: the map is constants of the shader, nodes with cubics between them."""
     script, shader = paths
+    comments = {key: Code(gstreamer_comment(str(view.words[key]))) for key in ("camera", "view")}
     for steps in (STEPS, STEPS[:-1]):  # where the finest is too long a coarser one is taken, and its cost is told
         lattice = finest_lattice(view.straighten, steps)
-        words = filled("view-gst.frag.in", **view.words, **_constants(lattice))
+        words = filled("view-gst.frag.in", **view.words | comments, **_constants(lattice))
         if len(words) <= LONGEST_WORD:
             break
     else:
@@ -30,9 +31,8 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
             f"the shader of this view takes {len(words)} bytes, and a command line holds {LONGEST_WORD} of them; "
             "valid are smaller views, without steps in them"
         )
-    shader.write_text(words, encoding="utf-8")
-    named = filled("view-gst.sh.in", **view.words, shader=shlex.quote(shader.name))
-    script.write_text(named, encoding="utf-8")
+    write_script(shader, words)
+    write_script(script, filled("view-gst.sh.in", **view.words, shader=Code(shell_word(shader.name))))
     why = f"cubics between nodes every {lattice.step} px, and 1/256 px of graphics cards"
     what = f"{view.sizes}, {lattice.nodes[..., 0].size} nodes"
     return what, Deviation(float(np.hypot(*lattice.error)) + CARD_PX, "px", why)

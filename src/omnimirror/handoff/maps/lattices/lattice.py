@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import factorized
 
 from ....errors import InvalidParameter
+from ...formats import Code
 
 Array = NDArray[np.float64]
 Spans = list[list[tuple[int, int]]]
@@ -87,10 +88,10 @@ def spans_of(spans: Spans) -> tuple[list[int], list[int]]:
     return starts.tolist(), [number for row in spans for run in row for number in run] or [0, 0]
 
 
-def listed(items: Iterable[object], in_line: int = 16) -> str:
-    """Items with commas between them, in lines."""
+def listed(items: Iterable[object], in_line: int = 16) -> Code:
+    """Join items by commas, in lines."""
     words = [str(item) for item in items]
-    return ",\n    ".join(",".join(words[i : i + in_line]) for i in range(0, len(words), in_line))
+    return Code(",\n    ".join(",".join(words[i : i + in_line]) for i in range(0, len(words), in_line)))
 
 
 def _nodes(count: int, step: int) -> int:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...formats import Deviation, ProgramFormat, filled
+from ....escaping import python_string
+from ...formats import Code, Deviation, ProgramFormat, filled, write_script
 from ..fixed_views import ViewMap
 from .c99 import c_values, deviation_of
 
@@ -19,14 +20,14 @@ def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
     floor = np.rint(rays.nodes * np.repeat([scale, 16384.0], 3)).clip(-32768, 32767).astype("<i2")
     seen = np.packbits(_mask(rays.spans, view.source_size[0]), axis=1)
     tables.write_bytes(places.tobytes() + floor.tobytes() + seen.tobytes())
-    script.write_text(
+    write_script(
+        script,
         filled(
-            "openmv_view.py.in", **view.words, tables=tables.name,
+            "openmv_view.py.in", **view.words, tables=tables.name, tables_name=Code(python_string(tables.name)),
             step=lattice.step, columns=lattice.nodes.shape[1], bits=values["bits"], rays_at=places.nbytes,
             floor_step=rays.step, floor_columns=rays.nodes.shape[1], origin_scale=float(scale),
             seen_at=places.nbytes + floor.nbytes, seen_bytes=seen.shape[1],
         ),
-        encoding="utf-8",
     )  # fmt: skip
     size = tables.stat().st_size / 1000
     return f"{view.sizes}, {size:.0f} KB; {values['floor_words']}", deviation_of(lattice)
