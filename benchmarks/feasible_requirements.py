@@ -21,6 +21,7 @@ from omnimirror.components.catalogue import read_catalogue
 from omnimirror.design.criteria.requirement_file import requirements_of
 from omnimirror.design.solve.candidates import make
 from omnimirror.design.solve.range_search import solve
+from omnimirror.errors import OmnimirrorError
 from omnimirror.files import write_text
 
 LOOSENED = 0.005  # relative
@@ -44,7 +45,7 @@ def feasible_requirements(seed: int) -> om.Requirements:
             wanted = requirements_of({**_with(tables, ranges), "limit": limits})
             if limits and om.judge(wanted, sensor).is_met:
                 return wanted
-        except om.OmnimirrorError:
+        except OmnimirrorError:
             continue
     raise RuntimeError(f"no sensor found for seed {seed}")
 
@@ -143,7 +144,7 @@ def main() -> None:
         try:
             verdict = solve(wanted)[1].verdict
             said = "" if verdict.is_met else f"misses {', '.join(verdict.missed)} by {verdict.worst:.2%}"
-        except om.OmnimirrorError as error:
+        except OmnimirrorError as error:
             said = str(error)
         times.append(time.process_time() - begin)
         if said:
