@@ -33,6 +33,7 @@ GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are
 STARTS, RESTARTS = 12, 5  # searches from other starts, and searches that begin where the last one ended
 SAME, AGREEING = 1e-4, 3  # relative difference of costs that count as equal; searches that have to agree
 ENOUGH_IF_MET = 5  # searches after which a candidate that meets everything is accepted
+RELAXED_STARTS = 4  # searches of relaxed requirements, the first of them from a design that meets them nearly
 GAIN = 1e-4  # relative gain below which a search is not repeated
 INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
 
@@ -209,7 +210,7 @@ def is_met(requirements: Requirements, begin: Iterable[Requirements] = ()) -> bo
     OmnimirrorError
         There is no such mirror at all.
     """
-    found = RangeSearch(requirements).best(begin, enough=0.0)
+    found = RangeSearch(requirements).best(begin, enough=0.0, starts=RELAXED_STARTS)
     return judge(requirements, found.made.sensor).is_met
 
 

@@ -26,7 +26,7 @@ from ..criteria.requirements import FARTHEST_FOCUS, Requirements
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative; a margin this little below 0 is none
-EDGE_PX = 0.02  # past the last pixel is still its edge: lens and focus are settled to this
+EDGE_PX = 0.02  # a rim image within this distance of the edge fills the imager
 REPORTED, MOST_ANGLES = 1001, 100_000  # field angles
 
 
@@ -48,8 +48,6 @@ class Judgement:
         Part of the field over which it is judged, if it is not all of it.
     is_limit
         Whether it is a ``[[limit]]``, not an entry that is simply given.
-    tolerance
-        By how much it may be missed and yet counts as met: what lens and focus are settled to.
     remarks
         What of the field asked for is not judged, and why; what by itself is too much.
     """
@@ -62,12 +60,16 @@ class Judgement:
     omega_deg: float | None = None
     part_deg: tuple[float, float] | None = None
     is_limit: bool = False
-    tolerance: float = 0.0
     remarks: tuple[str, ...] = ()
 
     @property
     def margin(self) -> float:
-        """How far it is kept; below 0 by how much it is missed."""
+        """Distance to the limit; negative only where the requirement is missed, by how much."""
+        return max(self._difference, 0.0) if self.is_met else self._difference
+
+    @property
+    def _difference(self) -> float:
+        """The margin before rounding errors are removed."""
         sides = [self.reached - self.at_least] if self.at_least is not None else []
         sides += [self.at_most - self.reached] if self.at_most is not None else []
         return min(sides)
@@ -80,12 +82,12 @@ class Judgement:
 
     @property
     def is_met(self) -> bool:
-        return self.margin >= -max(ROUNDING * self.scale, self.tolerance)
+        return self._difference >= -ROUNDING * self.scale
 
     @property
     def shortfall(self) -> float:
         """By what share of what was asked it is missed; below 0 by what share it is kept."""
-        return -self.margin / self.scale
+        return -self._difference / self.scale
 
     @property
     def label(self) -> str:
@@ -220,9 +222,7 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     lens, largest = requirements.lens, requirements.largest_image_px
     rows = [
         Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
-        Judgement(
-            "image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX, remarks=cut_off(sensor)
-        ),
+        Judgement("image_radius_px", "px", None, largest, sensor.rim_radius_px, remarks=cut_off(sensor)),
     ]
     optics = sensor.lens
     if isinstance(optics, GaussianLens):
