@@ -446,24 +446,31 @@ class Limit:
         share: Array = np.maximum(high, low) / self.scale
         return share
 
-    def excess(self, field: FieldValues) -> Array:
-        """By what share of what is asked it is missed, as rows (.., r) of which each is smooth; below 0 where kept.
+    def excess(self, field: FieldValues, distances: int = 1) -> Array:
+        """Return the relative violations as rows (.., r) that are each smooth; negative where the limit is met.
 
         Parameters
         ----------
         field
-            What happens at the field angles.
+            Values at the field angles, for one object distance after the other.
+        distances
+            Number of object distances. A spread or a ratio is taken within each of them.
 
         Returns
         -------
         (.., r) array
-            Shares; above 0 where it is missed.
+            Relative violations; positive where the limit is violated.
         """
+        blocks = [field]
+        if distances > 1 and self.of.takes in ("spread", "ratio"):
+            size = max(values.shape[-1] for values in field) // distances
+            blocks = [field.part(slice(i * size, (i + 1) * size)) for i in range(distances)]
         rows = []
-        if self.at_most is not None:
-            rows.append(self.of.above(field, self.at_most))
-        if self.at_least is not None:
-            rows.append(self.of.below(field, self.at_least))
+        for block in blocks:
+            if self.at_most is not None:
+                rows.append(self.of.above(block, self.at_most))
+            if self.at_least is not None:
+                rows.append(self.of.below(block, self.at_least))
         return np.concatenate(rows, axis=-1) / self.scale
 
 

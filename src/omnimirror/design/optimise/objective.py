@@ -162,7 +162,7 @@ def requirements_of(
     if problem.has_view_to_clear:
         yield CLEAR, space.hidden_from(omega, hidden)
     for i, limit in enumerate(problem.limits):
-        yield i, limit.excess(field.at(counting(*(limit.omega_deg or ()))))
+        yield i, limit.excess(field.at(counting(*(limit.omega_deg or ()))), len(problem.distances_mm))
 
 
 def _beside(rows: list[Array], count: int) -> Array:

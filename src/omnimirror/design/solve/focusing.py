@@ -183,8 +183,8 @@ class Focusing:
         return {part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(asked)}
 
     @property
-    def _rows(self) -> int:
-        """How many objects count at each field angle."""
+    def distances(self) -> int:
+        """Number of object distances evaluated at each field angle."""
         return 1 if self.field.has_surfaces else len(distances_mm(self.field))
 
     @cached_property
@@ -210,7 +210,7 @@ class Focusing:
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
         """The optics (k,) of each part, for one object distance after the other."""
-        shape = (self._rows, self.points * len(self._parts))
+        shape = (self.distances, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 

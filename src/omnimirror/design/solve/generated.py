@@ -226,7 +226,9 @@ class GeneratedSpace:
         found: dict[Key, Array] = {}
         with np.errstate(all="ignore"):
             for i, limit in enumerate(self.requirements.limits):
-                found[i] = np.nan_to_num(np.atleast_2d(limit.excess(looked.at(v, limit)))[0], nan=-1.0)
+                found[i] = np.nan_to_num(
+                    np.atleast_2d(limit.excess(looked.at(v, limit), looked.distances))[0], nan=-1.0
+                )
             if not self.requirements.limits:
                 found[AREA] = np.atleast_2d(looked.at(v).log_area)[0]
         for row in given_rows(asked, sensor):

@@ -26,7 +26,7 @@ from ..criteria.requirements import FARTHEST_FOCUS, Requirements
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative; a margin this little below 0 is none
-EDGE_PX = 0.02  # a rim image within this distance of the edge fills the imager
+EDGE_PX = 0.02  # past the last pixel is still its edge
 REPORTED, MOST_ANGLES = 1001, 100_000  # field angles
 
 
@@ -48,6 +48,8 @@ class Judgement:
         Part of the field over which it is judged, if it is not all of it.
     is_limit
         Whether it is a ``[[limit]]``, not an entry that is simply given.
+    tolerance
+        Amount by which the limit may be exceeded: the edge of the outermost pixel is known to this.
     remarks
         What of the field asked for is not judged, and why; what by itself is too much.
     """
@@ -60,6 +62,7 @@ class Judgement:
     omega_deg: float | None = None
     part_deg: tuple[float, float] | None = None
     is_limit: bool = False
+    tolerance: float = 0.0
     remarks: tuple[str, ...] = ()
 
     @property
@@ -69,7 +72,7 @@ class Judgement:
 
     @property
     def _difference(self) -> float:
-        """The margin before rounding errors are removed."""
+        """The margin without the tolerance."""
         sides = [self.reached - self.at_least] if self.at_least is not None else []
         sides += [self.at_most - self.reached] if self.at_most is not None else []
         return min(sides)
@@ -82,7 +85,7 @@ class Judgement:
 
     @property
     def is_met(self) -> bool:
-        return self._difference >= -ROUNDING * self.scale
+        return self._difference >= -max(ROUNDING * self.scale, self.tolerance)
 
     @property
     def shortfall(self) -> float:
@@ -222,7 +225,9 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     lens, largest = requirements.lens, requirements.largest_image_px
     rows = [
         Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
-        Judgement("image_radius_px", "px", None, largest, sensor.rim_radius_px, remarks=cut_off(sensor)),
+        Judgement(
+            "image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX, remarks=cut_off(sensor)
+        ),
     ]
     optics = sensor.lens
     if isinstance(optics, GaussianLens):
