@@ -441,8 +441,8 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
 
 
 @pytest.mark.full
-def test_a_design_with_three_ranges_and_its_conflict_take_some_hundred_mirrors(monkeypatch):
-    """Each is a lens before a mirror, focused: 792 of them; the time goes there."""
+def test_a_design_with_three_ranges_its_relaxations_and_alternatives_evaluate_a_limited_number_of_mirrors(monkeypatch):
+    """Most of the time is spent on these evaluations, 19859 when this was written, most of them for alternatives."""
     import omnimirror.design.solve.candidates as making
 
     made, real = [], making._before_lens
@@ -452,4 +452,4 @@ def test_a_design_with_three_ranges_and_its_conflict_take_some_hundred_mirrors(m
         text = re.sub(f"{name} = .*", f"{name} = {span}", text)
     design = design_sensor(parse_requirements(text))
     assert design.conflict is not None
-    assert 0 < len(made) < 1500
+    assert 0 < len(made) < 30_000
