@@ -107,6 +107,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/built_designs.py --out out/benchmarks
 	$(BIN)/python benchmarks/parts_search.py --out out/benchmarks
+	$(BIN)/python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_peers.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_cluster.py --out out/benchmarks

@@ -33,6 +33,8 @@ GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are
 STARTS, RESTARTS = 12, 5  # searches from other starts, and searches that begin where the last one ended
 SAME, AGREEING = 1e-4, 3  # relative difference of costs that count as equal; searches that have to agree
 ENOUGH_IF_MET = 5  # searches after which a candidate that meets everything is accepted
+NEAR_MISS = 0.05  # cost below which the search goes on without derivatives
+SIMPLEX, SIMPLEX_STEPS = 0.05, 60  # of the ranges: first steps; evaluations for each free number
 RELAXED_STARTS = 4  # searches of relaxed requirements, the first of them from a design that meets them nearly
 GAIN = 1e-4  # relative gain below which a search is not repeated
 INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
@@ -109,10 +111,10 @@ class RangeSearch:
             best = min(ends, key=lambda c: c.cost)
             agreeing = sum(c.cost - best.cost <= SAME * abs(best.cost) for c in ends)
             if best.cost <= enough or agreeing >= AGREEING or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET):
-                return best
+                break
         if not ends:
             return self.judged(middle)  # raises the reason
-        return best
+        return self._by_simplex(best) if starts is None and 0 < best.cost < NEAR_MISS else best
 
     def _starts(self, begin: Iterable[Requirements], middle: Requirements) -> Iterator[Ranked]:
         """Yield the starts of the searches: designs found before, then the grid, alternately the best and the one
@@ -134,6 +136,34 @@ class RangeSearch:
         entries = candidate.made.settled.tables()
         values = {**entries["field"], **entries["mirror"], **entries["lens"]}
         return np.array([(values[name] - low) / (high - low) for name, (low, high) in self.free.items()])
+
+    def _by_simplex(self, start: Ranked) -> Ranked:
+        """Follow a candidate that nearly meets the requirements without derivatives, until it meets them.
+
+        Linear programmes take the effect of a fit for constant between two fits; this search does not.
+        """
+        from scipy.optimize import minimize
+
+        best, spans = start, np.array([*self.free.values()])
+        settled = start.made.settled.changed(focus_mm=self.requirements.lens.focus_mm)
+
+        def cost(place: NDArray[np.float64]) -> float:
+            nonlocal best
+            if best.cost <= 0:
+                return INFEASIBLE
+            numbers = spans[:, 0] + np.clip(place, 0.0, 1.0) * (spans[:, 1] - spans[:, 0])
+            found = self._tried(settled.changed(**dict(zip(self.free, numbers.tolist(), strict=True))))
+            if found is None:
+                return INFEASIBLE
+            best = min(best, found, key=lambda c: c.cost)
+            return found.cost
+
+        place = self._place(start)
+        corners = [place, *(place + np.where(place < 0.5, SIMPLEX, -SIMPLEX) * unit for unit in np.eye(place.size))]
+        options = {"initial_simplex": np.array(corners), "maxfev": SIMPLEX_STEPS * place.size, "xatol": 1e-6,
+                   "fatol": 1e-7}  # fmt: skip
+        minimize(cost, place, method="Nelder-Mead", bounds=[(0.0, 1.0)] * place.size, options=options)
+        return best
 
     def _followed(self, start: Ranked, enough: float) -> Ranked:
         """Follow one start to its optimum: the linear programmes begin anew while they gain something."""
