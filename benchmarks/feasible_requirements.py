@@ -147,9 +147,9 @@ def main() -> None:
         except OmnimirrorError as error:
             said = str(error)
         times.append(time.process_time() - begin)
+        print(f"seed {seed}, {times[-1]:.1f} s: {said or 'met'}", flush=True)
         if said:
             missed.append(seed)
-            print(f"seed {seed}, {times[-1]:.1f} s: {said}", flush=True)
             if arguments.keep:
                 write_text(arguments.keep / f"feasible-{seed}.toml", om.format_requirements(wanted))
     table = "\n".join(

@@ -116,16 +116,17 @@ def test_a_fitted_mirror_fills_the_imager_and_nothing_is_missed_without_limits(o
     assert all(r.margin >= 0 for r in found.rows)
 
 
+CYLINDER, EQUIDISTANT = 'mapping = "cylinder"\ncylinder_radius_mm = 150.0', 'mapping = "equidistant"\napex = "pointed"'
+
+
 @pytest.mark.parametrize(
     ("mirror", "low", "diameter"),
     few(
-        [(mirror, low, diameter)
-         for mirror in ('mapping = "cylinder"\ncylinder_radius_mm = 150.0', 'mapping = "equidistant"\napex = "pointed"')
-         for low in (45.0, 60.0) for diameter in (60.0, 90.0)],
-        ('mapping = "cylinder"\ncylinder_radius_mm = 150.0', 45.0, 60.0),
-        ('mapping = "equidistant"\napex = "pointed"', 60.0, 90.0),
+        [(CYLINDER, 45.0, 60.0), (CYLINDER, 60.0, 90.0), (EQUIDISTANT, 50.0, 60.0), (EQUIDISTANT, 60.0, 90.0)],
+        (CYLINDER, 45.0, 60.0),
+        (EQUIDISTANT, 60.0, 90.0),
     ),
-)  # fmt: skip
+)
 def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested(mirror, low, diameter):
     sensor = make(parse_requirements(PIPE.format(mirror=mirror, low=low, diameter=diameter))).sensor
     assert sensor.field_deg == pytest.approx((low, 110.0), abs=1e-6)

@@ -120,6 +120,9 @@ class LensAndCover:
                 step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
             before = inside[0], missed[0]
             inside = inside + step
+            is_settled = abs(missed[1]) < np.degrees(CLOSE) and before[0] == MIN_CENTRE_DEG and inside[0] <= before[0]
+            if is_settled:  # the angle is out of reach
+                break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
         return found
 
