@@ -18,9 +18,11 @@ from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError
 from ...files import check_file
+from ..pictures.orientation import QUARTER_TURNS, STORED, UPRIGHT, WORDS
 from .display import Display, dynamic_kinds
 from .frames import Colour, siting_of
 from .interlace import Fields
+from .orientation import SITED_LEFT, orientation_of, upright
 from .sequences import first_number, is_sequence, numbered_files
 from .timecode import later, timecode_of
 
@@ -39,8 +41,8 @@ CUT_SHORT_S = 0.5
 class VideoReader:
     """A video file: what it is, and its frames and sound from one time to another.
 
-    Frames come as they are stored: a rotation noted beside them is told and not applied, since a
-    calibration belongs to the stored pixels. Interlaced pictures are made whole (:class:`.fields.Fields`).
+    The rotation or mirroring that a file carries for its frames (display matrix) is applied, as FFmpeg and players do,
+    unless ``stored_orientation`` is set. Interlaced pictures are made whole (:class:`.fields.Fields`).
     Only the first video stream is read, with all audio streams; subtitles and data are left out. Each pass
     reads the file anew.
 
@@ -57,6 +59,8 @@ class VideoReader:
         Whether audio packets are read too.
     frame_rate : frames a second
         Of numbered pictures; files tell their own.
+    stored_orientation
+        Return frames as they are stored, for a camera that was calibrated with stored pixels.
 
     Raises
     ------
@@ -80,6 +84,7 @@ class VideoReader:
         duration_s: float | None = None,
         with_sound: bool = True,
         frame_rate: float = 25.0,
+        stored_orientation: bool = False,
     ) -> None:
         self.path = Path(path)
         self._options: dict[str, str] = {}
@@ -95,6 +100,7 @@ class VideoReader:
         self.start_s = start_s
         self.duration_s = duration_s
         self.with_sound = with_sound
+        self.stored_orientation = stored_orientation
         self._container = self._open()
         try:
             self._probe()
@@ -108,21 +114,34 @@ class VideoReader:
         first = next(_decoded(self._container, stream), None)
         if first is None:
             raise MediaError(f"no frame of the video {self.path} can be decoded; it is damaged or cut short")
-        self.size: tuple[int, int] = (first.width, first.height)
+        found = orientation_of(first)
+        self.orientation = UPRIGHT if found is None or self.stored_orientation else found
+        """What is applied to the stored frames, as in EXIF, 1 to 8."""
+        is_quarter_turn = self.orientation in QUARTER_TURNS
+        self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
         self.colour = Colour.told_by(first)
         self.siting = siting_of(stream.codec_context.name)
+        if self.siting == "left":
+            self.siting = SITED_LEFT.get(self.orientation, self.siting)
         self.notes: list[str] = []
         """What whoever reads the file should know of it, in sentences."""
+        if self.orientation != UPRIGHT:
+            self.notes.append(f"{self.path}: {WORDS[self.orientation]}, as the file requires; {STORED}")
+        elif found is None:
+            self.notes.append(f"{self.path}: its rotation is not a multiple of 90 deg and is not applied")
+        elif found != UPRIGHT:
+            self.notes.append(f"{self.path}: frames as stored; for display they are {WORDS[found]}")
         if first.interlaced_frame:
             self.notes.append(f"{self.path} is interlaced; each picture is made whole from its first field")
         beside: Any = first.side_data
         self.display = Display.of(beside)
         if dynamic := dynamic_kinds(beside):
             self.notes.append(f"{self.path} tells players by {dynamic} how to show each picture, which is not kept")
-        self.rotation_deg: int = first.rotation
-        self.pixel_aspect = stream.sample_aspect_ratio or Fraction(1)
+        self.rotation_deg: int = first.rotation if self.orientation == UPRIGHT else 0
+        aspect = stream.sample_aspect_ratio or Fraction(1)
+        self.pixel_aspect = 1 / aspect if is_quarter_turn else aspect
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
@@ -298,7 +317,8 @@ class _Pass:
         except av.error.EOFError:  # flushed before
             pass
         whole = [ready for frame in frames for ready in self.fields(frame)]
-        return whole if packet.size else whole + self.fields.rest()
+        whole = whole if packet.size else whole + self.fields.rest()
+        return [upright(frame, self.reader.orientation) for frame in whole]
 
     def _note(self, packet: AnyPacket) -> None:
         if packet.size:
