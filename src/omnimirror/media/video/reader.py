@@ -25,6 +25,7 @@ from .interlace import Fields
 from .orientation import SITED_LEFT, orientation_of, upright
 from .sequences import first_number, is_sequence, numbered_files
 from .timecode import later, timecode_of
+from .tracks import CLOCKED, chapters_between, lost_tracks, text_subtitles
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -43,8 +44,8 @@ class VideoReader:
 
     The rotation or mirroring that a file carries for its frames (display matrix) is applied, as FFmpeg and players do,
     unless ``stored_orientation`` is set. Interlaced pictures are made whole (:class:`.fields.Fields`).
-    Only the first video stream is read, with all audio streams; subtitles and data are left out. Each pass
-    reads the file anew.
+    Only the first video stream is read, with all audio streams, text subtitles and chapters; ``notes`` names other
+    tracks that are lost. Each pass reads the file anew.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class VideoReader:
         How much to read; all the rest where not given. Frames whose time lies in [start, start + duration)
         are read, with the times in the file less ``start_s``.
     with_sound
-        Whether audio packets are read too.
+        Whether packets of audio and subtitles are read too.
     frame_rate : frames a second
         Of numbered pictures; files tell their own.
     stored_orientation
@@ -149,6 +150,17 @@ class VideoReader:
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = later(timecode, frames, self.frame_rate)
         self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_sound else ()
+        self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
+        """Streams of text subtitles, whose packets come with those of the audio."""
+        origin = _origin(self._container)
+        start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
+        length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
+        self.chapters = chapters_between(self._container, start, None if length is None else start + length)
+        is_clocked = any(name in CLOCKED for name in self._container.format.name.split(","))
+        self.begins_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
+        """Time in the file at which it begins; times of frames and packets count from it."""
+        if self.with_sound and (lost := " and ".join(lost_tracks(self._container))):
+            self.notes.append(f"{self.path}: not kept are {lost}")
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
         self.whole_s = _duration(self._container, stream)
         if self.whole_s is not None and self.start_s >= self.whole_s:
@@ -224,7 +236,8 @@ class _Pass:
         self.video = container.streams.video[0]
         self.tick = reader.time_base
         self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
-        self.lasting = {stream.index: own for stream, own in zip(self.audio, reader.audio_streams, strict=False)}
+        self.subtitles = [container.streams[own.index] for own in reader.subtitle_streams]
+        self.lasting = {own.index: own for own in (*reader.audio_streams, *reader.subtitle_streams)}
         """The reader's own streams: packets are looked at after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
@@ -284,8 +297,8 @@ class _Pass:
 
     def _timed(self) -> Iterator[tuple[Item, Fraction]]:
         """Frames and packets with their times in the file (s), until both pictures and sound have passed the end."""
-        streams = [self.video, *self.audio]
-        running = {stream.index for stream in streams}
+        streams = [self.video, *self.audio, *self.subtitles]
+        running = {stream.index for stream in (self.video, *self.audio)}  # subtitles may be far apart
         expected = Fraction(0)
         for packet in self.container.demux(streams):
             self._note(packet)
@@ -300,7 +313,7 @@ class _Pass:
                     yield frame, time
                     if self.end is not None and time >= self.end:
                         running.discard(packet.stream.index)
-            elif packet.pts is not None:
+            elif packet.pts is not None and packet.size:
                 packet.stream = self.lasting[packet.stream_index]
                 yield packet, _time(packet)
                 if self.end is not None and _time(packet) >= self.end:
