@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
+import subprocess
 
 # As in commands, and before NumPy reads it: processes share the cores already, and threads that wait for each other at
 # every small product would take three times as long for a calibration.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -192,3 +195,20 @@ def launched():
         yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(
             executable_path=executable, args=flags + camera
         )
+
+
+@pytest.fixture
+def display(monkeypatch):
+    """An X server without a screen that anybody sees."""
+    program = shutil.which("Xvfb")
+    if program is None or find_spec("_tkinter") is None:
+        pytest.skip("there is no Xvfb to show a window, or no Tk to draw it")
+    read, write = os.pipe()
+    command = [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as told:
+        monkeypatch.setenv("DISPLAY", ":" + told.readline().strip())
+    yield
+    server.terminate()
+    server.wait()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arguments import finite, instance, numbers, places, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
-from .errors import InvalidParameter
+from .errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from .frames import Mount, turned
 from .housing import Housing
 from .imagers import ImagePlane, Imager, ImagerPose
@@ -770,7 +770,12 @@ class Sensor:
 
     @cached_property
     def _is_one_to_one(self) -> bool:
-        return self.aligned().meridian.omega_max > 0
+        try:
+            return self.aligned().meridian.omega_max > 0
+        except NotOneToOne:
+            raise
+        except OmnimirrorError:  # aligned, it would not be a sensor for another reason, which does not concern this one
+            return True
 
     def _in_picture(self, image_mm: Array) -> Projection:
         """Pixels of places (n, 2) mm on a square imager; NaN, or outside, is not valid."""

@@ -10,15 +10,18 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import av
+import click
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 import omnimirror as om
-from omnimirror.cli import main
+from omnimirror.cli import app, main
 from omnimirror.cli.commands.evaluation import sensors
 from omnimirror.native import backend
 from tests.commands import omnimirror
@@ -28,6 +31,18 @@ BALL = ("--ball", "31.5,31.5,30,300")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 MARK = "OMNIMIRROR_TEST_RUN"
 """Variable by which processes that a command started are found."""
+REQUIREMENTS = """
+[field]
+omega_max_deg = 120
+[mirror]
+family = "sphere"
+rim_radius_mm = 30
+[[limit]]
+quantity = "total_blur_deg"
+at_most = 0.8
+"""
+PARTS = '[parts]\ncatalogue = "typical"\n'
+PATH = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n100,1000,0,0\n"
 VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -53,13 +68,98 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "studio": (("studio", "--no-open"), "stdout"),
     "view": (("view", "long.mp4", *BALL, "--no-open"), "stdout"),
     "serve": (("serve", "long.mp4", "--views", "views.toml", *BALL), "stdout"),
+    "serve and publish": (
+        ("serve", "long.mp4", "--views", "views.toml", *BALL, "--publish", "udp://127.0.0.1:9/{view}"), "2 processes",
+    ),
+    "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
+    "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
+    "dewarp in a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "media.live.outputs:Preview.write",
+    ),
+    "calibrate": (
+        ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
+    ),
+    "design with parts": (("design", "parts.toml", "--processes", "2", "--most", "999"), "3 processes"),
+    "learning": (
+        ("simulate", "learning", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*",
+    ),
 }  # fmt: skip
-"""Commands at work, and the file that shows it; without one, that they have begun to listen to signals."""
-KEEP = ("dewarp", "simulate", "dataset", "design")
+"""Commands at work and what shows it: a file, a line of output, processes, a function called, or a signal handler."""
+REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
+    "sensors": (("sensors",), "cli.commands.evaluation.sensors:load_sensor"),
+    "init": (("init", "new.toml", "--force"), "cli.commands.design.init:write_text"),
+    "judge": (("judge", "lens.toml", "paper-spherical"), "cli.commands.design.judge:judge"),
+    "mappings": (("mappings", "--figure", "a.png"), "figures:save_figure"),
+    "rays": (("rays", "paper-spherical", "-o", "out", "--step", "8"), "cli.commands.handoff.rays:write_rays"),
+    "maps": (
+        ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
+        "cli.commands.handoff.maps:write_maps",
+    ),
+    "colmap": (
+        ("colmap", "paper-spherical", "view", "--size", "64", "-o", "out"), "cli.commands.handoff.colmap:write_colmap",
+    ),
+    "spots": (("spots", "paper-spherical", "-o", "a.png"), "cli.commands.evaluation.spots:spots"),
+    "psf": (("psf", "paper-spherical"), "cli.commands.evaluation.psf:psf"),
+    "mtf": (("mtf", "paper-spherical"), "cli.commands.evaluation.mtf:mtf"),
+    "illumination": (("illumination", "paper-spherical"), "cli.commands.evaluation.illumination:illumination"),
+    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "cli.commands.evaluation.form:form_error"),
+    "compare": (
+        ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
+        "cli.commands.evaluation.compare:compare",
+    ),
+    "roundtrip": (
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "cli.commands.pictures.simulate:load_sensor",
+    ),
+    "bracket take": (
+        ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
+        "cli.commands.pictures.bracket:expose",
+    ),
+    "bracket merge": (
+        ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
+        "cli.commands.pictures.bracket:merge_bracket",
+    ),
+    "board": (
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "cli.commands.calibration.board:write_board",
+    ),
+    "rim": (("rim", "view/0.png", "--figure", "a.png"), "cli.commands.calibration.rim:find_rim"),
+    "lines": (
+        ("lines", "view/0.png", "--camera", "paper-spherical", "--rim", "128", "128", "120"),
+        "cli.commands.calibration.lines:calibrate_lines",
+    ),
+    "uncertainty": (("uncertainty", "paper-spherical"), "cli.commands.calibration.uncertainty:load_camera"),
+    "convert": (
+        ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds"), "cli.commands.calibration.convert:convert",
+    ),
+    "apertures": (("apertures", "paper-spherical"), "cli.commands.design.apertures:best_apertures"),
+}  # fmt: skip
+"""Commands that end soon, and the function of their module that a test repeats until a signal comes."""
+REPEAT = """
+import functools, importlib, pathlib, sys
+from omnimirror.__main__ import run
+is_repeated = bool(sys.argv.pop(1))
+module, name = sys.argv.pop(1).split(":")
+*owners, name = name.split(".")
+owner = functools.reduce(getattr, owners, importlib.import_module(module))
+function = getattr(owner, name)
+@functools.wraps(function)
+def repeated(*args, **more):
+    pathlib.Path("begun").touch()
+    while is_repeated:
+        function(*args, **more)
+    return function(*args, **more)
+setattr(owner, name, repeated)
+run()
+"""
+KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
 """Commands that first say what was done and kept."""
 EVERYDAY = [
     ("reproduce", signal.SIGTERM), ("tolerance", signal.SIGHUP), ("dewarp a video", signal.SIGHUP),
     ("simulate", signal.SIGTERM), ("studio", signal.SIGHUP), ("serve", signal.SIGTERM), ("evaluate", signal.SIGINT),
+    ("calibrate", signal.SIGTERM), ("serve and publish", signal.SIGHUP), ("dewarp a bag", signal.SIGTERM),
+    ("dewarp with a preview", signal.SIGTERM), ("dewarp in a preview", signal.SIGHUP),
+    ("design with parts", signal.SIGINT), ("rim", signal.SIGHUP),
+    ("lines", signal.SIGTERM), ("form", signal.SIGTERM), ("colmap", signal.SIGINT), ("rays", signal.SIGHUP),
+    ("maps", signal.SIGTERM), ("judge", signal.SIGHUP),
 ]  # fmt: skip
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc")
@@ -118,27 +218,72 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
     if "many" in words:
         for number in range(100):
             om.write_image(folder / "many" / f"{number}.png", picture)
+    for name, count, side in (("boards", 400, 320), ("view", 1, 256), ("large", 1, 1024)):
+        if any(word.startswith(name) for word in words):
+            for number in range(count):
+                om.write_image(folder / name / f"{number}.png", noise(side))
+    if "ride" in words:
+        ride(folder / "ride", picture)
+    if "points.csv" in words:
+        x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30)))
+        z = om.load_sensor("paper-spherical").mirror.sag(np.hypot(x, y))
+        np.savetxt(folder / "points.csv", np.column_stack([x, y, z]), delimiter=",")
     (folder / "views.toml").write_text(VIEWS)
+    (folder / "requirements.toml").write_text(REQUIREMENTS)
+    (folder / "lens.toml").write_text(REQUIREMENTS + "[lens]\ntheta_max_deg = 12\n")
+    (folder / "parts.toml").write_text(REQUIREMENTS + PARTS)
+    (folder / "path.csv").write_text(PATH)
 
 
-@pytest.mark.parametrize(("name", "number"), few([(name, n) for name in ENDLESS for n in SIGNALS], *EVERYDAY))
-def test_a_signal_ends_a_command_without_leftovers(name, number, place):
-    words, file = ENDLESS[name]
+def noise(side: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (side, side, 3), np.uint8)
+
+
+def ride(folder: Path, picture: np.ndarray) -> None:
+    """Write a recording of a robot, with one picture again and again."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    height, width = picture.shape[:2]
+    with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        kind = "sensor_msgs/msg/Image"
+        connection = writer.add_connection("/camera/image_raw", kind, typestore=store)
+        for number in range(500):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](number, 0), "camera")
+            message = types[kind](header, height, width, "rgb8", 0, 3 * width, picture.ravel())
+            writer.write(connection, number * 10**9, store.serialize_cdr(message, kind))
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY)
+)
+def test_a_signal_ends_a_command_without_leftovers(name, number, place, request):
+    program = ["-m", "omnimirror"]
+    words, file = (ENDLESS | REPEATED)[name]
+    if ":" in file:
+        program = ["-c", REPEAT, "repeated" if name in REPEATED else "", f"omnimirror.{file}"]
+        file = "begun"
+    if "--preview" in words:
+        request.getfixturevalue("display")
     work, temporary = place / "work", place / "temporary"
     prepare(work, words)
     environment = {**os.environ, MARK: str(place), "TMPDIR": str(temporary)}
     with subprocess.Popen(
-        [sys.executable, "-m", "omnimirror", *words], cwd=work, env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL,
+        [sys.executable, *program, *words], cwd=work, env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, process_group=0,
         preexec_fn=unignored,
     ) as run:  # fmt: skip
         if file == "stdout":
             assert run.stdout.readline()
+        elif file.endswith("processes"):
+            wait_until(lambda: len(processes_of(str(place))) >= int(file.split()[0]), run)
         elif file:
             wait_until(lambda: any(work.glob(file)), run)
         else:
             wait_until(lambda: listens(run.pid, number), run)
-        run.send_signal(number)
+        if number == signal.SIGTERM:
+            run.send_signal(number)
+        else:  # a terminal sends it to all processes of the command
+            os.killpg(run.pid, number)
         said = run.communicate()[1]
     assert run.returncode == 128 + number, said
     assert "Traceback" not in said
@@ -149,6 +294,36 @@ def test_a_signal_ends_a_command_without_leftovers(name, number, place):
     assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []
     assert list(temporary.rglob("*omnimirror*")) == []
     assert processes_of(str(place)) == []
+
+
+def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Words of every command below one."""
+    if not isinstance(command, click.Group):
+        yield words
+        return
+    context = click.Context(command)
+    for name in command.list_commands(context):
+        yield from leaves(command.get_command(context, name), (*words, name))
+
+
+def test_a_signal_that_another_error_wraps_ends_a_command(monkeypatch, capsys):
+    """As the interpreter does around ``__set_name__`` while modules are imported."""
+
+    class Deaf:
+        def __set_name__(self, owner, name):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(sensors, "bundled_sensors", lambda: type("Owner", (), {"attribute": Deaf()}))
+    with pytest.raises(SystemExit) as ended:
+        main(["sensors"])
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert "omnimirror: stopped" in capsys.readouterr().err
+
+
+def test_signals_are_sent_to_every_command():
+    called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
+    called.append(("simulate", "picture"))  # as which "simulate SENSOR" is read
+    assert [words for words in leaves(app) if not any(words == those[: len(words)] for those in called)] == []
 
 
 def test_hang_ups_that_are_ignored_stay_so(tmp_path):

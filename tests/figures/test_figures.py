@@ -15,13 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.text import Text
+from scipy.optimize import minimize
 
 import omnimirror as om
 from omnimirror import figures
 from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
-from omnimirror.figures.labels import spread
+from omnimirror.figures.labels import EndLabels, shown_points, spread
 from omnimirror.figures.raytraces import ray_traces
 from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
 from omnimirror.figures.subjects import subjects_of
@@ -210,6 +211,73 @@ def test_spread_keeps_apart_in_order_and_inside(seed):
     assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
     assert placed.min() >= 0
     assert placed.max() <= 10
+
+
+def test_spread_is_the_least_squares_solution():
+    """Against a general solver of the same problem."""
+    rng = np.random.default_rng(3)
+    for gap, low, high in ((0.9, 0.0, 10.0), (1.6, -2.0, 7.0), (0.0, 0.0, 10.0)):
+        sought = np.sort(rng.uniform(-1, 11, 6))
+        found = minimize(
+            lambda at, sought=sought: np.sum((at - sought) ** 2),
+            np.linspace(low, high, 6),
+            jac=lambda at, sought=sought: 2 * (at - sought),
+            bounds=[(low, high)] * 6,
+            constraints={"type": "ineq", "fun": lambda at, gap=gap: np.diff(at) - gap},
+            method="SLSQP",
+            options={"ftol": 1e-12},
+        )
+        np.testing.assert_allclose(spread(sought, gap, low, high), found.x, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("sought", "placed"),
+    [
+        ([], []),
+        ([5.0], [5.0]),
+        ([-5.0], [0.0]),
+        ([12.0], [10.0]),
+        ([9.0, 1.0], [9.0, 1.0]),
+        ([4.0, 4.0], [3.5, 4.5]),
+        ([5.0, 5.0, 5.0], [4.0, 5.0, 6.0]),
+        ([9.9, 10.0], [9.0, 10.0]),
+        ([0.0] * 21, np.linspace(0, 10, 21)),
+    ],
+)
+def test_spread_of_few_labels(sought, placed):
+    """Alone, in reverse order, at the same place, at the edge, and more than fit."""
+    np.testing.assert_allclose(spread(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
+
+
+def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
+    """Without other labels near, a label is level with its point, in the colour of its line, 7 pt from the axes."""
+    figure = Figure(dpi=144)
+    ax = figure.subplots()
+    ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
+    x = np.arange(6.0)
+    up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
+    assert shown_points(ax, up).tolist() == [True] * 5 + [False]
+    assert not shown_points(ax, outside).any()
+    labels = EndLabels(figure)
+    labels.of_line(ax, up, "up")
+    labels.of_line(ax, outside, "outside")
+    labels.at(ax, 1.0, 2.0, "at", "green")
+    assert labels.settle() is figure
+    figure.draw_without_rendering()
+    assert [(t.get_text(), t.get_color(), t.xy) for t in ax.texts] == [
+        ("up", "red", (4.0, 9.0)),
+        ("at", "green", (1.0, 2.0)),
+    ]
+    for text in ax.texts:
+        box = Text.get_window_extent(text)
+        level = ax.transData.transform(text.xy)[1]
+        assert (box.y0 + box.y1) / 2 == pytest.approx(level, abs=box.height / 4)
+        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=2.0)
+        assert text.get_fontsize() == 6.5
+    labels.at(ax, 1.0, 2.0, "again", "green")
+    figure.draw_without_rendering()
+    levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
+    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.05)
 
 
 def test_figures_draw_what_was_evaluated():

@@ -154,14 +154,15 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "ColmapProject", "Detection", "DewarpedBag", "FormError", "FoundRim", "Front",
-    "LineCalibration", "LookAround",
+    "LineCalibration", "LookAround", "OmnimirrorError",
     "Motion", "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye",
     "ToleranceReport", "TypicalSensor", "ViewMap", "adjust",
     "bundled_sensors",
     "calibrate_lines", "design_from_parts", "dewarp_bag", "serve_views",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",
-    "sensor_template", "views", "write_board", "write_calibration_figures", "write_calibration_report",
+    "sensor_template", "tolerance_conflicts", "views", "write_board", "write_calibration_figures",
+    "write_calibration_report",
     "write_demo", "write_video_set",
 }  # fmt: skip
 """Public names without a call of their own here: too slow to be called by the hundred, or what others give."""

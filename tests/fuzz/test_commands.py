@@ -254,7 +254,6 @@ ANGLES = np.linspace(0, 50, 200)
 """Radians: a spiral of points about the vertex of the paper's spherical mirror."""
 POINTS = np.column_stack([ANGLES * np.cos(ANGLES) / 2, ANGLES * np.sin(ANGLES) / 2, 50 - np.sqrt(2500 - ANGLES**2 / 4)])
 CLOUDS = {
-    "on a line": POINTS * [1.0, 0.0, 1.0],
     "on a slanted line": POINTS[:, :1] * [1.0, 2.0, 3.0],
     "all one": np.tile(POINTS[50], (300, 1)),
     "two": np.repeat(POINTS[[20, 150]], 150, axis=0),

@@ -123,3 +123,37 @@ def test_few_rows_of_smooth_curves_are_programmed_and_all_are_kept(is_spread, mo
         whole = linprog(cost, A[keep], np.concatenate([-g, g, -c])[keep], bounds=ranges)
         assert foretold == pytest.approx(whole.fun, rel=1e-7)
         np.testing.assert_allclose(step, whole.x[:dim], atol=1e-6)
+
+
+@pytest.mark.parametrize("most_steps", [0, 1, 2, 200])
+def test_straight_functions_take_one_evaluation_a_step(most_steps):
+    """|y - 3| from 0: the step doubles from 0.1 to 1 at most, each brings what was foretold, and none is repeated."""
+    evaluated, told = [], []
+
+    def values(y):
+        evaluated.append(float(y[0]))
+        return ObjectiveValues(np.array([y[0] - 3, 3 - y[0]]), np.full(1, -1.0))
+
+    def rows(y):
+        return Rows(np.array([y[0] - 3, 3 - y[0]]), np.full(1, -1.0), np.array([[1.0], [-1.0]]), np.zeros((1, 1)))
+
+    found = solve_minimax(values, rows, np.zeros(1), bounds(1), most_steps=most_steps, on_step=told.append)
+    path = np.minimum(np.cumsum([0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]), 3.0)[: most_steps + 1]
+    np.testing.assert_allclose(evaluated, path, atol=1e-9)
+    np.testing.assert_allclose(found.history, 3 - path, atol=1e-9)
+    assert told == list(found.history[1:])
+    assert found.violation == 0.0
+
+
+def test_values_that_are_not_finite_are_refused_as_a_step():
+    """-log y falls until y = 2 where it has no number: the trust shrinks until the step ends before."""
+
+    def values(y):
+        return ObjectiveValues(-np.log(y) if y[0] < 2 else np.full(1, np.nan), np.full(1, -1.0))
+
+    def rows(y):
+        return Rows(*values(y), -1 / y[:, None], np.zeros((1, 1)))
+
+    found = solve_minimax(values, rows, np.ones(1), bounds(1))
+    assert 2 - 1e-6 < found.y[0] < 2
+    assert found.value == pytest.approx(-np.log(2), abs=1e-6)

@@ -9,9 +9,11 @@ import resource
 import socket
 import struct
 import threading
+import time
 import zlib
 from contextlib import ExitStack, suppress
 from dataclasses import replace
+from io import BytesIO
 from urllib.parse import urlsplit
 
 import cv2
@@ -19,6 +21,8 @@ import httpx
 import numpy as np
 import pytest
 import tomli_w
+from PIL import Image
+from starlette.requests import Request
 from starlette.responses import Response
 from starlette.testclient import TestClient
 from websockets.exceptions import ConnectionClosed
@@ -148,6 +152,114 @@ async def status_of(bounded: limits.Bounded, receive, name: str = "") -> int:
     return said[0]["status"]
 
 
+def test_the_bounds_are_those_of_the_documentation():
+    """Bytes and seconds, written out."""
+    sizes = (limits.LARGEST_MESSAGE, limits.LARGEST_PICTURE, limits.LARGEST_SET, limits.MOST_HELD)
+    assert sizes == (1_048_576, 134_217_728, 16_777_216, 536_870_912)
+    assert (limits.GRACE_S, limits.SLOWEST, limits.MOST_WAITING) == (30.0, 1024.0, 16)
+
+
+@pytest.mark.parametrize(
+    ("headers", "is_refused"),
+    [
+        ([(b"content-length", b"1000")], False),
+        ([(b"accept", b"9999"), (b"content-length", b"1001"), (b"host", b"a")], True),
+        ([(b"host", b"5000")], False),
+        ([(b"content-length", b"-5000")], False),
+        ([], False),
+    ],
+)
+def test_the_announced_length_is_refused_unread(headers, is_refused):
+    """To the byte, of the header of that name alone; where nothing valid is announced the pieces are counted."""
+    said, reads = [], []
+
+    async def receive():
+        reads.append(1)
+        return {"type": "http.request", "body": bytes(1000), "more_body": False}
+
+    async def send(message):
+        said.append(message)
+
+    bounded = limits.Bounded(reads_and_answers, {"/large": 1000})
+    in_a_loop(bounded({"type": "http", "path": "/large", "headers": headers}, receive, send))
+    assert said[0]["status"] == (413 if is_refused else 200)
+    assert bool(reads) != is_refused
+    assert bounded.held == 0
+    if is_refused:
+        assert dict(said[0]["headers"])[b"connection"] == b"close"
+
+
+@pytest.mark.parametrize(("pieces", "status"), [((600, 400), 200), ((600, 401), 413), ((1001,), 413)])
+def test_pieces_are_counted_to_the_byte(pieces, status):
+    left = list(pieces)
+
+    async def receive():
+        size = left.pop(0)
+        return {"type": "http.request", "body": bytes(size), "more_body": bool(left)}
+
+    bounded = limits.Bounded(reads_and_answers, {"/": 1000})
+    assert in_a_loop(status_of(bounded, receive)) == status
+    assert bounded.held == 0
+
+
+@pytest.mark.parametrize(("held", "status"), [(1000, 200), (999, 503)])
+def test_the_room_of_the_server_is_used_to_the_byte(held, status, monkeypatch):
+    monkeypatch.setattr(limits, "MOST_HELD", held)
+
+    async def receive():
+        return {"type": "http.request", "body": bytes(1000), "more_body": False}
+
+    assert in_a_loop(status_of(limits.Bounded(reads_and_answers, {}), receive)) == status
+
+
+def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
+    """A client that has sent everything waits for its answer, and is not given up."""
+    monkeypatch.setattr(limits, "GRACE_S", 0.02)
+    messages = [{"type": "http.request", "body": b"x"}, {"type": "http.disconnect"}]
+
+    async def receive():
+        if len(messages) == 1:
+            await asyncio.sleep(0.1)
+        return messages.pop(0)
+
+    async def app(scope, receive, send):
+        assert (await receive())["type"] == "http.request"
+        assert (await receive())["type"] == "http.disconnect"
+        await Response("done")(scope, receive, send)
+
+    assert in_a_loop(status_of(limits.Bounded(app, {}), receive)) == 200
+
+
+def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
+    """Bytes prolong the time: 0.05 s and 1 s for each 1024 bytes."""
+    monkeypatch.setattr(limits, "GRACE_S", 0.05)
+    pieces = [4096, 1, 1]
+
+    async def receive():
+        if len(pieces) < 3:
+            await asyncio.sleep(0.06)
+        size = pieces.pop(0)
+        return {"type": "http.request", "body": bytes(size), "more_body": bool(pieces)}
+
+    assert in_a_loop(status_of(limits.Bounded(reads_and_answers, {}), receive)) == 200
+
+
+def test_other_connections_than_requests_pass_untouched():
+    passed = []
+
+    async def app(*connection):
+        passed.append(connection)
+
+    connection = ({"type": "websocket", "path": "/"}, object(), object())
+    in_a_loop(limits.Bounded(app, {})(*connection))
+    assert passed == [connection]
+
+
+async def reads_and_answers(scope, receive, send):
+    await reads_all(scope, receive, send)
+    await Response("taken")(scope, receive, send)
+
+
 async def reads_all(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
@@ -233,6 +345,73 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
 def test_strips_are_converted_like_the_whole():
     deep = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
     assert np.array_equal(uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
+    light = np.array([[-1.0, 0.0, 0.25, 0.5, 1.0, 7.0, np.nan, np.inf]], np.float32)
+    assert uploads.eight_bits(light).tolist() == [[0, 0, 64, 128, 255, 255, 0, 255]]
+    shallow = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    assert np.array_equal(uploads.eight_bits(shallow), shallow)
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("a" * 99 + ".png", "a" * 80),
+        ("._-a b?c-_.", "a_b_c"),
+        ("/x/y\\z.tar.gz", "z.tar.gz"),
+        ("Größe 1.png", "Größe_1.png"),
+        ("a/", "file"),
+        ("", "file"),
+    ],
+)
+def test_names_of_uploads_are_harmless(name, safe):
+    assert uploads.safe_name(name) == safe
+
+
+@pytest.mark.parametrize("kind", list(uploads.KINDS))
+@pytest.mark.parametrize("mode", ["L", "RGB", "P"])
+def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkeypatch):
+    """Files of Pillow: a palette counts as four channels, PPM as 16 bits, all others as they are stored."""
+    if kind in ("JPEG", "WEBP", "PPM") and mode == "P":
+        pytest.skip("the format has no palette")
+    file = BytesIO()
+    Image.new(mode, (10, 6), 3).save(file, kind)
+    data = file.getvalue()
+    with Image.open(BytesIO(data)) as stored:
+        channels = 4 if stored.mode == "P" else len(stored.getbands())
+    size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
+    monkeypatch.setattr(uploads, "MOST_UNPACKED", size)
+    assert uploads.picture_in(data, "a").shape[:2] == (6, 10)
+    monkeypatch.setattr(uploads, "MOST_UNPACKED", size - 1)
+    with pytest.raises(MediaError, match="a unfolds to too many pixels"):
+        uploads.picture_in(data, "a")
+
+
+def test_what_is_no_picture_is_named_with_the_kinds():
+    with pytest.raises(MediaError, match="a is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP"):
+        uploads.picture_in(b"no picture", "a")
+
+
+def test_encoded_pictures_keep_their_pixels_and_their_quality():
+    picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
+    with Image.open(BytesIO(uploads.encoded(picture, ".png"))) as png:
+        assert np.array_equal(np.asarray(png), picture)
+    with Image.open(BytesIO(uploads.encoded(picture, ".jpg"))) as usual:
+        expected = BytesIO()
+        Image.new("RGB", (8, 8)).save(expected, "JPEG", quality=90)
+        with Image.open(expected) as reference:
+            assert usual.quantization == reference.quantization
+    assert len(uploads.encoded(picture, ".jpg", 30)) < len(uploads.encoded(picture, ".jpg"))
+
+
+def test_a_request_without_a_file_is_refused():
+    async def of(data: bytes) -> bytes:
+        async def receive():
+            return {"type": "http.request", "body": data, "more_body": False}
+
+        return await uploads.collected(Request({"type": "http"}, receive))
+
+    assert in_a_loop(of(b"file")) == b"file"
+    with pytest.raises(MediaError, match="the file is empty"):
+        in_a_loop(of(b""))
 
 
 @pytest.mark.parametrize("size", [(40_000, 40_000), (1, 100_000), (100_000, 1)])
@@ -276,6 +455,28 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
 
     assert in_a_loop(all_of_it()) == ["room"] * 19 + ["other"]
     assert runs == ["room", "other"]
+
+
+def test_work_is_done_one_after_the_other_and_again_when_asked_again():
+    runs: list[str] = []
+
+    def make(name: str) -> str:
+        runs.append(f"begin {name}")
+        time.sleep(0.01)
+        runs.append(f"end {name}")
+        return name
+
+    async def twice():
+        turns = limits.Turns()
+        for _ in range(2):
+            found = await asyncio.gather(*(turns.do(name, lambda name=name: make(name)) for name in "ab"))
+            assert found == ["a", "b"]
+        with pytest.raises(ZeroDivisionError):
+            await turns.do("a", lambda: 1 // 0)
+        return await turns.do("a", lambda: "again")
+
+    assert in_a_loop(twice()) == "again"
+    assert runs == ["begin a", "end a", "begin b", "end b"] * 2
 
 
 def test_a_full_disk_is_a_sentence(client, monkeypatch):

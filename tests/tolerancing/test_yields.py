@@ -208,7 +208,7 @@ def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, judge):
         (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] in its file"),
         (lambda s, j: of(s, {"cover.wall_mm": 1.0}), "it has no tube, dome or window"),
         (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k1"): 0.5}), "lens.k1 always comes with itself"),
-        (lambda s, j: of(s, {"lens.k1": -1.0}), "valid from 0"),
+        (lambda s, j: of(s, {"lens.k1": -1.0}), "tolerance must be 0, or between"),
         (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k2"): 0.5}), "lens.k2 has no tolerance"),
         (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.1}, 0.9), "without errors misses"),
         (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 20.0}, 1.5), "between 0 and 1"),

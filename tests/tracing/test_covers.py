@@ -293,7 +293,8 @@ def test_a_wall_of_air_changes_nothing(shell):
         a, b = (om.evaluate(s, object_distance_mm=distance).columns() for s in (bare, clear))
         for column in a:
             np.testing.assert_allclose(b[column], a[column], rtol=1e-9, atol=1e-9, err_msg=column)
-    a, b = (om.spots(s, [20.0, 90.0], object_distance_mm=500.0) for s in (bare, clear))
+    # the base of the dome, a disc of 127 mm at the lens, hides field angles below 40 deg
+    a, b = (om.spots(s, [45.0, 90.0], object_distance_mm=500.0) for s in (bare, clear))
     np.testing.assert_allclose(b.t_px, a.t_px, atol=1e-8)
     np.testing.assert_allclose(b.weights, a.weights, rtol=1e-4)
 

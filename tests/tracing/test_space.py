@@ -87,12 +87,13 @@ def test_the_hit_is_the_first_and_from_the_front(kind):
             assert np.hypot(*(o + t * d)[:2]) > mirror.rim_radius_mm - M / 100
 
 
-def test_a_hollow_zone_does_not_hide_the_first_hit():
-    """A ring that rises and falls: Newton's tangent would pass the first crossing, the parabola must not."""
-    ring = EvenPolynomial((2.0, -4.2, 2.6), 10.0, 10.0)
+@pytest.mark.parametrize(("coefficients", "start"), [((2.0, -4.2, 2.6), -1.0), ((-2.0, 3.0), -10.0)])
+def test_a_hollow_zone_does_not_hide_the_first_hit(coefficients, start):
+    """Rings that rise and fall, or fall and rise: Newton's tangent would pass the first crossing, the parabola not."""
+    ring = EvenPolynomial(coefficients, 10.0, 10.0)
     assert space.hollowness(ring) > 0
     rng = np.random.default_rng(6)
-    origins = np.stack([rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, -1.0)], axis=-1)
+    origins = np.stack([rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, start)], axis=-1)
     aim = np.stack([rng.uniform(-9, 9, 80), rng.uniform(-2, 2, 80), rng.uniform(0, 4, 80)], axis=-1)
     hits = space.intersect(ring, origins, aim - origins)
     steps = np.linspace(0, 5, 50001)
@@ -186,3 +187,34 @@ def test_the_pose_turns_as_it_says():
 def test_the_axis_counts_as_azimuth_0():
     cos, sin = space._unit(np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0]))
     np.testing.assert_allclose([cos, sin], [[1.0, 0.6], [0.0, -0.8]], rtol=1e-15)
+
+
+def test_more_rays_than_a_chunk_are_traced_like_one_by_one():
+    mirror = Sphere(50.0, 44.0)
+    origins, directions = rays_from_anywhere(mirror, space.CHUNK + 3)
+    whole = space.intersect(mirror, origins, directions)
+    for part in (slice(0, 2), slice(space.CHUNK - 1, space.CHUNK + 3)):
+        few_rays = space.intersect(mirror, origins[part], directions[part])
+        for a, b in zip(few_rays, whole, strict=True):
+            np.testing.assert_array_equal(a, b[part])
+
+
+@pytest.mark.parametrize("distance", [1e-3, 0.5, 1.0, 100.0, 1e4])
+@pytest.mark.parametrize(
+    "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
+)
+def test_the_distance_is_in_units_of_the_direction(mirror, distance):
+    """Parallel to the axis the hit is the sag, whatever the height of the start and the length of the direction."""
+    x = np.array([-43.9, -10.0, 5.0, 30.0])
+    origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
+    for length in (1.0, 2.0):
+        hits = space.intersect(mirror, origins, np.array([0.0, 0.0, length]))
+        np.testing.assert_allclose(hits.distance, distance / length, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(hits.points[:, 2], mirror.sag(abs(x)), atol=1e-9)
+
+
+def test_hollowness_is_a_half_more_than_the_hollowest_curvature():
+    """z = 0.02 r^2 (3 - r^2 / 200) bends by z''= 0.12 - 0.0012 r^2 along and z'/r = 0.12 - 0.0004 r^2 around."""
+    bowl = EvenPolynomial((0.6, -0.1), 20.0, 10.0)
+    assert space.hollowness(bowl) == pytest.approx(1.5 * (12 * 0.1 * 20.0**2 / 10.0**3 - 2 * 0.6 / 10.0), rel=1e-12)
+    assert space.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0

@@ -1,10 +1,13 @@
 /** The command lines of views, word by word; that they give the same pictures is examined in a browser. */
+// @ts-expect-error the types of Node are not installed
+import { execFileSync } from "node:child_process";
 import { expect, test } from "vitest";
 import { commandOf, fittedName, needsFile } from "../src/look/command";
 import type { Feed } from "../src/look/feeds/feed";
 import { Camera } from "../src/look/geometry/camera";
 import type { MountOf } from "../src/shared/messages";
 import { INITIAL, type State } from "../src/shared/state";
+import { fileWord, shellWord } from "../src/shared/shell";
 import { given } from "./tables";
 
 const { camera: sphere } = given("sphere");
@@ -108,3 +111,14 @@ test("a ball's circle is in the command", () => {
   expect(needsFile(moved)).toBe(false);
   expect(line({}, moved)).toContain("--ball 250.123,200,190.5,300 --view");
 });
+
+test.each(["a b.mp4", "it's $(x) `y`.mp4", "-o", "\u202e4pm'\\.\n", "\x1b[31mé\u2066.mp4"])(
+  "a shell reads %j as one word that shows what is not seen",
+  (name) => {
+    const word = shellWord(fileWord(name));
+    const env = { LC_ALL: "C.UTF-8" };
+    const read = execFileSync("/bin/bash", ["-c", `printf %s ${word}`], { env, encoding: "utf8" });
+    expect(read).toBe(name.startsWith("-") ? `./${name}` : name);
+    expect(word).not.toMatch(/[\p{Cc}\p{Cf}]/u);
+  },
+);

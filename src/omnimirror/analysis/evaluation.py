@@ -341,6 +341,10 @@ def _columns(study: FocusStudy) -> dict[str, Array]:
     }
 
 
+PARALLEL = 1e-12
+"""Cosine below which a plane is seen edge-on: lengths per pixel on it are infinite."""
+
+
 def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) -> dict[str, Array]:
     """Return the lengths (n,), mm per pixel, on a plane and on a cylinder through objects at a distance.
 
@@ -359,10 +363,11 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     array([0.43633231])
     """
     across = np.asarray(object_distance_mm) * (np.pi / 180)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         t = across / dh
+        cosine = np.abs(np.cos(omega))
         return {
-            "plane_t_mm_per_px": t / np.abs(np.cos(omega)),
+            "plane_t_mm_per_px": np.where(cosine < PARALLEL, np.inf, t / cosine),
             "cylinder_t_mm_per_px": t / np.sin(omega),
             "object_s_mm_per_px": across / dw,
         }

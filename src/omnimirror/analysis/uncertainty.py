@@ -23,4 +23,5 @@ def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str,
     if not (isinstance(mirror, SampledProfile) and len(mirror.fit.deviations)):
         return {}
     nominal, *moved = (columns_of(m) for m in mirror.deviated(SHARE))
-    return {name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / SHARE for name in nominal}
+    with np.errstate(invalid="ignore"):  # lengths per pixel of distant objects are infinite
+        return {name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / SHARE for name in nominal}

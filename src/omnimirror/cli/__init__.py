@@ -185,7 +185,7 @@ def _spent(seconds: float) -> str:
 def explained(error: Exception) -> tuple[str, int]:
     """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
     match error:
-        case click.exceptions.Abort():
+        case click.exceptions.Abort() | Exception(__cause__=KeyboardInterrupt()):  # Python wraps some of __set_name__
             return "stopped", stopped_code()
         case click.UsageError():
             where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""

@@ -21,7 +21,7 @@ def changes_of(evaluated: Sensor, exported: Sensor) -> list[str]:
     >>> changes_of(sensor, housed(parts_of(sensor, Body(thickness_mm=8.0))))
     []
     >>> changes_of(sensor, housed(parts_of(sensor, Body(flange_width_mm=5.0))))[0]
-    'rim hides nothing -> 133 to 135 deg'
+    'rim hides nothing -> 129.3 to 135 deg'
     """
     evaluated, exported = evaluated.aligned(), exported.aligned()
     found = [*_cover_changes(evaluated, exported), *_ring_changes(evaluated.obscurations, exported.obscurations)]

@@ -21,6 +21,7 @@ BY_SIGNAL = 128
 
 _pending = threading.Event()
 _number: int = signal.SIGINT
+_is_signal = False
 
 
 @contextmanager
@@ -47,6 +48,16 @@ def deferred() -> Iterator[None]:
         _pending.clear()
 
 
+@contextmanager
+def postponed() -> Iterator[None]:
+    """Note signals within the block, as :func:`deferred` does, and send the noted one again after it."""
+    with deferred():
+        yield
+        code = exit_code()
+    if code:
+        signal.raise_signal(code - BY_SIGNAL)
+
+
 def is_pending() -> bool:
     """Whether someone asked to stop and was not answered yet."""
     return _pending.is_set()
@@ -57,15 +68,20 @@ def exit_code() -> int:
     return BY_SIGNAL + _number if _pending.is_set() else 0
 
 
+def is_signal() -> bool:
+    """Return whether a signal asked to stop, and not only :func:`request`."""
+    return _pending.is_set() and _is_signal
+
+
 def request() -> None:
     """Do as Ctrl-C does, from any thread."""
     _note(signal.SIGINT, None)
 
 
 def _note(number: int, frame: FrameType | None) -> None:
-    global _number
+    global _number, _is_signal
     if _pending.is_set() and frame is not None and number != HANGUP:
         raise KeyboardInterrupt
     if not _pending.is_set():
-        _number = number
+        _number, _is_signal = number, frame is not None
     _pending.set()

@@ -35,6 +35,9 @@ class Outcome(NamedTuple):
     exit_code: int = 0
     """0 where it came to its end; 130 where Ctrl-C ended it, 143 where SIGTERM did, and what was done is kept."""
 
+    is_signal: bool = False
+    """Whether a signal ended it, and not the window of a preview that was closed."""
+
     @property
     def stopped(self) -> bool:
         """Whether it was ended before its end."""
@@ -104,7 +107,7 @@ def process(
             finally:
                 if isinstance(source, _Reading):
                     source.stop()
-            exit_code = interrupts.exit_code()
+            exit_code, is_signal = interrupts.exit_code(), interrupts.is_signal()
             writing.finish(may_be_empty=bool(exit_code) or problem is not None)
         except BaseException:
             writing.give_up()
@@ -112,7 +115,7 @@ def process(
     if problem is not None:
         raise problem
     meter.report()
-    return Outcome(sink.frames_written, meter.elapsed_s, exit_code)
+    return Outcome(sink.frames_written, meter.elapsed_s, exit_code, is_signal)
 
 
 def in_real_time(items: Iterable[Item]) -> Iterator[Item]:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import checked, number, row, vectors, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..mirrors import Mirror, SampledProfile
-from ..mirrors.measured.clouds import check_spread
+from ..mirrors.measured.clouds import check_distance, check_spread
 from ..mirrors.measured.smoothing import NORMAL
 from ..numerics.lazy import cached_property
 from ..numerics.zernike import noll, terms_of, zernike_values
@@ -261,9 +261,11 @@ def form_error(
     >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
     [('astigmatism', 0.5)]
     """
-    points = np.asarray(points_mm, dtype=float)
-    is_profile = points.ndim == 2 and points.shape[1] == 2
-    points = vectors("points_mm", points, 2 if is_profile else 3, is_list=True)
+    try:
+        is_profile = np.shape(points_mm)[1:] == (2,)
+    except ValueError:  # rows of different lengths, which `vectors` rejects
+        is_profile = False
+    points = vectors("points_mm", points_mm, 2 if is_profile else 3, is_list=True)
     points = points[np.isfinite(points).all(axis=-1)]
     probe_radius_mm = number("probe_radius_mm", probe_radius_mm, low=0.0, unit="mm")
     if order is not None:
@@ -273,7 +275,9 @@ def form_error(
         raise InvalidParameter(f"are_departures needs departures (x, y, departure) of the surface itself; got {what}")
     if is_profile:
         points = np.insert(points, 1, 0.0, axis=1)
-    is_profile |= len(points) > 1 and is_line(points)
+    if not is_profile:
+        check_distance(points, "the cloud")
+        is_profile = len(points) > 1 and is_line(points)
     fewest, what = (FEWEST_OF_PROFILE, "profile") if is_profile else (FEWEST, "cloud")
     if len(points) < fewest:
         raise OmnimirrorError(f"the {what} has {len(points)} points; at least {fewest} are valid")

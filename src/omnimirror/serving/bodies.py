@@ -120,7 +120,9 @@ def message_from(data: bytes | str, kind: type[M]) -> M:
     try:
         return kind.model_validate(parse_body(data))
     except ValidationError as e:
-        raise InvalidMessage(invalid_entry(e.errors())) from None
+        raise InvalidMessage(
+            invalid_entry([{**error, "loc": ("body", *error["loc"])} for error in e.errors()])
+        ) from None
 
 
 async def received(socket: WebSocket, kind: type[M]) -> M:
@@ -156,7 +158,7 @@ def invalid_entry(errors: Iterable[Mapping[str, Any]]) -> str:
     'terms must be greater than 0; got -1'
     """
     first = next(iter(errors))
-    path = [part for part in first["loc"] if part not in ("body", "query", "path")]
+    path = first["loc"][1:] if first["loc"][:1] in (("body",), ("query",), ("path",)) else first["loc"]
     name, condition, given = ".".join(map(str, path)) or "the body", str(first["msg"]), first.get("input")
     if first["type"] == "missing":
         return f"{name} must be given"

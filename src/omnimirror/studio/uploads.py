@@ -97,7 +97,7 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     scale = 255.0 if image.dtype == np.float32 else 255.0 / 65535
     shallow = np.empty(image.shape, np.uint8)
     for start in range(0, len(image), STRIP):
-        strip = np.nan_to_num(image[start : start + STRIP].astype(np.float32)) * scale
+        strip = np.nan_to_num(image[start : start + STRIP].astype(np.float64) * scale)
         shallow[start : start + STRIP] = strip.clip(0, 255).round()
     return shallow
 

@@ -253,11 +253,14 @@ class Cover:
             return np.maximum(height - self.base_mm, -1e9)  # the ray along the axis never meets the wall
 
         x = np.linspace(start, rim, PLACES)
-        (passing,) = np.nonzero(clear(x) > 0)
+        height = clear(x)
+        (passing,) = np.nonzero(height > 0)
         if not passing.size:
             raise SelfObstruction("no ray from the mirror passes the tube's wall: all of them end at its base")
         if passing[0] == 0:
             return start
+        if not height[passing[0] - 1] <= 0:  # NaN: no mirror surface there
+            return float(x[passing[0]])
         from scipy.optimize import brentq
 
         low, high = x[passing[0] - 1], x[passing[0]]

@@ -30,6 +30,7 @@ CHUNK = 1 << 14  # rays worked on at a time: their arrays stay in the cache
 MAX_STEPS = 100  # a ray that grazes the surface halves its distance with each step
 LIFT = 1e-6  # of the rim radius, by which a reflected ray starts off the surface it leaves
 CURVATURE_MARGIN = 1.5  # on the hollowest of the points examined
+SAMPLING_MARGIN = 1e-3  # of the rim radius; the lowest point is that of samples, and a valley is deeper between them
 
 
 class Hits(NamedTuple):
@@ -202,6 +203,7 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
 def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     """First and last distance (n,) at which rays (3, n) are over the mirror's disk and not below its lowest point."""
     rim, ((_, _), (lowest, _)) = mirror.rim_radius_mm * (1 + ROUNDING), mirror.bounds
+    lowest -= SAMPLING_MARGIN * rim
     a = d[0] ** 2 + d[1] ** 2
     b = o[0] * d[0] + o[1] * d[1]
     c = o[0] ** 2 + o[1] ** 2 - rim * rim

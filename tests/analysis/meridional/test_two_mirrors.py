@@ -16,7 +16,6 @@ from omnimirror.lenses import Orthographic
 from omnimirror.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.radiometry import Radiometry
-from omnimirror.tracing.folded import FoldedMirror
 from tests.conftest import M
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central difference
@@ -226,36 +225,6 @@ def test_the_field_begins_at_the_bore_where_that_is_wider():
         om.evaluate(FOLDED, x_mm=[2.0])
     inside = [[511.5 + 60, 511.5], [511.5 + 70, 511.5]]  # the bore's image has a radius of 65 px
     assert FOLDED.backproject(inside).valid.tolist() == [False, True]
-
-
-@pytest.mark.parametrize("radius", [26.0, 150.0])
-def test_rays_pass_the_secondary_where_they_leave_every_ring_of_it_inside(radius):
-    """Convex secondaries, deep and shallow, as solids: rays are compared with their radius at every height.
-
-    Origins lie on the primary and beside the secondary; directions lead at it, past it and away from it.
-    """
-    distance, rim = 80.0, 25.0
-    folded = FoldedMirror(Sphere(50.0, 44.0), Secondary(Sphere(radius, rim), distance, 5.0), 180.0)
-    chance, count = np.random.default_rng(2), 9000
-    turn, away = chance.uniform(0, 2 * np.pi, count), chance.uniform(26.0, 44.0, count)
-    heights = np.where(np.arange(count) % 3 == 0, chance.uniform(-110.0, -75.0, count), chance.uniform(0, 30, count))
-    origins = np.stack([away * np.cos(turn), away * np.sin(turn), heights], axis=-1)
-    place, reach = chance.uniform(0, 2 * np.pi, count), 30 * np.sqrt(chance.uniform(0, 1, count))
-    aims = np.stack([reach * np.cos(place), reach * np.sin(place), chance.uniform(-110.0, -75.0, count)], axis=-1)
-    directions = aims - origins
-    directions[::5] *= -1
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    deepest = radius - np.sqrt(radius**2 - rim**2)
-    down = np.linspace(0.0, deepest, 4001)
-    ring = np.sqrt(radius**2 - (radius - down) ** 2)
-    t = (-distance - down - origins[:, 2:]) / directions[:, 2:]
-    at = origins[:, None, :2] + t[..., None] * directions[:, None, :2]
-    clearance = np.where(t > 0, np.hypot(at[..., 0], at[..., 1]) - ring, np.inf).min(axis=1)
-    clear_cut = (np.abs(clearance) > 0.02) & (np.abs(directions[:, 2]) > 0.3)  # and crosses several of the rings tested
-    found = folded._passes_outside(origins, directions)
-    np.testing.assert_array_equal(found[clear_cut], clearance[clear_cut] > 0)
-    assert 0.1 < found[clear_cut].mean() < 0.9
-    assert clear_cut.mean() > 0.7
 
 
 def test_a_camera_before_the_mirror_hides_what_lies_behind_it():

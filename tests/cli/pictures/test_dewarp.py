@@ -9,6 +9,8 @@ import pytest
 import omnimirror as om
 from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.cli import main
+from omnimirror.errors import InvalidParameter
+from omnimirror.straighten.border import BorderColour
 
 MIRRORBALL = Path(__file__).parents[4] / "shared/data/mirrorball"
 OCAM = ocamcalib.write(om.OCam((-100.0, 0.0, 2.5e-3), (79.5, 59.5), (160, 120)))
@@ -222,6 +224,48 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
     straight = om.read_image(out)
     np.testing.assert_array_equal(straight[0, 0], expected)
     np.testing.assert_allclose(straight[30, 0], om.read_image(picture)[100, 100], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("border", "dtype", "channels", "expected"),
+    [
+        ("#0a141e", "uint8", 3, (10, 20, 30)),
+        ("#0a141e", "uint8", 4, (10, 20, 30, 255)),
+        ("#0A141E", "uint16", 4, (2570, 5140, 7710, 65535)),
+        ("#ff0000", "float32", 4, (1, 0, 0, 1)),
+        ("0", "uint8", 3, (0, 0, 0)),
+        (255, "uint8", 1, (255,)),
+        (65535, "uint16", 1, (65535,)),
+        ((7, 7, 7), "uint8", 1, (7,)),
+        (-0.5, "float32", 3, (-0.5, -0.5, -0.5)),
+        (BorderColour.of("1,2,3"), "uint8", 3, (1, 2, 3)),
+    ],
+)
+def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expected):
+    for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
+        assert BorderColour.of(border).of_picture(np.zeros(shape, dtype)) == expected
+
+
+@pytest.mark.parametrize(
+    "border",
+    ["#12345", "#1234567", "#1234g6", "1,2", "1,2,3,4", "", "nan", "1,inf,3", (), (1, 2), "#", None],
+)
+def test_no_border_colour(border):
+    with pytest.raises(InvalidParameter, match="is no colour; valid are a grey level, R,G,B and #rrggbb"):
+        BorderColour.of(border)
+
+
+@pytest.mark.parametrize("border", [-1, 0.5, 256, (0, 0, 256)])
+def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
+    with pytest.raises(
+        InvalidParameter, match=r"is no value of a picture of uint8; valid are whole numbers from 0 to 255"
+    ):
+        BorderColour.of(border).of_picture(np.zeros((2, 2, 3), np.uint8))
+
+
+def test_a_grey_picture_has_no_border_in_colour():
+    with pytest.raises(InvalidParameter, match="border 1,2,2 is a colour, and the picture is grey; give one value"):
+        BorderColour.of("1,2,2").of_picture(np.zeros((2, 2), np.uint8))
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_the_table_is_what_evaluation_says(limited):
     near, far = (om.evaluate(limited.sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
     assert row(limited, "total_blur_px").reached == pytest.approx(np.hypot(worst, near.airy_px), rel=1e-4)
-    part = om.evaluate(limited.sensor, np.linspace(20, 120, 2000))
+    part = om.evaluate(limited.sensor, np.linspace(20, 120, 2000), object_distance_mm=600.0)  # the coarser
     finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg)
     resolution = row(limited, "resolution_px_per_deg")
     assert resolution.reached == pytest.approx(finest.min(), rel=1e-4)

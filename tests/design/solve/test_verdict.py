@@ -44,8 +44,8 @@ def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
     near, far = (om.evaluate(SPHERE, np.linspace(20, 130, 2001), object_distance_mm=d) for d in (500.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
     assert rows["total_blur_px"].reached == pytest.approx(np.hypot(worst, far.airy_px), rel=1e-4)
-    part = om.evaluate(SPHERE, np.linspace(30, 90, 2001))
-    finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min()
+    parts = [om.evaluate(SPHERE, np.linspace(30, 90, 2001), object_distance_mm=d) for d in (500.0, np.inf)]
+    finest = min(np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min() for part in parts)
     assert rows["resolution_px_per_deg, 30 to 90 deg"].reached == pytest.approx(finest, rel=1e-4)
 
 
@@ -119,7 +119,8 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
 def test_the_first_of_equally_bad_angles_is_named():
     """A resolution that is the same at all angles but for rounding: the one that comes first."""
     sensor = om.load_sensor("exact-equidistant")
-    wanted = replace(WANTED, limits=(om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100)),))
+    limit = om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100))
+    wanted = replace(WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf))
     (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
     assert row.omega_deg == 40.0
     values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg

@@ -429,7 +429,9 @@ def test_the_module_itself_refuses_what_would_leave_memory():
             *grid.nodes, 8, grid.cells + 1, grid.patches, np.empty((5, 4, 2), np.float32)
         ),
     ):
-        with pytest.raises((ValueError, TypeError), match=r"taps|border|step|coordinates|averaged|cell|out|arguments"):
+        with pytest.raises(
+            (ValueError, TypeError), match=r"taps|border|step|coordinates|averaged|cell|out|arguments|interpolation"
+        ):
             call()
 
 

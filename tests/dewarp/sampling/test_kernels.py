@@ -313,7 +313,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
         with pytest.raises(
-            (ValueError, TypeError), match=r"picture|coordinates|cell|weights|interpolation|pixels|radius"
+            (ValueError, TypeError),
+            match=r"picture|coordinates|cell|weights|interpolation|pixels|radius|radii|src|must",
         ):
             call()
 
@@ -407,7 +408,7 @@ def test_tables_that_do_not_fit_are_refused():
         lambda: good.project(np.zeros((3, 3)), False, np.zeros((3, 2)), np.zeros(2)),
         lambda: good.project(np.zeros((3, 2)), False, np.zeros((3, 2)), None),
     ):
-        with pytest.raises(ValueError, match=r"table|origins|radii|targets|pixels|excess"):
+        with pytest.raises(ValueError, match=r"table|origins|radii|targets|pixels|excess|last"):
             wrong()
 
 

@@ -1,7 +1,6 @@
 """Pipes, virtual cameras and windows."""
 
 import io
-import os
 import shutil
 import subprocess
 import sys
@@ -161,23 +160,6 @@ def test_no_window_is_one_sentence(monkeypatch):
     if find_spec("_tkinter"):
         with pytest.raises(MediaError, match="cannot open a preview window: couldn't connect to display"):
             Preview(SIZE)
-
-
-@pytest.fixture
-def display(monkeypatch):
-    """An X server without a screen that anybody sees."""
-    program = shutil.which("Xvfb")
-    if program is None or find_spec("_tkinter") is None:
-        pytest.skip("there is no Xvfb to show a window, or no Tk to draw it")
-    read, write = os.pipe()
-    command = [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
-    os.close(write)
-    with os.fdopen(read) as told:
-        monkeypatch.setenv("DISPLAY", ":" + told.readline().strip())
-    yield
-    server.terminate()
-    server.wait()
 
 
 def red_frame():

@@ -1,5 +1,6 @@
 import { Refused } from "../shared/api";
 import { release } from "../shared/media";
+import { fileWord, shellWord } from "../shared/shell";
 
 const EVERY_S = 0.5;
 const LONGEST_SEEK_MS = 60_000;
@@ -65,7 +66,7 @@ async function event(
       const fail = (): void =>
         reject(
           new Refused(
-            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`,
+            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${shellWord(fileWord(name))}`,
           ),
         );
       video.addEventListener(kind, () => resolve(), once);

@@ -1,14 +1,10 @@
+import { fileWord as file, shellWord } from "../shared/shell";
 import type { State } from "../shared/state";
 import type { Feed } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
 import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./geometry/views";
 
-const word = (text: string): string =>
-  /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
-
-/** A file's name as a word of its own, never an option. */
-const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
 /** The name under which the page saves the file of a sensor whose circle was moved. */
 export const fittedName = (camera: Camera): string =>
@@ -33,7 +29,7 @@ export function commandOf(
     ...cameraWords(camera),
     ...viewWords(s, camera, width, height),
   ];
-  return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
+  return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(shellWord).join(" ");
 }
 
 function cameraWords(camera: Camera): string[] {

@@ -14,6 +14,7 @@ import numpy as np
 from ...camera_models import KannalaBrandt, Unified
 from ...camera_models.consistency import inverse_doubts
 from ...errors import OmnimirrorError, SpecError
+from ...escaping import yaml_string
 from .base import CameraFile, CameraFormat, Layout, Reading, Stored, row
 from .entries import Node
 from .opencv_omnidir import image_size
@@ -71,8 +72,8 @@ def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: Reading)
 def _written(camera: Any, name: str, model: str, tables: dict[str, dict[str, float]]) -> str:
     width, height = camera.image_size
     lines = [
-        "%YAML:1.0", "---", f"model_type: {model}", f"camera_name: {name or 'camera'}", f"image_width: {width}",
-        f"image_height: {height}",
+        "%YAML:1.0", "---", f"model_type: {model}", f"camera_name: {yaml_string(name or 'camera')}",
+        f"image_width: {width}", f"image_height: {height}",
     ]  # fmt: skip
     for title, numbers in tables.items():
         lines += [f"{title}:", *(f"   {key}: {row([value])}" for key, value in numbers.items())]

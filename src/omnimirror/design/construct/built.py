@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 NODES = 65  # mirror points at which a mapping is put right
 STEPS = 12
 CLOSE = 1e-10  # radians
+ENDS_STEPS = 25  # of a pointed mirror behind a cover
+MIN_CENTRE_DEG, MAX_STEP_DEG = 1.0, 10.0  # field angle inside at the centre of a pointed mirror, and its largest step
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,52 @@ class LensAndCover:
                 return found
             inside += missed * float(_inside_rate(rays)[0])
         return found
+
+    def made_for_ends(
+        self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
+    ) -> MountedMirror:
+        """Return the pointed mirror whose field outside the cover reaches from ``low_deg`` to that of the rim.
+
+        Parameters
+        ----------
+        make
+            Mirror for the rim and for the field angle at its centre, both inside the cover.
+        low_deg
+            Smallest field angle outside, deg: at the centre or, where the rays of the centre end at the base of a
+            tube, at the first mirror point whose rays pass the wall. An angle that refraction excludes is approached
+            as closely as possible.
+        """
+        wanted = np.array([low_deg, rim.omega_max_deg])
+        shell = self.housing.shell
+        index = 1.0 if shell is None else shell.outer_index
+        # Snell's law at parallel walls is exact for a tube and the initial value for a dome.
+        cosines = np.clip(index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG)))
+        inside, before = np.degrees(np.arccos(cosines)), None
+        for _ in range(ENDS_STEPS):
+            own = RimRay(float(inside[1]), rim.theta_max_deg, rim.rim_radius_mm)
+            found = self.mounted(make(own, float(inside[0])), rim.theta_max_deg)
+            missed, rate = self._missed_at_ends(found, wanted)
+            _check_out(float(np.abs(missed).max()), rim, self.housing)
+            if np.abs(missed).max() < np.degrees(CLOSE):
+                break
+            step = missed * rate
+            # The first point that passes the wall moves with the angle at the centre: a secant includes that.
+            if before is not None and (change := missed[0] - before[1]):
+                step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
+            before = inside[0], missed[0]
+            inside = inside + step
+            inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
+        return found
+
+    def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
+        """Return the differences to field angles at both ends of the field, deg, and d(inside)/d(outside) there."""
+        begin, rim = 0.0, made.mirror.rim_radius_mm
+        if self.housing.shell is not None:
+            cover = cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
+            assert cover is not None
+            begin = cover.first_seen(lambda x: self.rays(made, x), 0.0, rim)
+        rays = self.rays(made, np.array([begin, rim]))
+        return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
 
     def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
         """The mirror that has the mapping of an exact one behind lens and cover.

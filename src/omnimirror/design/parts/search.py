@@ -7,12 +7,14 @@ sharper than every cheaper one.
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any
 
 import numpy as np
@@ -161,18 +163,42 @@ def _designed(
         for combination in combinations:
             yield design_bought(requirements, combination, tally.most_area_deg2)
         return
+    others = set(active_children())
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         blocks = iter([combinations[i : i + BLOCK] for i in range(0, len(combinations), BLOCK)])
-        under_way = [pool.submit(_block, requirements, block, np.inf) for block in islice(blocks, processes + 1)]
+
+        def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
+            with _spared_signals():
+                most = tally.most_area_deg2
+                return [pool.submit(_block, requirements, block, most) for block in islice(blocks, count)]
+
+        under_way: list[Future[list[BoughtDesign | str]]] = []
         try:
+            under_way += submit(processes + 1)
             while under_way:
                 answers = under_way.pop(0).result()
-                most = tally.most_area_deg2
-                under_way += [pool.submit(_block, requirements, block, most) for block in islice(blocks, 1)]
+                under_way += submit(1)
                 yield from answers
-        finally:
-            for future in under_way:
-                future.cancel()
+        except BaseException:  # a signal, an error or enough designs: nobody waits for the other blocks
+            for worker in set(active_children()) - others:
+                worker.terminate()
+            raise
+
+
+@contextmanager
+def _spared_signals() -> Iterator[None]:
+    """Block Ctrl-C and SIGHUP, which a terminal sends to all processes, in those that are started in the block.
+
+    This process, which receives them at the end of the block, ends the others.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _block(

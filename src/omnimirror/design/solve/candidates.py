@@ -105,6 +105,8 @@ def _kept_built(
     plain = replace(mirror, fit=None)
     if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
         made = around.made_for_mapping(exact, rim)
+    elif mirror.is_pointed:
+        made = around.made_for_ends(lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg)
     else:
         made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
     if mirror.fit is None or not fitted:
@@ -198,17 +200,32 @@ def _telecentric_lens(settled: Requirements) -> Orthographic:
 
 
 def _perspective(settled: Requirements) -> Candidate:
-    """Lens and focus follow from each other: settled first; a fit, which moves little, comes last."""
+    """Solve rim angle, lens, fit and focus jointly.
+
+    The best focus depends on the mirror and the lens; where the rim fills the imager, these depend on the focus. The
+    exact mirror gives the initial focus for the fitted one, whose evaluation takes longer. The focus of the last
+    iteration is then kept, so that the rim fills the imager exactly even if the iteration has not settled.
+    """
     nearness = 0.0 if settled.lens.focus_mm is None else 1 / ends(settled.lens.focus_mm)[1]
+    for fitted in (False, True) if settled.mirror.fit is not None else (False,):
+        made, nearness = _settled_focus(settled, nearness, fitted)
+    if not settled.lens.fills_imager or not (settled.lens.focus_mm is None or is_free(settled.lens.focus_mm)):
+        return made
+    fixed = settled.changed(focus_mm=made.sensor.lens.focus_distance_mm)
+    return replace(_before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled)
+
+
+def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tuple[Candidate, float]:
+    """Iterate mirror and focus, with or without the fit, from an initial 1/L0."""
     steps = list[tuple[float, float]]()
     for _ in range(MOST_ROUNDS):
-        made = _before_lens(settled, nearness, fitted=False)
+        made = _before_lens(settled, nearness, fitted)
         found = 1 / made.sensor.lens.focus_distance_mm
         steps.append((nearness, found - nearness))
         if abs(steps[-1][1]) <= SETTLED * found or not settled.lens.fills_imager:
             break
         nearness = _next(steps)
-    return made if settled.mirror.fit is None else _before_lens(settled, found, fitted=True)
+    return made, found
 
 
 def _next(steps: list[tuple[float, float]]) -> float:

@@ -14,6 +14,7 @@ from ...sensor import Sensor
 from ..criteria.requirements import Requirements
 from ..optimise.optimiser import Optimum, Progress
 from . import freeform, range_search
+from .alternatives import find_alternatives
 from .relaxation import Conflict, find_conflict
 from .space import BestDesign, Say, Space
 from .verdict import Judgement, Verdict
@@ -62,6 +63,8 @@ class Design:
         conflict = None
         if self.conflict is not None:
             conflict = asdict(self.conflict)
+            for entry, alternative in zip(conflict["alternatives"], self.conflict.alternatives, strict=True):
+                entry["is_met"] = alternative.is_met
             for group in ("alone", "joint"):
                 for entry, relaxation in zip(conflict[group], getattr(self.conflict, group), strict=True):
                     entry["share"] = relaxation.share
@@ -110,7 +113,11 @@ class SearchOptions:
 
 @checked
 def design_sensor(
-    requirements: Requirements, on_step: Callable[[str], None] | None = None, *, search: SearchOptions | None = None
+    requirements: Requirements,
+    on_step: Callable[[str], None] | None = None,
+    *,
+    search: SearchOptions | None = None,
+    on_design: Callable[[Design], None] | None = None,
 ) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
 
@@ -129,6 +136,10 @@ def design_sensor(
         Called with a few words before each longer step.
     search
         How an optimised mirror is searched for.
+    on_design
+        Called with the design, still without relaxations, before the search for relaxations starts. This search takes
+        place only if a requirement is missed. A KeyboardInterrupt ends it; the relaxations found until then are
+        returned.
 
     Returns
     -------
@@ -155,8 +166,11 @@ def design_sensor(
     instance("requirements", requirements, Requirements, "requirements")
     say = on_step or (lambda words: None)
     space, best = _solve(requirements, say, search or SearchOptions())
-    conflict = find_conflict(space, best, lambda name: say(f"what if {name} gives"))
-    return design_of(best.verdict, best.notes, conflict, best.optimum)
+    design = design_of(best.verdict, best.notes, None, best.optimum)
+    if on_design is not None:
+        on_design(design)
+    others = () if requirements.mirror.optimise else find_alternatives(requirements, best.verdict, say)
+    return replace(design, conflict=find_conflict(space, best, say, others))
 
 
 def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple[Space, BestDesign]:

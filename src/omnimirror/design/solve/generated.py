@@ -8,7 +8,7 @@ a fit adds at some point is taken for the same at all others.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,14 +85,14 @@ class GeneratedSpace:
     near
         Its sensor, whose size is the unit of the focus.
     is_met_from_scratch
-        Whether the search finds a design that meets other requirements.
+        Whether the search finds a design that meets other requirements; its first starts are given.
     """
 
     requirements: Requirements
     settled: Requirements
     spans: dict[str, Span]
     near: Sensor
-    is_met_from_scratch: Callable[[Requirements], bool]
+    is_met_from_scratch: Callable[[Requirements, Iterable[Requirements]], bool]
 
     # -- points ------------------------------------------------------------------------------------
 
@@ -198,8 +198,12 @@ class GeneratedSpace:
         return best
 
     def can_meet(self, requirements: Requirements, point: Point) -> bool:
-        """Whether a design made from scratch meets other requirements."""
-        return self.is_met_from_scratch(requirements)
+        """Whether a search that starts from the design at a point, then all over the ranges, meets requirements."""
+        found = self.settled_at(point) if all(name in point for name in self.names) else self.settled
+        spans = free_of(ranges_of(requirements))
+        numbers = {name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()}
+        settled = {name: span[0] for name, span in ranges_of(requirements).items() if span is not None}
+        return self.is_met_from_scratch(requirements, [requirements.changed(**(settled | numbers))])
 
     # -- what is missed ----------------------------------------------------------------------------
 
@@ -299,6 +303,13 @@ def _entry(requirements: Requirements, name: str) -> float | None:
     tables = (requirements.field, requirements.mirror, requirements.lens)
     value: float | None = next(getattr(table, name) for table in tables if hasattr(table, name))
     return value
+
+
+def _number(requirements: Requirements, name: str) -> float:
+    """An entry that is a number, or the middle of its range."""
+    value = _entry(requirements, name)
+    assert value is not None
+    return sum(ends(value)) / 2
 
 
 def _inner(name: str, value: float) -> float:

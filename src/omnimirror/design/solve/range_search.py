@@ -1,18 +1,20 @@
 """The best mirror of a mapping or a family: what the requirements leave free, chosen so that the worst is kept best.
 
 Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
-limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, linear programmes its bottom.
+limits, by its worst floored blur area. Searches by linear programmes start from points of a coarse grid of the ranges,
+until several of them agree.
 Where something cannot be met at all, what else can be is (:mod:`.priorities`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
 from ...lenses import GaussianLens
@@ -28,6 +30,10 @@ from .space import BestDesign, Say
 from .verdict import EDGE_PX, Verdict, evaluations, judge
 
 GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are free
+STARTS, RESTARTS = 12, 5  # searches from other starts, and searches that begin where the last one ended
+SAME, AGREEING = 1e-4, 3  # relative difference of costs that count as equal; searches that have to agree
+ENOUGH_IF_MET = 5  # searches after which a candidate that meets everything is accepted
+GAIN = 1e-4  # relative gain below which a search is not repeated
 INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
 
 
@@ -75,8 +81,17 @@ class RangeSearch:
         results = evaluations(self.requirements, verdict.sensor, np.linspace(low, high, SEARCHED))
         return max(float(result.floored_area_deg2.max()) for result in results)
 
-    def best(self) -> Ranked:
-        """The best candidate.
+    def best(self, begin: Iterable[Requirements] = (), enough: float = -np.inf, starts: int | None = None) -> Ranked:
+        """Return the best candidate: the best of several searches that start all over the ranges.
+
+        Parameters
+        ----------
+        begin
+            Settled requirements of designs found before, from which the first searches start.
+        enough
+            Cost at which the search may end.
+        starts
+            Maximum number of searches; a default by the constants of this module.
 
         Raises
         ------
@@ -86,10 +101,48 @@ class RangeSearch:
         middle = self.middle()
         if not self.free:
             return self.judged(middle)
-        tried = [found for settled in [middle, *self._grid(middle)] if (found := self._tried(settled)) is not None]
-        if not tried:
-            return self.judged(middle)  # says why
-        return self._polished(min(tried, key=lambda c: c.cost))
+        ends = list[Ranked]()
+        for start in islice(self._starts(begin, middle), starts):
+            found = self._followed(start, enough)
+            ends.append(found)
+            best = min(ends, key=lambda c: c.cost)
+            agreeing = sum(c.cost - best.cost <= SAME * abs(best.cost) for c in ends)
+            if best.cost <= enough or agreeing >= AGREEING or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET):
+                return best
+        if not ends:
+            return self.judged(middle)  # raises the reason
+        return best
+
+    def _starts(self, begin: Iterable[Requirements], middle: Requirements) -> Iterator[Ranked]:
+        """Yield the starts of the searches: designs found before, then the grid, alternately the best and the one
+        farthest from all previous starts."""
+        yield from (found for settled in begin if (found := self._tried(settled)) is not None)
+        rest = [found for settled in [middle, *self._grid(middle)] if (found := self._tried(settled)) is not None]
+        rest.sort(key=lambda c: c.cost)
+        places = [self._place(c) for c in rest]
+        taken = list[NDArray[np.float64]]()
+        for i in range(min(STARTS, len(rest))):
+            at = 0
+            if i % 2 and taken:
+                at = int(np.argmax([min(float(np.abs(p - t).max()) for t in taken) for p in places]))
+            taken.append(places.pop(at))
+            yield rest.pop(at)
+
+    def _place(self, candidate: Ranked) -> NDArray[np.float64]:
+        """Where a candidate stands in the free ranges, 0 to 1 each."""
+        entries = candidate.made.settled.tables()
+        values = {**entries["field"], **entries["mirror"], **entries["lens"]}
+        return np.array([(values[name] - low) / (high - low) for name, (low, high) in self.free.items()])
+
+    def _followed(self, start: Ranked, enough: float) -> Ranked:
+        """Follow one start to its optimum: the linear programmes begin anew while they gain something."""
+        for _ in range(RESTARTS):
+            found = self._polished(start)
+            gain = start.cost - found.cost
+            start = found
+            if found.cost <= enough or gain <= GAIN * abs(found.cost):
+                break
+        return start
 
     def space(self, found: Ranked) -> GeneratedSpace:
         """The designs around a candidate."""
@@ -103,8 +156,12 @@ class RangeSearch:
         found = space.reach(point, Slack(limits))
         if found is None:  # something given is missed, and gives as little as a limit
             found = space.reach(point, Slack(tuple(space.missed(point))))
-        better = None if found is None else self._tried(space.made_at(found.point))
-        return better if better is not None and better.cost < start.cost else start
+        if found is None:
+            return start
+        # Refocusing can leave the optimum: the focus of the search is tried as well.
+        settled = (space.made_at(found.point), space.settled_at(found.point))
+        tried = (self._tried(requirements) for requirements in settled)
+        return min([start, *(t for t in tried if t is not None)], key=lambda t: t.cost)
 
     def _grid(self, base: Requirements) -> Iterator[Requirements]:
         """Settled requirements all over the ranges, in equal ratios where that can be."""
@@ -144,15 +201,16 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
     return space, best
 
 
-def is_met(requirements: Requirements) -> bool:
-    """Whether the best candidate meets its requirements.
+def is_met(requirements: Requirements, begin: Iterable[Requirements] = ()) -> bool:
+    """Whether the search finds a candidate that meets its requirements; ``begin`` are designs found before.
 
     Raises
     ------
     OmnimirrorError
         There is no such mirror at all.
     """
-    return judge(requirements, RangeSearch(requirements).best().made.sensor).is_met
+    found = RangeSearch(requirements).best(begin, enough=0.0)
+    return judge(requirements, found.made.sensor).is_met
 
 
 def _design(search: RangeSearch, space: GeneratedSpace, made: Candidate) -> BestDesign:
@@ -186,9 +244,9 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
 
 
 def _why_there(requirements: Requirements, made: Candidate) -> str:
-    """What the focus was chosen for."""
+    """Return the criterion by which the focus was chosen."""
     if made.settled.lens.focus_mm != requirements.lens.focus_mm:
-        return "what can be met is"
+        return "the smallest margin is largest"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
     return "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
 

@@ -20,6 +20,7 @@ from ...errors import OmnimirrorError
 from ..criteria.limits import Limit
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE, Key, Slack
+from .alternatives import Alternative
 from .space import BestDesign, Point, Say, Space
 from .verdict import Judgement, unit_of
 
@@ -107,20 +108,28 @@ class Conflict:
         What some must become if they give at once, by the least largest share that will do; without any of them it
         would not.
     joint_share
-        That share; None where none would do.
+        Largest relative change in ``joint``; None if that is empty.
+    alternatives
+        Discrete choices that meet all requirements, or violate them less; the best first.
+    is_complete
+        False if a KeyboardInterrupt ended the search; the relaxations found until then are kept.
     """
 
     missed: tuple[str, ...]
     alone: tuple[Relaxation, ...]
     joint: tuple[Relaxation, ...]
     joint_share: float | None
+    is_complete: bool = True
+    alternatives: tuple[Alternative, ...] = ()
 
 
 Holds = Callable[[Sequence[Relaxation]], bool]
 """Whether everything is met once some requirements have given."""
 
 
-def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None) -> Conflict | None:
+def find_conflict(
+    space: Space, best: BestDesign, say: Say = lambda words: None, alternatives: Iterable[Alternative] = ()
+) -> Conflict | None:
     """Why not everything is kept, or None where it is.
 
     Parameters
@@ -130,18 +139,33 @@ def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None)
     best
         The design that misses least.
     say
-        Told the name of each requirement before it is made to give.
+        Called with the step and the number of steps before each step.
+    alternatives
+        Discrete choices, evaluated while they are iterated over.
     """
     if best.verdict.is_met:
         return None
-    alone = []
-    for advice, point in _alone(space, best, say):
-        holds = partial(_holds, space, point)
-        alone.append(nearest(verified(advice, holds), holds))
-    alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
-    say("everything")
-    joint, share = _jointly(space, best, alone)
-    return Conflict(best.verdict.missed, tuple(alone), joint, share)
+    alone, others = list[Relaxation](), list[Alternative]()
+    joint: tuple[Relaxation, ...] = ()
+    is_complete = True
+    count = len(_names(space, best)) + 1
+    try:
+        for advice, point in _alone(space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")):
+            holds = partial(_holds, space, point)
+            alone.append(nearest(verified(advice, holds), holds))
+        say(f"relaxation {count} of {count}: all requirements together")
+        joint = _jointly(space, best, sorted(alone, key=_by_share))
+        others.extend(alternatives)
+    except KeyboardInterrupt:
+        is_complete = False
+    share = max((r.share or 0.0 for r in joint), default=None)
+    others.sort(key=lambda a: a.worst)
+    return Conflict(best.verdict.missed, tuple(sorted(alone, key=_by_share)), joint, share, is_complete, tuple(others))
+
+
+def _by_share(r: Relaxation) -> tuple[bool, float]:
+    """Sort key: smallest relative change first, requirements without a threshold last."""
+    return r.needed is None, r.share or 0.0
 
 
 # -- advice is tried -------------------------------------------------------------------------------
@@ -245,13 +269,25 @@ def outwards(value: float, way: int) -> float:
 # -- one gives -------------------------------------------------------------------------------------
 
 
+def _names(space: Space, best: BestDesign) -> list[str]:
+    """List the requirements that :func:`_alone` relaxes, in its order."""
+    others = [row.name for row in best.verdict.rows if _is_other(space, row)]
+    return [*(row.label for row in best.verdict.limits), *others, *space.numbers]
+
+
+def _is_other(space: Space, row: Judgement) -> bool:
+    """Whether a row is a missed requirement that is neither a limit nor a number of the space."""
+    return not (row.is_limit or row.is_met or row.name in space.numbers)
+
+
 def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxation, Point]]:
-    """Each requirement that may give alone, and a design at which it does."""
+    """Yield each requirement that may be relaxed alone, and a design at which it suffices."""
     for i, row in enumerate(best.verdict.limits):
         say(row.label)
         yield _limit_gives(space, best, i, row)
     for row in best.verdict.rows:
-        if not (row.is_limit or row.is_met or row.name in space.numbers):
+        if _is_other(space, row):
+            say(row.name)
             yield _limit_gives(space, best, row.name, row)
     for name in space.numbers:
         say(name)
@@ -328,12 +364,12 @@ class Joint(NamedTuple):
     point: Point
 
 
-def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
-    """The least share by which some limits and given numbers give at once, and all of these have to."""
+def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[Relaxation, ...]:
+    """Return the relaxations that together need the smallest largest share; empty unless at least two are needed."""
     spans, ways = _freedom(space, alone)
     found = _least_joint(space, best, spans, ways)
     if found is None:
-        return (), None
+        return ()
     advice = verified_together(found.given, partial(_holds, space, found.point))
     needed = without_idle(advice, partial(_holds, space, found.point))
     if len(needed) < len(advice):  # anew, without the others: less has to give than by what they were tried with
@@ -346,8 +382,8 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[t
             names,
         )
         if again and (verified := verified_together(again.given, partial(_holds, space, again.point))):
-            needed, found = verified, again
-    return (needed, found.share) if len(needed) > 1 else ((), None)
+            needed = verified
+    return needed if len(needed) > 1 else ()
 
 
 def _least_joint(

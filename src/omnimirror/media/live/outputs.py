@@ -256,9 +256,17 @@ class Preview(SinkBase):
         self._news = threading.Condition()
         self._is_over = False
         command = [sys.executable, "-m", "omnimirror.media.live.window", *map(str, size), title]
-        self._window = Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE)
-        assert self._window.stdout is not None
-        if self._window.stdout.readline().strip() != b"ready":
+        # In a session of its own: signals of a terminal are for the program that sends the pictures.
+        try:
+            with interrupts.postponed():
+                self._window = Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, start_new_session=True)
+            assert self._window.stdout is not None
+            is_open = self._window.stdout.readline().strip() == b"ready"
+        except KeyboardInterrupt:
+            self._window.kill()
+            self._window.communicate()
+            raise
+        if not is_open:
             _, said = self._window.communicate()
             reason = (said.decode(errors="replace").strip().splitlines() or ["it does not say why"])[-1]
             raise MediaError(f"cannot open a preview window: {reason}")

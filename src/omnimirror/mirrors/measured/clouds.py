@@ -140,6 +140,16 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     return tuple(map(float, x)), tuple(map(float, heights))
 
 
+def check_distance(points: Array, source: str) -> None:
+    """Raise OmnimirrorError if a point (n, 3) mm is farther than 10 km from the origin."""
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_MM:
+        raise OmnimirrorError(
+            f"{source} must lie within {FARTHEST_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
+            "unit and remove wrong points"
+        )
+
+
 def check_spread(points: Array, source: str) -> None:
     """Check that points (n, 3) mm can determine a surface.
 
@@ -150,12 +160,7 @@ def check_spread(points: Array, source: str) -> None:
     """
     if len(points) < FEWEST:
         raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
-    farthest = float(np.abs(points).max())
-    if farthest > FARTHEST_MM:
-        raise OmnimirrorError(
-            f"{source} must lie within {FARTHEST_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
-            "unit and remove wrong points"
-        )
+    check_distance(points, source)
     length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     if width < max(NARROWEST_MM, NARROWEST * length):
         raise OmnimirrorError(

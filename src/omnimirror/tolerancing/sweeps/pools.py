@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
@@ -34,7 +33,7 @@ class Pool:
         On Ctrl-C and SIGTERM what is under way is left, and the signal goes on.
         """
         left = iter(shards)
-        with interrupts.deferred():
+        with interrupts.postponed():
             waiting = {self._begin(shard): shard for shard in islice(left, AHEAD * self.workers)}
             while waiting and not interrupts.is_pending():
                 for future in wait(waiting, interrupts.POLL_S, FIRST_COMPLETED).done:
@@ -42,9 +41,6 @@ class Pool:
                     future.result()
                     waiting |= {self._begin(shard): shard for shard in islice(left, 1)}
                     yield shard
-            stopped = interrupts.exit_code()
-        if stopped:
-            signal.raise_signal(stopped - interrupts.BY_SIGNAL)
 
     def _begin(self, shard: Shard) -> Future[None]:
         return self.executor.submit(self.make, shard)

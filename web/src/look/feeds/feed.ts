@@ -2,6 +2,7 @@ import * as api from "../../shared/api";
 import type { StreamState } from "../../shared/messages";
 import { background } from "../../shared/background";
 import { openedWebcam, release, started } from "../../shared/media";
+import { fileWord, shellWord } from "../../shared/shell";
 import type { Picture } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
 
@@ -79,7 +80,7 @@ export async function addressFeed(
   } catch {
     release(video);
     throw new api.Refused(
-      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`,
+      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${shellWord(fileWord(name))}`,
     );
   }
   return { ...ofVideo(video, name, after), video };

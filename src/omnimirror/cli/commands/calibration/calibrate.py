@@ -23,6 +23,7 @@ from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
 from ....calibrate.targets.finding import find_boards
 from ....camera_models.base import CameraModel, Optics
+from ....errors import OmnimirrorError
 from ....escaping import shell_command
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
@@ -35,7 +36,7 @@ from ...options.board import SoughtBoardOptions
 from ...options.common import NUMBER, WHOLE, angle, distance, pixel, whole_size
 from ...options.declared import Options, option, takes
 from ...options.orientation import OrientationOptions
-from ...outputs import Output, output_console, plain_table, progress_bar, say, say_written
+from ...outputs import Output, notice, output_console, plain_table, progress_bar, say, say_written
 
 FEW_SHOWN = 12
 
@@ -197,11 +198,17 @@ def command(
     known = read_surveys(survey.points, survey.directions)
     detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several, orientation)
     with _steps(console) as progress, interrupts.deferred():
-        found = calibrate_camera(
-            detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
-            lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
-            progress=progress, stop=interrupts.is_pending,
-        )  # fmt: skip
+        try:
+            found = calibrate_camera(
+                detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
+                lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
+                progress=progress, stop=interrupts.is_pending,
+            )  # fmt: skip
+        except OmnimirrorError:
+            if not (code := interrupts.exit_code() or stopped_by):
+                raise
+            notice("stopped before a camera was found")
+            sys.exit(code)
         code = interrupts.exit_code() or stopped_by
         _write(found, output, json_path, report, figures)
     _print(console, found, known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from ...outputs import (
 from ...process import stopped_code
 from .bought import buy
 from .front import check_pick, find_front
-from .tables import MISSED, print_convergence, print_design, print_merits
+from .tables import MISSED, print_conflict, print_convergence, print_design, print_merits
 
 FOR_BOTH = ("seed", "resume", "paper_mode", "image_radius_px")
 ONLY = {
@@ -104,14 +105,21 @@ def command(
         design = None if searched.pick is None else found.design(searched.pick)
         is_complete = found.is_complete
     elif asked.mirror.optimise:
-        design = _optimised(console, asked, searched)
+        design = _optimised(console, asked, searched, lambda design: _write(console, design, out, json_file))
         is_complete = design.optimum is None or design.optimum.is_complete
+        is_complete = is_complete and (design.conflict is None or design.conflict.is_complete)
     else:
         with console.status("Designing") as status:
-            design = design_sensor(asked, lambda words: status.update(f"Designing: {words}"))
-        is_complete = True
+            design = design_sensor(
+                asked,
+                lambda words: status.update(f"Designing: {words}"),
+                on_design=lambda design: _write(console, design, out, json_file),
+            )
+        is_complete = design.conflict is None or design.conflict.is_complete
     if design is not None:
-        _write(console, design, out, json_file, figures)
+        if merits:
+            _write(console, design, out, json_file)
+        _finish(console, design, out, json_file, figures)
     for path in (searched.figure, searched.resume):
         if path and path.exists():
             say_written(path, console=console)
@@ -121,13 +129,21 @@ def command(
     sys.exit(MISSED if design and not design.is_met else 0)
 
 
-def _write(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
-    """Write what is asked for, then print the design."""
+def _write(console: Console, design: Design, out: Path | None, json_file: Path | None) -> None:
+    """Write the sensor file and the table, then print the table; called before the search for relaxations."""
     if out:
         save_sensor(design.sensor, out)
     if json_file:
         write_json(json_file, design.to_dict())
     print_design(console, design)
+
+
+def _finish(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
+    """Print the relaxations and the merits, write the relaxations, and draw the figures."""
+    if design.conflict is not None:
+        print_conflict(console, design.conflict, design.verdict)
+        if json_file:
+            write_json(json_file, design.to_dict())
     if design.optimum:
         print_merits(console, design.optimum)
         if not design.optimum.is_complete:
@@ -137,8 +153,14 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
     say_written(out, json_file, figures, console=console)
 
 
-def _optimised(console: Console, asked: Requirements, searched: SearchedOptions) -> Design:
-    """The best of one or several numbers of terms, with a bar; several are told of in a table."""
+def _optimised(
+    console: Console, asked: Requirements, searched: SearchedOptions, on_design: Callable[[Design], None]
+) -> Design:
+    """Return the best design of one or several numbers of terms, with a progress bar.
+
+    ``on_design`` receives the design before the search for relaxations; with several numbers of terms, the best
+    design after the table of convergence.
+    """
     shape = asked.mirror.shape or SHAPE
     counts = searched.terms or [FreeForm.parse(shape).terms]
     if searched.resume and len(counts) > 1:
@@ -155,10 +177,13 @@ def _optimised(console: Console, asked: Requirements, searched: SearchedOptions)
                 asked.changed(shape=f"{shape.partition(':')[0]}:{count}"),
                 lambda words: bar.update(task, description=words),
                 search=searched.search(told),
+                on_design=on_design if len(counts) == 1 else None,
             )
+    best = min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
     if len(counts) > 1:
         print_convergence(console, designs)
-    return min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
+        on_design(best)
+    return best
 
 
 def _draw(console: Console, design: Design, folder: Path) -> None:

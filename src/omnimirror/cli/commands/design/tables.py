@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 from rich.console import Console
@@ -19,12 +20,14 @@ from ....tracing.obscuration import hidden_words
 from ...outputs import head, plain_table, say
 
 OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
+MAX_ALTERNATIVES = 3
+"""Number of alternatives printed for each entry under each heading; the JSON file holds all."""
 MISSED = 3
 """Exit code where a sensor misses a requirement."""
 
 
 def print_design(console: Console, design: Design) -> None:
-    """The table, the notes, and what conflicts."""
+    """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
     place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
     say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
@@ -32,8 +35,6 @@ def print_design(console: Console, design: Design) -> None:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
     print_verdict(console, design.verdict)
-    if design.conflict is not None:
-        _print_conflict(console, design.conflict, design.verdict)
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
@@ -82,7 +83,8 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
 
 
-def _print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> None:
+def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> None:
+    """Print the missed requirements, and the relaxations that make the others feasible."""
     labels = {}
     if verdict.requirements.field.angles == "elevation":
         labels = {row.label: _place_told(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
@@ -93,12 +95,28 @@ def _print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> N
         console.print("All is met if one of these alone gives:", highlight=False)
         for r in helpful:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
-    else:
+    elif conflict.is_complete:
         console.print("No single requirement that gives, within reason, would do.", highlight=False)
     if conflict.joint_share is not None:
-        console.print(f"Or if these give at once by {conflict.joint_share:.2%}:", highlight=False)
+        console.print(f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
+    for others, heading in (
+        ([a for a in conflict.alternatives if a.is_met], "All is met with one of these alternatives:"),
+        ([a for a in conflict.alternatives if not a.is_met], "Alternatives that miss less (largest violation):"),
+    ):
+        if others:
+            console.print(heading, highlight=False)
+        counts = Counter[str]()
+        for a in others:
+            counts[a.entry] += 1
+            if counts[a.entry] > MAX_ALTERNATIVES:
+                continue
+            violation = "" if a.is_met else f" ({a.worst:.2%})"
+            text = f"  {a.entry}: {a.value} instead of {a.asked}{violation}"
+            console.print(text, highlight=False, soft_wrap=True)
+    if not conflict.is_complete:
+        console.print("The search for relaxations was interrupted.", highlight=False)
 
 
 def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:

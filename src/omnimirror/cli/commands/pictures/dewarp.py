@@ -357,6 +357,6 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
     remark(f"{name}: {done.view}, {told}")
     if done.summary:
         remark(f"{source}: {done.summary}")
-    if outcome.stopped and outputs:
-        notice(f"stopped; {name} holds what was done")
+    if outcome.stopped and (outputs or outcome.is_signal):  # closing a window is how a mere preview ends
+        notice(f"stopped; {name} holds what was done" if outputs else "stopped")
         sys.exit(outcome.exit_code)

@@ -1,0 +1,169 @@
+"""Success rate of `design_sensor` on requirement files that are feasible by construction.
+
+Each file takes the values of a random sensor, loosened by 0.5 %, as limits, and replaces rim radius, focal length and
+F-number by wide asymmetric ranges that contain those of the sensor. Families and mappings, fits, domes, tubes in air
+and water, near objects and imagers of the catalogue occur.
+
+    python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import omnimirror as om
+from omnimirror.components.catalogue import read_catalogue
+from omnimirror.design.criteria.requirement_file import requirements_of
+from omnimirror.design.solve.candidates import make
+from omnimirror.design.solve.range_search import solve
+from omnimirror.errors import OmnimirrorError
+from omnimirror.files import write_text
+
+LOOSENED = 0.005  # relative
+AT_MOST = ("total_blur_deg", "total_blur_px", "viewpoint_spread_mm", "sag_mm", "whole_height_mm", "whole_diameter_mm")
+AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
+MIRRORS = ("sphere", "hyperboloid", "paraboloid", "ellipsoid", "equidistant", "equiareal", "conformal", "unit-aspect")
+FAMILIES = MIRRORS[:4]
+HOUSINGS = ("none", "camera", "dome", "tube", "water")
+TRIES = 200
+
+
+def feasible_requirements(seed: int) -> om.Requirements:
+    """Return requirements that a random sensor meets, with that sensor's numbers inside of ranges."""
+    rng = np.random.default_rng(seed)
+    for _ in range(TRIES):
+        tables, numbers = _tables(rng)
+        try:
+            sensor = make(requirements_of(_with(tables, numbers))).sensor
+            limits = _limits(rng, tables, numbers, sensor)
+            ranges = {name: _around(rng, value, *_BOUNDS[name]) for name, value in numbers.items()}
+            wanted = requirements_of({**_with(tables, ranges), "limit": limits})
+            if limits and om.judge(wanted, sensor).is_met:
+                return wanted
+        except OmnimirrorError:
+            continue
+    raise RuntimeError(f"no sensor found for seed {seed}")
+
+
+_BOUNDS = {"rim_radius_mm": (5.0, 90.0), "focal_length_mm": (1.5, 40.0), "f_number": (1.4, 16.0), "conic": (-4.0, 4.0)}
+
+
+def _tables(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]:
+    """Return the tables without the numbers that become ranges, and these numbers."""
+    kind, housing = str(rng.choice(MIRRORS)), str(rng.choice(HOUSINGS))
+    rim = float(rng.uniform(8.0, 60.0))
+    numbers = {
+        "rim_radius_mm": rim,
+        "focal_length_mm": float(rng.uniform(3.0, 16.0)),
+        "f_number": float(rng.uniform(2.0, 8.0)),
+    }
+    field: dict[str, Any] = {"omega_max_deg": float(rng.uniform(90.0, 135.0)), "omega_min_deg": 20.0}
+    mirror: dict[str, Any] = {"family" if kind in FAMILIES else "mapping": kind}
+    if kind == "ellipsoid":
+        numbers["conic"] = float(rng.uniform(-0.6, 1.5))
+    if kind not in FAMILIES and rng.random() < 0.4:
+        mirror["fit"] = str(rng.choice(["polynomial:5", "asphere:3"]))
+    near = rng.random()
+    if near < 0.2:
+        field["object_distance_mm"] = [float(rng.uniform(5, 15) * rim), float(rng.uniform(20, 80) * rim)]
+    elif near < 0.3:
+        field["object_cylinder_radius_mm"] = float(rng.uniform(5, 20) * rim)
+    wall = {"material": "acrylic", "wall_mm": 3.0}
+    tube = {**wall, "diameter_mm": float(rng.uniform(3.0, 4.0) * 60.0)}
+    around: dict[str, Any] = {
+        "none": {},
+        "camera": {"camera": {"diameter_mm": float(rng.uniform(0.2, 0.6) * rim)}},
+        "dome": {"dome": wall},
+        "tube": {"tube": tube},
+        "water": {"tube": {**tube, "medium": "water"}},
+    }[housing]
+    if housing == "water":
+        field["omega_min_deg"] = 50.0
+    if rng.random() < 0.4:
+        part = rng.choice(np.array(read_catalogue().imagers, dtype=object))
+        imager = {"width_px": part.width_px, "height_px": part.height_px, "pixel_pitch_um": part.pixel_pitch_um}
+    else:
+        width = int(rng.choice([1280, 1920, 2048, 4000]))
+        height = int(width * rng.choice([0.5625, 0.75, 1.0]))
+        imager = {"width_px": width, "height_px": height, "pixel_pitch_um": float(rng.choice([1.55, 2.4, 3.45, 4.8]))}
+    tables = {"name": "feasible", "field": field, "mirror": mirror, "lens": {}, "imager": imager, "housing": around}
+    return tables, numbers
+
+
+def _with(tables: dict[str, Any], numbers: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables with entries of mirror and lens."""
+    of_mirror = {name: value for name, value in numbers.items() if name in ("rim_radius_mm", "conic")}
+    of_lens = {name: value for name, value in numbers.items() if name not in of_mirror}
+    return {**tables, "mirror": tables["mirror"] | of_mirror, "lens": tables["lens"] | of_lens}
+
+
+def _around(rng: np.random.Generator, value: float, low: float, high: float) -> list[float]:
+    """Return an asymmetric range about a value."""
+    if value <= 0 or low < 0:
+        return [max(low, value - rng.uniform(0.1, 1.0)), min(high, value + rng.uniform(0.1, 2.0))]
+    return [max(low, value / rng.uniform(1.05, 2.5)), min(high, value * rng.uniform(1.05, 2.5))]
+
+
+def _limits(
+    rng: np.random.Generator, tables: dict[str, Any], numbers: dict[str, float], sensor: om.Sensor
+) -> list[dict[str, Any]]:
+    """Return limits at the values of a sensor, loosened."""
+    most = [str(name) for name in rng.choice(AT_MOST, rng.integers(1, 4), replace=False)]
+    least = [str(name) for name in rng.choice(AT_LEAST, rng.integers(1, 3), replace=False)]
+    cycles = {"cycles_per_px": 0.125}
+    tried = [{"quantity": name, "at_most": 1e9} for name in most]
+    tried += [{"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in least]
+    verdict = om.judge(requirements_of({**_with(tables, numbers), "limit": tried}), sensor)
+    limits = []
+    for limit, row in zip(tried, verdict.limits, strict=True):
+        side, factor = ("at_most", 1 + LOOSENED) if "at_most" in limit else ("at_least", 1 - LOOSENED)
+        if not np.isfinite(row.reached) or row.reached <= 1e-6:
+            continue
+        limits.append({**limit, side: row.reached * factor})
+    return limits
+
+
+def main() -> None:
+    from circumstances import other_load, processor
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--keep", type=Path, help="folder for the requirement files that were not solved")
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    load, times, missed = other_load(), [], []
+    for seed in range(arguments.first, arguments.first + arguments.count):
+        wanted = feasible_requirements(seed)
+        begin = time.process_time()
+        try:
+            verdict = solve(wanted)[1].verdict
+            said = "" if verdict.is_met else f"misses {', '.join(verdict.missed)} by {verdict.worst:.2%}"
+        except OmnimirrorError as error:
+            said = str(error)
+        times.append(time.process_time() - begin)
+        if said:
+            missed.append(seed)
+            print(f"seed {seed}, {times[-1]:.1f} s: {said}", flush=True)
+            if arguments.keep:
+                write_text(arguments.keep / f"feasible-{seed}.toml", om.format_requirements(wanted))
+    table = "\n".join(
+        [
+            f"`feasible_requirements.py` on {processor()}; seeds {arguments.first} to {seed}.{load}",
+            "",
+            "| files | solved | median CPU time, s | longest, s |",
+            "|---|---|---|---|",
+            f"| {len(times)} | {1 - len(missed) / len(times):.1%} | {np.median(times):.1f} | {max(times):.1f} |",
+        ]
+    )
+    print(table)
+    write_text(arguments.out / "feasible_requirements.md", table + "\n")
+
+
+if __name__ == "__main__":
+    main()

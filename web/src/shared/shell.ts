@@ -1,0 +1,14 @@
+const UNSEEN = /[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]/u;
+
+/** Quote a text as one word of a shell; of characters that are not seen or reorder others an escape is shown. */
+export function shellWord(text: string): string {
+  if (/^[\w.,:/=+-]+$/.test(text)) return text;
+  if (!UNSEEN.test(text)) return `'${text.replaceAll("'", `'\\''`)}'`;
+  const escaped = [...text].map((c) => (UNSEEN.test(c) ? escapeOf(c) : c.replace(/['\\]/, "\\$&")));
+  return `$'${escaped.join("")}'`;
+}
+
+/** A file's name as a word of its own, never an option. */
+export const fileWord = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
+
+const escapeOf = (c: string): string => `\\U${c.codePointAt(0)!.toString(16).padStart(8, "0")}`;
