@@ -79,6 +79,7 @@ READS = {
     "simulate.datasets.learning_set": "writes",
     "handoff.maps.opencv": "writes",
     "media.pictures.headers": "the header of bytes that were read",
+    "media.pictures.carried": "the header of bytes that were read",
     "media.pictures.exr": "bytes that were read and checked",
     "media.pictures.images": "bytes that were read and checked",
     "studio.uploads": "bytes of a request, limited",

@@ -6,18 +6,26 @@ import ast
 import importlib.util
 import re
 import shlex
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pytest
+import tomli_w
 
 import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.design import parse_requirements
 from omnimirror.manufacture.workshop import parse_workshop
-from omnimirror.specs import parse_sensor
+from omnimirror.media.keyframes import Keyframes
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
+from omnimirror.specs import format_sensor, parse_sensor
 from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.commands import omnimirror
 from tests.everyday import few
@@ -66,11 +74,16 @@ def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, mo
         assert_printed(shown.splitlines(), capsys.readouterr().out, block)
 
 
+def files_shown(page: Path) -> dict[str, str]:
+    """Return the files that a page shows: blocks whose first line is a comment with the name, "# name.toml"."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(r"^```\w+\n(# ([\w-]+\.[a-z]+)\n.*?)^```", text, flags=re.M | re.S)
+    return {name: block for block, name in found}
+
+
 def write_files(page: Path, folder: Path) -> None:
-    """The files of a page: a first line "# name.toml" says what the commands find."""
-    for block in blocks(page, "toml"):
-        if file := re.match(r"# ([\w-]+\.toml)\n", block):
-            (folder / file[1]).write_text(block)
+    for name, block in files_shown(page).items():
+        (folder / name).write_text(block)
 
 
 def commands(page: Path, language: str) -> list[tuple[str, list[str]]]:
@@ -180,10 +193,7 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
             )
             continue
         if block.startswith("# carts.toml"):
-            (tmp_path / "carts.toml").write_text(block)
-            (tmp_path / "lamp.csv").write_text("time_s,x_mm\n0,-800\n")  # which the page does not show
-            assert [box.name for box in om.load_bodies(tmp_path / "carts.toml")] == ["cart", "lamp"]
-            continue
+            continue  # test_boxes_move_as_documented
         if "[field]" in block:
             assert parse_requirements(block).field.omega_max_deg > 0
             continue
@@ -197,6 +207,51 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
             assert om.parse_camera(block).omega_max > 0
             continue
         assert parse_sensor(block).aligned().field_deg[1] > 0
+
+
+TABLES: dict[str, Callable[[Path], Any]] = {
+    "drive.csv": lambda path: om.load_path(path).at(2.0) == {"x_mm": 800.0, "pan_deg": 90.0},
+    "lamp.csv": lambda path: om.load_path(path).at(1.0) == {"x_mm": -800.0, "z_mm": 250.0},
+    "turn.csv": lambda path: (
+        [Keyframes.load(path).at(time) for time in (0, 4, 6)]
+        == [{"pan_deg": pan, "hfov_deg": hfov} for pan, hfov in ((0, 60), (90, 60), (90, 30))]
+    ),
+    "lens.csv": lambda path: parse_lens(path).field_deg == (0, 5, 10, 15),
+    "room.csv": lambda path: om.read_surveys(points=[path]).sightings[0].points.tolist() == [[2150, -730, 1420]],
+    "sky.csv": lambda path: om.read_surveys(directions=[path]).sightings[0].is_distant.tolist() == [True],
+    "edges.csv": lambda path: [len(edge) for edge in om.read_lines([path])["hall.jpg"]] == [3],
+}
+"""Readers of the tables that pages show, and what the pages document of them."""
+
+
+def parse_lens(path: Path) -> Any:
+    table = {"kind": "table", "file": path.name, "focal_length_mm": 11.6, "f_number": 8.0, "focus_distance_mm": 200.0}
+    sensor = tomllib.loads(format_sensor(om.load_sensor("paper-spherical"))) | {"lens": table}
+    return parse_sensor(tomli_w.dumps(sensor), folder=path.parent).lens
+
+
+@pytest.mark.parametrize(
+    ("page", "name"),
+    [(p, n) for p in PAGES for n in files_shown(p) if not n.endswith(".toml")],
+    ids=lambda p: getattr(p, "name", p),
+)
+def test_tables_are_read_as_documented(page, name, tmp_path):
+    write_files(page, tmp_path)
+    assert TABLES[name](tmp_path / name)
+
+
+def test_boxes_move_as_documented(tmp_path):
+    """Render the boxes of docs/simulate.md: by its last sentence, one moves to the left and the other rises."""
+    write_files(ROOT / "docs" / "simulate.md", tmp_path)
+    bodies = om.load_bodies(tmp_path / "carts.toml")
+    sphere = om.load_sensor("paper-spherical")
+    small = replace(sphere, imager=replace(sphere.imager, width_px=256, height_px=256, pixel_pitch_um=5.2 * 4))
+    places = [[1300.0, 0.0, 0.0], [1300.0, 900.0, 0.0], [-700.0, 0.0, -400.0], [-700.0, 0.0, 650.0]]
+    (u, v), valid = (found := small.project(np.array(places))).pixels.round().astype(int).T, found.valid
+    assert valid.all()
+    for time, shows in ((0.0, [True, False, True, False]), (1.0, [False, True, False, True])):
+        empty, full = (expose(small, SceneWithBodies(om.Room(), b, time), samples=1) for b in ((), bodies))
+        assert (np.abs(full - empty)[v, u].max(axis=-1) > 0.01).tolist() == shows, time
 
 
 def headings(page: Path) -> set[str]:

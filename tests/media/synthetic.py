@@ -61,8 +61,8 @@ def _frame(number: int, time: int, colour_range: int, colour_space: int) -> av.V
     return frame
 
 
-def tone(first: int) -> av.AudioFrame:
-    wave = 0.5 * np.sin(2 * np.pi * 440 * (first + np.arange(1024)) / SOUND_RATE)
+def tone(first: int, samples: int = 1024) -> av.AudioFrame:
+    wave = 0.5 * np.sin(2 * np.pi * 440 * (first + np.arange(samples)) / SOUND_RATE)
     frame = av.AudioFrame.from_ndarray(wave.astype(np.float32)[None], "fltp", "mono")
     frame.sample_rate, frame.pts, frame.time_base = SOUND_RATE, first, Fraction(1, SOUND_RATE)
     return frame

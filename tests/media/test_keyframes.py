@@ -43,9 +43,39 @@ def test_csv_with_empty_cells(tmp_path):
 def test_toml_linear(tmp_path):
     (tmp_path / "a.toml").write_text(TOML)
     moves = Keyframes.load(tmp_path / "a.toml")
-    assert moves.at(1) == {"pan_deg": 180, "tilt_deg": -10.5}
+    assert moves.at(1) == {"pan_deg": 180, "tilt_deg": -5.25}  # 0 in the first keyframe, which does not contain it
     assert moves.at(0.5)["pan_deg"] == pytest.approx(175)
     assert moves.at(1.5)["pan_deg"] == pytest.approx(-175)
+
+
+POSES = ("x_mm", "y_mm", "pan_deg")
+MISSING_AT_FIRST = {
+    parse_csv: "time_s,x_mm,y_mm,pan_deg\n1,1500,,\n2,1500,900,\n3,1500,,40",
+    parse_toml: "interpolation = 'linear'\n[[keyframe]]\ntime_s = 1\nx_mm = 1500\n"
+    "[[keyframe]]\ntime_s = 2\nx_mm = 1500\ny_mm = 900\n[[keyframe]]\ntime_s = 3\npan_deg = 40",
+}
+
+
+@pytest.mark.parametrize("parse", MISSING_AT_FIRST)
+def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
+    moves = parse(MISSING_AT_FIRST[parse], names=POSES)
+    assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
+    assert moves.at(1.5)["y_mm"] == pytest.approx(450)  # halfway, which smooth and linear interpolation share
+    assert 900 == moves.at(2)["y_mm"] == moves.at(3)["y_mm"]
+    assert 0 < moves.at(2)["pan_deg"] < 40 == moves.at(3)["pan_deg"]
+
+
+@pytest.mark.parametrize(
+    ("parse", "text"),
+    [
+        (parse_csv, "time_s,pan_deg,{0}\n0,0,\n4,90,60"),
+        (parse_toml, "[[keyframe]]\ntime_s = 0\n[[keyframe]]\ntime_s = 4\n{0} = 60"),
+    ],
+)
+@pytest.mark.parametrize("name", ["hfov_deg", "distance_mm"])
+def test_a_value_that_cannot_be_zero_must_be_in_the_first_keyframe(parse, text, name):
+    with pytest.raises(MediaError, match=f"{name} must be in the first keyframe of keyframes; got it first in .*line"):
+        parse(text.format(name))
 
 
 values = st.lists(st.floats(-60, 60), min_size=3, max_size=8)

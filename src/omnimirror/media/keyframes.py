@@ -24,6 +24,8 @@ NAMES = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "distance_mm")
 """What can be given, unless the caller allows other names."""
 TURNING = ("pan_deg", "roll_deg")
 """Angles that come round again after 360 deg: they turn the short way, and are told from -180 to 180."""
+WITHOUT_ZERO = ("hfov_deg", "distance_mm")
+"""Names for which 0 is not a value: the first keyframe must contain them if a later one does."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +55,22 @@ class Keyframes:
     def load(cls, path: str | Path, names: Sequence[str] = NAMES) -> Keyframes:
         """Read a CSV or a TOML file.
 
-        A CSV has a head with ``time_s`` and any of ``names``; an empty cell leaves a value to its
-        neighbours. A TOML has ``[[keyframe]]`` tables with the same entries, and perhaps
-        ``interpolation = "linear"`` before them.
+        A CSV has a head with ``time_s`` and any of ``names``. A TOML has ``[[keyframe]]`` tables with the
+        same entries and, optionally, ``interpolation = "linear"`` before them.
+
+        A position or angle missing in the first keyframe is 0 there; a field of view or a distance must be
+        given in the first keyframe if a later one contains it. A value missing in a later keyframe is
+        interpolated between the neighbouring keyframes that contain it, and after the last of them it stays.
 
         Raises
         ------
         MediaError
             No such file, or an entry that is missing, unknown or wrong; the message names the line.
+
+        Examples
+        --------
+        >>> parse_csv("time_s,pan_deg,tilt_deg\\n0,10,\\n2,10,-30").at(0.0)
+        {'pan_deg': 10.0, 'tilt_deg': 0.0}
         """
         path = Path(path)
         text = files.read_text(path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}")
@@ -197,9 +207,9 @@ def _check_names(found: list[str], names: Sequence[str], where: str) -> None:
 
 
 def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolation: Interpolation) -> Keyframes:
-    """Tracks of the keyframes, whose times must grow."""
+    """Return the tracks of the keyframes, whose times must increase."""
     tracks: dict[str, list[tuple[float, float]]] = {}
-    latest = -math.inf
+    first, latest = math.nan, -math.inf
     for where, entries in points:
         if TIME not in entries:
             raise MediaError(f"{where} has no {TIME}")
@@ -207,8 +217,14 @@ def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolat
         time = numbers.pop(TIME)
         if time <= latest:
             raise MediaError(f"{where} is at {time:g} s, and the one before at {latest:g} s; times must grow")
+        if latest == -math.inf:
+            first = time
         latest = time
         for name, value in numbers.items():
+            if name not in tracks and time > first:
+                if name in WITHOUT_ZERO:
+                    raise MediaError(f"{name} must be in the first keyframe of {source}; got it first in {where}")
+                tracks[name] = [(first, 0.0)]
             tracks.setdefault(name, []).append((time, value))
     if not tracks:
         raise MediaError(f"{source} holds no keyframes")

@@ -30,6 +30,7 @@ def dewarp_pictures(
     transparent: bool | None = None,
     restoration: Restoration | None = None,
     keep_lean: bool = False,
+    stored_orientation: bool = False,
     wavelengths_nm: tuple[float, float, float] | None = None,
     skip_existing: bool = False,
     threads: int | None = None,
@@ -60,6 +61,8 @@ def dewarp_pictures(
         How pictures are sharpened first; not at all by default.
     keep_lean
         Draw the view as the camera leans, not level.
+    stored_orientation
+        Take pixels as stored, without the orientation in their EXIF data.
     wavelengths_nm
         Of red, green and blue light, where each is to be straightened as a sensor's lens and cover refract it.
     skip_existing
@@ -95,7 +98,7 @@ def dewarp_pictures(
     ((135, 360, 4), 0)
     """
     colour = None if border is None else BorderColour.of(border)
-    how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean)
+    how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
     names = [sources] if isinstance(sources, str | Path) else list(sources)
     straightener = PictureStraightener(
         how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm

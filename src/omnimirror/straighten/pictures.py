@@ -24,6 +24,7 @@ from ..files import is_same_file, name_of
 from ..media import GPano, write_image
 from ..media.batch import PICTURES, VIDEOS, Job, Results, expand_inputs, outputs_for, run_parallel
 from ..media.pictures.images import Image, can_be_panorama, check_size, format_of, read_picture
+from ..media.pictures.orientation import QUARTER_TURNS, STORED, UPRIGHT, WORDS, applied
 from .depths import as_held
 from .request import Size, Straightening
 
@@ -43,6 +44,8 @@ class Straightened:
     """How many had been written already."""
     left_out: Counter[str] = field(default_factory=Counter)
     """What pictures carried that their files cannot hold, and of how many."""
+    oriented: Counter[str] = field(default_factory=Counter)
+    """Orientations other than that of the stored pixels, in words, and of how many images."""
 
 
 class PictureStraightener:
@@ -63,6 +66,7 @@ class PictureStraightener:
         self.restorer = cache(self._restorer)
         self.alone = Lock()  # it needs a lot of memory
         self.left_out: Counter[str] = Counter()
+        self.oriented: Counter[str] = Counter()
 
     def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """What straightens pictures of a size, and what its panoramas say of themselves."""
@@ -112,10 +116,12 @@ class PictureStraightener:
             raise InvalidParameter(
                 f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or black outside the field"
             )
-        picture, carried = read_picture(source)
+        is_stored = self.how.stored_orientation
+        picture, carried = read_picture(source, stored_orientation=is_stored)
         border = self.how.border.of_picture(picture) if self.how.border else 0
         same = (picture.shape[1], picture.shape[0]), border  # for all such pictures
         dewarp, panorama = self.dewarper(*same)
+        _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
@@ -130,6 +136,10 @@ class PictureStraightener:
         if left_out:
             told += f", {left_out}"
             self.left_out[left_out] += 1
+        if carried.orientation != UPRIGHT:
+            turned = applied(carried.orientation, is_stored)
+            told += f", {turned}"
+            self.oriented[turned] += 1
         size = f"{width} x {height} px"
         return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} of it inside the field{told}{restored}"
 
@@ -151,7 +161,18 @@ class PictureStraightener:
         found = list(zip(paths, outputs_for(paths, folder), strict=True))
         pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]
         jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
-        return Straightened(run_parallel(jobs, threads, progress), len(found) - len(pairs), self.left_out)
+        results = run_parallel(jobs, threads, progress)
+        return Straightened(results, len(found) - len(pairs), self.left_out, self.oriented)
+
+
+def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:
+    """Name the option if an image has the camera's size in its other orientation only."""
+    if orientation in QUARTER_TURNS and size != tuple(of_camera) == size[::-1]:
+        remedy = "leave out --stored-orientation (stored_orientation=True in Python)" if is_stored else STORED
+        raise InvalidParameter(
+            f"the image must have the {of_camera[0]} x {of_camera[1]} px of the camera; got {size[0]} x {size[1]} px, "
+            f"{'as stored' if is_stored else WORDS[orientation]}; {remedy}"
+        )
 
 
 def _change_of_depth(had: str, has: str) -> str:

@@ -41,6 +41,8 @@ class Straightening:
         The colour outside the field; black where not given.
     keep_lean
         Draw the view as the camera leans, not level; a panorama says by how much, for viewers to level it.
+    stored_orientation
+        Take pixels as stored, without the orientation in EXIF data or in the display matrix of a video.
     """
 
     camera: Camera | Callable[[Size], Camera]
@@ -49,6 +51,7 @@ class Straightening:
     viewpoint: Viewpoint = "exact"
     border: BorderColour | None = None
     keep_lean: bool = False
+    stored_orientation: bool = False
 
     def camera_of(self, size: Size) -> Camera:
         """The camera of pictures of a size (width, height), standing as it really does."""

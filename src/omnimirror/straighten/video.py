@@ -77,6 +77,7 @@ def dewarp_video(
     viewpoint: Viewpoint = "exact",
     border: AskedBorder | None = None,
     keep_lean: bool = False,
+    stored_orientation: bool = False,
     recording: Recording | None = None,
     listener: Listener | None = None,
 ) -> StraightenedVideo:
@@ -98,6 +99,8 @@ def dewarp_video(
         The colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
     keep_lean
         Draw the view as the camera leans, not level.
+    stored_orientation
+        Take frames as stored, without the rotation in the display matrix of the video.
     recording
         What is taken of the video, and how it is written.
     listener
@@ -129,7 +132,7 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean)
+    how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs is empty; it is valid with one at least")
@@ -159,7 +162,9 @@ def _straighten_file(
         raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
     with_sound = any(_is_film(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
-    with VideoReader(source, recording.start_s or 0.0, recording.duration_s, with_sound, rate) as reader:
+    with VideoReader(
+        source, recording.start_s or 0.0, recording.duration_s, with_sound, rate, how.stored_orientation
+    ) as reader:
         for note in reader.notes:
             listener.note(note)
         turn = Turning(how, reader.size, recording, reader.siting, reader.pixel_format)
@@ -178,7 +183,7 @@ def _straighten_live(
 ) -> StraightenedVideo:
     if recording.start_s is not None:
         raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
-    live = LiveSource(source, report=listener.note)
+    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
     try:
         first = live.first()
         turn = Turning(how, (first.width, first.height), recording, live.siting, first.format.name)

@@ -57,7 +57,13 @@ class LookAround:
         write_text(path, self.page)
 
 
-def show(picture: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: int = 480) -> LookAround:
+def show(
+    picture: str | Path | NDArray[Any],
+    camera: AnyCamera,
+    *,
+    height_px: int = 480,
+    stored_orientation: bool = False,
+) -> LookAround:
     """Look around in a picture, in a notebook: views that pan, tilt and zoom, panoramas and the others of the studio.
 
     Parameters
@@ -68,6 +74,8 @@ def show(picture: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: in
         What took it: a sensor, a calibrated camera, a mirror ball.
     height_px
         Of the view.
+    stored_orientation
+        Take the pixels of a file as stored, without the orientation in its EXIF data.
 
     Returns
     -------
@@ -91,7 +99,8 @@ def show(picture: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: in
     height = number("height_px", height_px)
     if not LOWEST_PX <= height <= HIGHEST_PX:
         raise InvalidParameter(f"height_px = {height:g} is outside {LOWEST_PX} to {HIGHEST_PX}")
-    path, image = (Path(picture), read_image(picture)) if isinstance(picture, str | Path) else (None, picture)
+    path = Path(picture) if isinstance(picture, str | Path) else None
+    image = read_image(picture, stored_orientation=stored_orientation) if isinstance(picture, str | Path) else picture
     check_picture(image)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
     return LookAround(viewer_of(camera, name, ("--sensor", f"{name}.toml"), path, image), round(height))

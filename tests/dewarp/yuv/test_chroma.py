@@ -196,7 +196,7 @@ def test_planes_with_gaps_between_their_rows_are_filled_in_place():
         ([(400, 401), (200, 201, 2)], np.float32, {}, "planes hold float32; valid are uint8"),
         ([(400, 401), (200, 201, 2)], np.uint8, {"bits": 10}, "bits = 10 does not go with uint8 planes; valid are 8"),
         ([(400, 401), (200, 201, 2)], np.uint16, {}, "bits = 8 does not go with uint16 planes; valid are 9 to 16"),
-        ([(400, 401), (200, 201, 2)], np.uint8, {"siting": "top"}, "'top' is not known; valid are left, center"),
+        ([(400, 401), (200, 201, 2)], np.uint8, {"siting": "above"}, "'above' is not known; valid are left, center"),
         ([(400, 401), (200, 201, 2)], np.uint8, {"out": (np.empty((9, 9), np.uint8),)}, r"planes of shapes \(9, 9\)"),
     ],
 )

@@ -10,7 +10,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 import omnimirror as om
 from omnimirror.cli import main
-from omnimirror.media.pictures.carried import read_carried
+from omnimirror.media.pictures.carried import Carried, read_carried
 from omnimirror.media.pictures.images import read_picture
 
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
@@ -109,4 +109,4 @@ def test_damaged_notes_are_none(tmp_path):
             broken[rng.integers(0, len(broken))] = rng.integers(0, 256)
             carried = read_carried(bytes(broken))
             assert carried.exif is None or len(carried.exif.block()) < 10 * len(data)
-    assert read_carried(b"II*\0" + struct.pack("<I", 8) + b"\xff\xff") == (None, None)
+    assert read_carried(b"II*\0" + struct.pack("<I", 8) + b"\xff\xff") == Carried()

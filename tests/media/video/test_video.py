@@ -10,10 +10,12 @@ import threading
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter, MediaError
+from omnimirror.media.pictures.orientation import oriented
 from omnimirror.media.processing import process
 from omnimirror.media.video.frames import (
     Colour,
@@ -24,6 +26,7 @@ from omnimirror.media.video.frames import (
     image_of_frame,
     planes,
 )
+from omnimirror.media.video.orientation import upright
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter
 from tests.everyday import few
@@ -91,16 +94,72 @@ def test_everything_but_the_pixels_is_kept(clip, tmp_path, suffix, pixels):
     assert list(tmp_path.iterdir()) == [out]
 
 
+FIELD = cv2.resize(np.random.default_rng(4).integers(40, 200, (6, 8, 3), np.uint8), SIZE)
+
+
+def make_turned(path, rotation, pixel_format="yuv420p"):
+    """Write a video of one image, which does not look the same in any two orientations."""
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=25, options={"crf": "1"})
+        video.width, video.height, video.pix_fmt = *SIZE, pixel_format
+        video.set_display_rotation(rotation)
+        for number in range(3):
+            frame = av.VideoFrame.from_ndarray(FIELD, "rgb24")
+            frame.pts = number
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 @pytest.mark.parametrize("rotation", [90, -90, 180])
-def test_rotation_is_kept_and_not_applied(tmp_path, rotation):
-    source = make_video(tmp_path / "a.mp4", 5, rotation)
-    through(source, tmp_path / "b.mp4")
-    frame = pictures_of(tmp_path / "b.mp4")[0]
-    assert frame.rotation == pictures_of(source)[0].rotation
-    assert abs(frame.rotation) == abs(rotation)
-    assert (frame.width, frame.height) == SIZE
-    through(source, tmp_path / "c.mp4", rotation_deg=0)
-    assert pictures_of(tmp_path / "c.mp4")[0].rotation == 0
+def test_rotation_is_applied_as_opencv_does(tmp_path, rotation, suffix):
+    source = make_turned(tmp_path / f"a{suffix}", rotation)
+    shown = cv2.VideoCapture(str(source)).read()[1][..., ::-1]
+    with VideoReader(source) as reader:
+        frames = list(reader.frames())
+        assert reader.size == (frames[0].width, frames[0].height) == shown.shape[1::-1]
+        assert "--stored-orientation" in reader.notes[0]
+    assert len(frames) == 3
+    for frame in frames:
+        assert np.abs(image_of_frame(frame).astype(int) - shown).max() <= 1
+    through(source, tmp_path / f"b{suffix}")
+    (written, *_) = pictures_of(tmp_path / f"b{suffix}")
+    assert (written.rotation, written.width, written.height) == (0, *shown.shape[1::-1])
+
+
+@pytest.mark.parametrize("rotation", [90, 180])
+def test_the_stored_orientation_is_kept_on_request(tmp_path, rotation):
+    source = make_turned(tmp_path / "a.mp4", rotation)
+    with VideoReader(source, stored_orientation=True) as reader:
+        (frame, *_) = reader.frames()
+        assert reader.size == (frame.width, frame.height) == SIZE
+        assert abs(reader.rotation_deg) == rotation
+        assert "as stored" in reader.notes[0]
+    assert np.abs(image_of_frame(frame).astype(int) - FIELD).mean() < 4
+
+
+def test_a_rotation_by_no_multiple_of_90_deg_is_reported(tmp_path):
+    with VideoReader(make_turned(tmp_path / "a.mp4", 30)) as reader:
+        assert reader.size == SIZE
+        assert "not a multiple of 90 deg and is not applied" in reader.notes[0]
+
+
+@pytest.mark.parametrize("size", [(64, 48), (63, 47)])
+@pytest.mark.parametrize("name", ["yuv420p", "nv12", "yuv422p10le", "yuva444p12le", "rgb24", "gray"])
+@pytest.mark.parametrize("number", [2, 3, 4, 5, 6, 7, 8])
+def test_frames_of_every_kind_are_turned_as_images_are(number, name, size):
+    image = cv2.resize(FIELD, size)
+    frame = converted(av.VideoFrame.from_ndarray(image, "rgb24"), name)
+    frame.pts, frame.time_base = 7, Fraction(1, 25)
+    turned = upright(frame, number)
+    assert (turned.pts, turned.time_base) == (7, Fraction(1, 25))
+    before, after = (
+        np.stack(planes(converted(part, "yuv444p16le", interpolation=2))) / 256 for part in (frame, turned)
+    )
+    expected = np.stack([oriented(plane, number) for plane in before])
+    assert np.abs(after[0] - expected[0]).max() < 1.1  # luma; chroma may be interpolated
+    assert np.abs(after[1:] - expected[1:]).mean() < 1.5
 
 
 @pytest.mark.parametrize("space", [1, 5])

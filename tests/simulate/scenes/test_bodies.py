@@ -43,7 +43,7 @@ def test_a_file_of_bodies_says_what_python_does(tmp_path):
     (tmp_path / "lamp.csv").write_text("time_s,x_mm\n0,-800\n1,-700\n")
     cart, lamp = om.load_bodies(tmp_path / "bodies.toml")
     assert (cart.name, cart.size_mm, cart.colour) == ("cart", (400, 300, 500), "#2e86de")
-    assert cart.pose_at(1.0) == om.Pose(1500.0, 450.0, 0.0, pan_deg=90.0)
+    assert cart.pose_at(1.0) == om.Pose(1500.0, 450.0, 0.0, pan_deg=45.0)
     assert (lamp.name, lamp.pose_at(5.0).x_mm) == ("lamp", -700.0)
 
 

@@ -1,7 +1,6 @@
 import { background } from "../shared/background";
 import * as api from "../shared/api";
 import type { BoardAsked, BoardSeen } from "../shared/messages";
-import { asStored } from "../shared/media";
 import {
   forget,
   keepList,
@@ -186,7 +185,7 @@ export class Shots {
 
 async function thumbnailOf(blob: Blob, name: string): Promise<string> {
   try {
-    const bitmap = await createImageBitmap(await asStored(blob)).catch(async () =>
+    const bitmap = await createImageBitmap(blob).catch(async () =>
       createImageBitmap(await api.convert(blob, name)),
     );
     const scale = Math.min(1, THUMBNAIL_PX / Math.max(bitmap.width, bitmap.height));

@@ -1,4 +1,4 @@
-/** Pictures as their files hold them, and what moves: videos and cameras. */
+/** Videos and cameras. */
 import { Refused } from "./api";
 import { locals, parsed, put, taken } from "./storage";
 
@@ -119,29 +119,3 @@ export async function checkReadable(file: Blob, name: string): Promise<void> {
 
 export const isVideo = (file: Blob, name: string): boolean =>
   file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
-
-/** The JPEG without what cameras note beside it: a calibration belongs to the pixels as stored, unturned. */
-export async function asStored(blob: Blob): Promise<Blob> {
-  const bytes = new Uint8Array(await blob.arrayBuffer());
-  if (bytes[0] !== 0xff || bytes[1] !== 0xd8) return blob;
-  const kept: Uint8Array<ArrayBuffer>[] = [bytes.slice(0, 2)];
-  let at = 2;
-  while (bytes[at] === 0xff && bytes[at + 1] !== 0xda) {
-    const end = at + 2 + bytes[at + 2] * 256 + bytes[at + 3];
-    if (bytes[at + 1] !== 0xe1) kept.push(bytes.slice(at, end));
-    if (!(end > at)) return blob;
-    at = end;
-  }
-  return new Blob([joined([...kept, bytes.slice(at)])], { type: "image/jpeg" });
-}
-
-/** In one piece: of a picture in several, Firefox says that it cannot be decoded. */
-function joined(parts: Uint8Array<ArrayBuffer>[]): Uint8Array<ArrayBuffer> {
-  const whole = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
-  let at = 0;
-  for (const part of parts) {
-    whole.set(part, at);
-    at += part.length;
-  }
-  return whole;
-}

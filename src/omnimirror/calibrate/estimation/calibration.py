@@ -65,6 +65,7 @@ def calibrate_camera(
     board_shape: bool = True,
     rim_radius_px: float | None = None,
     seed: int = 0,
+    stored_orientation: bool = False,
     progress: Callable[[str, float], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Calibration:
@@ -111,6 +112,8 @@ def calibrate_camera(
         mirror has its own rim.
     seed
         Of the groups in which more than 20 pictures are left out.
+    stored_orientation
+        Take the pixels of files as stored, without the orientation in their EXIF data.
     progress
         Called with a word and a share from 0 to 1.
     stop
@@ -147,7 +150,7 @@ def calibrate_camera(
         mount, optics = model.mount, model.optics
     mount = Mount() if mount is None else mount
     rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
-    detections = _with_names(_found(pictures, board))
+    detections = _with_names(_found(pictures, board, stored_orientation))
     surveys = _surveyed(surveys)
     is_reversed = (optics == "mirror") != mount.image_flipped
     size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
@@ -183,14 +186,16 @@ def calibrate_camera(
     return told
 
 
-def _found(pictures: Sequence[Any], board: Board | None) -> Sequence[Detection]:
+def _found(pictures: Sequence[Any], board: Board | None, stored_orientation: bool) -> Sequence[Detection]:
     """Boards in pictures, unless they were looked for already."""
     given = list(pictures)
     if board is None:
         if given:
             raise InvalidParameter(f"{len(given)} pictures are given and not the board that they show")
         return []
-    return given if given and all(isinstance(p, Detection) for p in given) else find_boards(given, board)
+    if given and all(isinstance(p, Detection) for p in given):
+        return given
+    return find_boards(given, board, stored_orientation=stored_orientation)
 
 
 def _surveyed(surveys: Sequence[Sighting]) -> tuple[Sighting, ...]:

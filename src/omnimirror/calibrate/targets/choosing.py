@@ -43,6 +43,7 @@ def choose_frames(
     start_s: float = 0.0,
     duration_s: float | None = None,
     camera: Camera | None = None,
+    stored_orientation: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> list[Detection]:
     """Frames of a video to calibrate with.
@@ -65,6 +66,8 @@ def choose_frames(
         The part of the video.
     camera
         As for :func:`find_board`.
+    stored_orientation
+        Take frames as stored, without the rotation in the display matrix of the video.
     progress
         Called with the number of frames looked at, and how many there will be, where the file tells.
 
@@ -95,7 +98,7 @@ def choose_frames(
     whole("count", count, 1)
     number("every_s", every_s, above=0, unit="s")
     found: list[Detection] = []
-    with VideoReader(path, start_s, duration_s, with_sound=False) as reader:
+    with VideoReader(path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation) as reader:
         expected = reader.expected_frames
         total = None if expected is None else max(1, round(expected / float(reader.frame_rate) / every_s))
         try:

@@ -129,6 +129,7 @@ def find_boards(
     names: Sequence[str] | None = None,
     camera: Camera | None = None,
     several: bool = False,
+    stored_orientation: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Detection]:
     """The board in each of several pictures of one sensor, and what speaks against using one.
@@ -146,6 +147,8 @@ def find_boards(
     several
         Whether a picture may show several such chessboards at once, of which each is then told: the first by the
         picture's name, the others with a number behind it.
+    stored_orientation
+        Take the pixels of files as stored, without the orientation in their EXIF data.
     progress
         Called with the number of pictures done, and of all.
 
@@ -175,7 +178,9 @@ def find_boards(
     names = _names(given) if names is None else list(names)
     if len(names) != len(given):
         raise InvalidParameter(f"there are {len(names)} names for {len(given)} pictures; each needs one")
-    jobs = [(picture, board, name, camera, several) for name, picture in zip(names, given, strict=True)]
+    jobs = [
+        (picture, board, name, camera, several, stored_orientation) for name, picture in zip(names, given, strict=True)
+    ]
     found = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
     try:
         for done, (number, boards) in enumerate(_looked_through(jobs), 1):
@@ -201,13 +206,20 @@ def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list
 
 
 def _boards_in(
-    picture: Picture | str | Path, board: Board, name: str, camera: Camera | None, several: bool
+    picture: Picture | str | Path,
+    board: Board,
+    name: str,
+    camera: Camera | None,
+    several: bool,
+    stored_orientation: bool,
 ) -> list[Detection]:
     """Boards of a picture or file, or why there is none."""
     from ...media import read_image
 
     try:
-        pixels = read_image(picture) if isinstance(picture, str | Path) else picture
+        pixels = (
+            read_image(picture, stored_orientation=stored_orientation) if isinstance(picture, str | Path) else picture
+        )
         boards = _several(pixels, board, name) if several and not board.has_markers else []
         return boards or [find_board(pixels, board, name=name, camera=camera)]
     except OmnimirrorError as e:

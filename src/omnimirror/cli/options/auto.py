@@ -14,6 +14,7 @@ from ...camera_models import MirrorBall
 from ...errors import InvalidParameter
 from .camera import OPTIONS_OF_SOURCE, CameraOptions
 from .declared import Options, flag, option
+from .orientation import OrientationOptions
 
 if TYPE_CHECKING:
     from ...calibrate.rim import FoundRim
@@ -58,13 +59,15 @@ class AutoOptions(Options):
                 "frames, for --ball"
             )
 
-    def camera(self, sources: tuple[str, ...], options: CameraOptions) -> tuple[FoundCamera, str]:
+    def camera(
+        self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions
+    ) -> tuple[FoundCamera, str]:
         """The camera of pictures, standing as the options say; and a sentence that says what was found."""
         from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim, find_rim, mirror_of
 
         name = self.mirror or DEFAULT
         mirror_of(name)  # refused before a rim is looked for, which takes seconds
-        pictures = _alike(sources)
+        pictures = _alike(sources, orientation)
         rim = find_rim(pictures)
         found = camera_from_rim(rim, name)
         found = replace(found, mount=options.standing(found.mount))
@@ -114,10 +117,11 @@ def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall,
     return replace(ball, mount=level.on(ball.mount)), told
 
 
-def _alike(sources: tuple[str, ...]) -> list[NDArray[np.uint8]]:
+def _alike(sources: tuple[str, ...], orientation: OrientationOptions) -> list[NDArray[np.uint8]]:
     """Those of the first pictures that are as large as the first: they share a rim."""
     from ...media import read_image
     from ...media.batch import expand_inputs
 
-    pictures = [read_image(file) for file in expand_inputs(sources)[:LOOKED_AT]]
+    is_stored = orientation.stored_orientation
+    pictures = [read_image(file, stored_orientation=is_stored) for file in expand_inputs(sources)[:LOOKED_AT]]
     return [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]

@@ -67,8 +67,8 @@ def halved_pixels(
         of_block = _blocks(labels[..., None])[..., 0]
         mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
         at[mixed] = blocks[mixed][:, 0, 0]
-    # What lies on the last half pixel of the whole picture may look beyond the plane of half the size.
-    halved: Floats = np.minimum((at - np.array(in_picture)) / 2, np.array(half(source_size)) - 0.5)
+    # A point on the first or last half pixel of the whole image may lie outside the plane of half the size.
+    halved: Floats = np.clip((at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5)
     return halved.astype(pixels.dtype, copy=False)
 
 

@@ -11,13 +11,21 @@ from ...errors import InvalidParameter
 from ..contracts import Border, Image
 from ..maps.halving import half
 
-Siting: TypeAlias = Literal["left", "center", "topleft"]
+Siting: TypeAlias = Literal["left", "center", "topleft", "right", "top", "bottom"]
 Planes: TypeAlias = tuple[Image, ...]
 """(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16. In 4:2:2 and
 4:4:4 colours are (h, w/2) and (h, w), and a fourth plane (h, w) may tell how opaque each pixel is."""
 
-SITINGS: dict[str, tuple[float, float]] = {"left": (0.0, 0.5), "center": (0.5, 0.5), "topleft": (0.0, 0.0)}
-"""Where a colour sample lies among its 2 x 2 luma pixels, right of and below the first one (ITU-T H.273)."""
+SITINGS: dict[str, tuple[float, float]] = {
+    "left": (0.0, 0.5),
+    "center": (0.5, 0.5),
+    "topleft": (0.0, 0.0),
+    "right": (1.0, 0.5),
+    "top": (0.5, 0.0),
+    "bottom": (0.5, 1.0),
+}
+"""Position of a chroma sample among its 2 x 2 luma pixels, right of and below the first one (ITU-T H.273; "right" and
+"bottom" are those of frames that were turned or mirrored)."""
 
 
 def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:

@@ -23,8 +23,10 @@ class Walk(NamedTuple):
     """Those that count, in the order in which they were taken: each by the name that it shall have."""
 
 
-def pictures_of(sources: Iterable[str | Path] | str | Path, every: int = 1) -> Walk:
-    """One of so many pictures of files, or of a folder; or one frame of so many of a video.
+def pictures_of(
+    sources: Iterable[str | Path] | str | Path, every: int = 1, *, stored_orientation: bool = False
+) -> Walk:
+    """Return every n-th image of files or of a folder, or every n-th frame of a video.
 
     Raises
     ------
@@ -37,21 +39,22 @@ def pictures_of(sources: Iterable[str | Path] | str | Path, every: int = 1) -> W
     if not any(is_video(str(source)) for source in given):
         files = expand_inputs(given)
         names = _names(files)[::every]
-        return Walk(len(files), ((name, read_image(file)) for name, file in zip(names, files[::every], strict=True)))
+        images = (read_image(file, stored_orientation=stored_orientation) for file in files[::every])
+        return Walk(len(files), zip(names, images, strict=True))
     if len(given) > 1:
         raise InvalidParameter(f"pictures has {len(given)} entries, a video among them; it is valid as one video alone")
     from ...media.video.reader import VideoReader
 
     with VideoReader(given[0], with_sound=False) as reader:
         total = reader.expected_frames
-    return Walk(total, _frames(given[0], every))
+    return Walk(total, _frames(given[0], every, stored_orientation))
 
 
-def _frames(video: str | Path, every: int) -> Iterator[tuple[str, NDArray[Any]]]:
+def _frames(video: str | Path, every: int, stored_orientation: bool) -> Iterator[tuple[str, NDArray[Any]]]:
     from ...media.video.frames import image_of_frame
     from ...media.video.reader import VideoReader
 
-    with VideoReader(video, with_sound=False) as reader:
+    with VideoReader(video, with_sound=False, stored_orientation=stored_orientation) as reader:
         for number, frame in enumerate(reader.frames()):
             if number % every == 0:
                 yield f"frame-{number:06d}.png", image_of_frame(frame)

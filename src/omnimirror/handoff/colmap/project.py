@@ -65,6 +65,7 @@ def write_colmap(
     is_panorama: bool = False,
     every: int = 1,
     poses: Sequence[Pose] | None = None,
+    stored_orientation: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ColmapProject:
     """Straighten pictures into a rig of pinholes that COLMAP reconstructs from, with masks, database and rig file.
@@ -87,6 +88,8 @@ def write_colmap(
     poses
         Where the sensor stood, one for each picture or frame, also of those that are left out: ``transforms.json`` is
         written, for Nerfstudio and gsplat.
+    stored_orientation
+        Take pixels as stored, without the orientation in EXIF data or in the display matrix of a video.
     progress
         Called with the number of pictures done, and of all.
 
@@ -113,7 +116,7 @@ def write_colmap(
     (['database.db', 'images', 'masks', 'rig_config.json'], 1)
     """
     folder, every = file_name("folder", folder), whole("every", every, 1)
-    taken = pictures_of(pictures, every)
+    taken = pictures_of(pictures, every, stored_orientation=stored_orientation)
     if poses is not None and taken.total is not None:
         _check_poses(len(poses), taken.total)
     if (folder / DATABASE).exists():

@@ -16,8 +16,10 @@ from av.container import InputContainer
 
 from ...errors import MediaError
 from .. import interrupts
+from ..pictures.orientation import UPRIGHT
 from ..video.frames import Siting, siting_of
 from ..video.interlace import Fields
+from ..video.orientation import orientation_of, upright
 
 TICKS = Fraction(1, 90_000)  # s, the unit of the frames' times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
@@ -70,6 +72,8 @@ class LiveSource:
         Told in a sentence, from the reading thread, when the stream is lost and when it is back.
     opening_s : s, optional
         How long to go on trying for the very first frame; ``patience_s`` unless given.
+    stored_orientation
+        Return frames as they are stored, without the rotation in a display matrix.
 
     Raises
     ------
@@ -96,6 +100,7 @@ class LiveSource:
         options: Mapping[str, str] | None = None,
         report: Callable[[str], None] | None = None,
         opening_s: float | None = None,
+        stored_orientation: bool = False,
     ) -> None:
         self.url, self._format = checked(str(url))
         self.name = named(self.url)
@@ -106,6 +111,7 @@ class LiveSource:
         self._reconnect = reconnect
         self._scheme = self.url.partition("://")[0].lower()
         self._options = {**LOW_DELAY, **OPTIONS_OF_SCHEME.get(self._scheme, {}), **(options or {})}
+        self._stored_orientation = stored_orientation
         self._report = report or (lambda sentence: None)
         self.received = 0
         """Frames that came, taken or not."""
@@ -251,7 +257,8 @@ class LiveSource:
                     self.reconnects += 1
                     self._report(f"{self.name} is back after {time.monotonic() - self._heard:.1f} s")
                     is_found_again = False
-                self._offer(frame)
+                orientation = None if self._stored_orientation else orientation_of(frame)
+                self._offer(upright(frame, orientation or UPRIGHT))
 
     def _offer(self, frame: av.VideoFrame) -> None:
         with self._news:

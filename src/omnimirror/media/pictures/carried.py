@@ -1,4 +1,4 @@
-"""What picture files carry beside their pixels: the profile of their colours (ICC), and the camera's notes (EXIF).
+"""Metadata that image files carry beside their pixels: colour profile (ICC), EXIF and orientation.
 
 As with :mod:`omnimirror.media.pictures.xmp`, the pixels are not touched, and each format keeps it where its
 standard says.
@@ -6,6 +6,7 @@ standard says.
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...files import decompressed
 from .exif import EXPOSURE, PLACE, Directory, Entry, Exif, parse_exif, written
+from .orientation import ORIENTATION, TIFF, UPRIGHT, orientation_of_block
 from .xmp import tiff_with, webp_header
 
 EXIF_NAME, ICC_NAME = b"Exif\0\0", b"ICC_PROFILE\0"
@@ -26,6 +28,7 @@ ICC_TAG = 34_675
 LARGEST_PROFILE = 16 << 20
 SPACES = {1: b"GRAY", 3: b"RGB ", 4: b"RGB "}
 """What a profile says of its colours, by the picture's channels."""
+AVIF = (b"avif", b"avis")
 WEBP_HAS_ICC, WEBP_HAS_EXIF = 0x20, 0x08
 
 
@@ -35,6 +38,8 @@ class Carried(NamedTuple):
     profile: bytes | None = None
     """ICC."""
     exif: Exif | None = None
+    orientation: int = UPRIGHT
+    """How the stored pixels are turned for display, 1 to 8; it is never written."""
 
     def __bool__(self) -> bool:
         return self.profile is not None or self.exif is not None
@@ -45,7 +50,7 @@ class Carried(NamedTuple):
         ``recoded``: whether values were made from light, or the other way round, so that no profile holds any more.
         """
         suffix = Path(path).suffix.lower()
-        profile, exif = self
+        profile, exif = self.profile, self.exif
         why = []
         if suffix not in CARRIERS:
             names = [name for name, part in (("the colour profile", profile), ("EXIF", exif)) if part is not None]
@@ -62,19 +67,23 @@ class Carried(NamedTuple):
 
 
 def read_carried(data: bytes) -> Carried:
-    """What the bytes of a JPEG, PNG, WebP or TIFF file carry; nothing of others, and of what is damaged."""
+    """Return the metadata in the bytes of an image file; none for formats without it and for damaged files."""
     try:
         if data.startswith(b"\xff\xd8"):
-            return _of_jpeg(data)
-        if data.startswith(b"\x89PNG"):
-            return _of_png(data)
-        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-            return _of_webp(data)
-        if data[:4] in (b"II*\0", b"MM\0*"):
-            return Carried(_profile_of_tiff(data), parse_exif(data))
+            profile, block = _of_jpeg(data)
+        elif data.startswith(b"\x89PNG"):
+            profile, block = _of_png(data)
+        elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            profile, block = _of_webp(data)
+        elif data[:4] in TIFF:
+            profile, block = None, data
+            if data[:4] in (b"II*\0", b"MM\0*"):
+                profile = _profile_of_tiff(data)
+        else:
+            return Carried(orientation=_orientation_of_avif(data))
     except (struct.error, zlib.error, ValueError, KeyError, IndexError):
-        pass
-    return Carried()
+        return Carried(orientation=orientation_of_block(data))  # of a TIFF file whose colour profile is damaged
+    return Carried(profile, parse_exif(block), orientation_of_block(block))
 
 
 def embed(suffix: str, data: bytes, carried: Carried) -> bytes:
@@ -85,20 +94,21 @@ def embed(suffix: str, data: bytes, carried: Carried) -> bytes:
 # -- JPEG ------------------------------------------------------------------------------------------
 
 
-def _of_jpeg(data: bytes) -> Carried:
-    exif, pieces = None, {}
+def _of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
+    block, pieces = b"", {}
     at = 2
     while data[at] == 0xFF and data[at + 1] != 0xDA:
         if data[at + 1] == 0xFF:
             at += 1
             continue
         body = data[at + 4 : at + 2 + int.from_bytes(data[at + 2 : at + 4], "big")]
-        if data[at + 1] == 0xE1 and body.startswith(EXIF_NAME) and exif is None:
-            exif = parse_exif(body[len(EXIF_NAME) :])
+        if data[at + 1] == 0xE1 and body.startswith(EXIF_NAME) and not block:
+            block = body[len(EXIF_NAME) :]
         elif data[at + 1] == 0xE2 and body.startswith(ICC_NAME):
             pieces[body[len(ICC_NAME)]] = body[len(ICC_NAME) + 2 :]
         at += 4 + len(body)
-    return Carried(b"".join(pieces[k] for k in sorted(pieces)) or None, exif)
+    return b"".join(pieces[k] for k in sorted(pieces)) or None, block
 
 
 def _in_jpeg(data: bytes, carried: Carried) -> bytes:
@@ -122,17 +132,18 @@ def _segment(kind: int, body: bytes) -> bytes:
 # -- PNG -------------------------------------------------------------------------------------------
 
 
-def _of_png(data: bytes) -> Carried:
-    profile, exif, at = None, None, 8
+def _of_png(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
+    profile, block, at = None, b"", 8
     while at + 8 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
         if kind == b"iCCP":
             profile = decompressed(body[body.index(b"\0") + 2 :], LARGEST_PROFILE)
         elif kind == b"eXIf":
-            exif = parse_exif(body)
+            block = body
         at += 12 + length
-    return Carried(profile, exif)
+    return profile, block
 
 
 def _in_png(data: bytes, carried: Carried) -> bytes:
@@ -152,10 +163,10 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
 # -- WebP ------------------------------------------------------------------------------------------
 
 
-def _of_webp(data: bytes) -> Carried:
+def _of_webp(data: bytes) -> tuple[bytes | None, bytes]:
+    """Return the colour profile and the EXIF block."""
     found = dict(_webp_chunks(data[12:]))
-    exif = found.get(b"EXIF")
-    return Carried(found.get(b"ICCP"), parse_exif(exif.removeprefix(EXIF_NAME)) if exif else None)
+    return found.get(b"ICCP"), found.get(b"EXIF", b"").removeprefix(EXIF_NAME)
 
 
 def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -208,6 +219,19 @@ def _in_tiff(data: bytes, carried: Carried) -> bytes:
                 more[tag] = Entry(4, 1, struct.pack("<I", len(data)))
                 data += written(directory, len(data))
     return tiff_with(data, more)
+
+
+def _orientation_of_avif(data: bytes) -> int:
+    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not apply."""
+    if data[4:8] != b"ftyp" or data[8:12] not in AVIF:
+        return UPRIGHT
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=("AVIF",)) as image:
+            return int(image.getexif().get(ORIENTATION, UPRIGHT))
+    except Exception:  # damaged, which the decoder reports
+        return UPRIGHT
 
 
 CARRIERS: dict[str, Callable[[bytes, Carried], bytes]] = {

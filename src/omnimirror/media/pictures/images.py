@@ -22,6 +22,7 @@ from ...files import read_bytes, replacing
 from . import exr, png, xmp
 from .carried import CARRIERS, Carried, embed, read_carried
 from .headers import LARGEST_DECODED, decoded_bytes
+from .orientation import UPRIGHT, oriented, without_orientation
 from .panorama import GPano
 
 Image = NDArray[Any]
@@ -112,24 +113,29 @@ def can_be_panorama(path: str | Path) -> bool:
     return Path(path).suffix.lower() in xmp.CARRIERS
 
 
-def read_picture(path: str | Path) -> tuple[Image, Carried]:
-    """Read a picture file as :func:`read_image` does, and the colour profile and EXIF that it carries."""
+def read_picture(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, Carried]:
+    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF, orientation."""
     path = Path(path)
     data = _data_of(path)
-    return _decoded(path, data), read_carried(data)
+    carried = read_carried(data)
+    if carried.orientation == UPRIGHT:
+        return _decoded(path, data), carried
+    image = _decoded(path, without_orientation(data))
+    return image if stored_orientation else np.ascontiguousarray(oriented(image, carried.orientation)), carried
 
 
-def read_image(path: str | Path) -> Image:
-    """Read a picture file.
+def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
+    """Read an image file.
 
-    Pixels come as they are stored: an orientation that the camera noted beside them (EXIF) is not
-    applied, since a calibration belongs to the stored pixels, and a mirror above a lens knows no
-    upright. Nor is it written: a straightened view is drawn upright.
+    The orientation in its EXIF data is applied, as ``cv2.imread`` and image viewers do.
 
     Parameters
     ----------
     path
         Name of the file.
+    stored_orientation
+        Return the pixels as they are stored, without the orientation applied: for a camera that was calibrated with
+        stored pixels.
 
     Returns
     -------
@@ -149,8 +155,15 @@ def read_image(path: str | Path) -> Image:
     ...     om.read_image(f"{folder}/red.png")[0, 0]
     array([255,   0,   0], dtype=uint8)
     """
-    path = file_name("path", path)
-    return _decoded(path, _data_of(path))
+    return read_picture(file_name("path", path), stored_orientation=stored_orientation)[0]
+
+
+def orientation_of(path: str | Path) -> int:
+    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be read."""
+    try:
+        return read_carried(_data_of(Path(path))).orientation
+    except MediaError:
+        return UPRIGHT
 
 
 def _data_of(path: Path) -> bytes:

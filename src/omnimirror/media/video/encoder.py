@@ -21,6 +21,7 @@ from .display import DISPLAY_LOST, Display
 from .display import OPTIONS as DISPLAY_OPTIONS
 from .formats import FULL_COLOUR, NO_ALPHA, Kind, losses, nearest
 from .frames import FULL_RANGE, Colour, converted, is_full_range
+from .tracks import SUBTITLES_OF, WITH_CHAPTERS, Chapter, SubtitleTrack, describe, lost_in
 
 DEFAULT_CODEC = "libx264"
 KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
@@ -77,6 +78,13 @@ class Encoder:
         Width of a pixel over its height.
     audio
         Streams whose packets will come, copied as they are.
+    subtitles
+        Streams of text subtitles whose packets will come, converted to the form of the container; ``lost_tracks`` says
+        so where it holds none.
+    chapters
+        Chapters; ``lost_tracks`` says so where the container holds none.
+    begins_s : s
+        Added to the times of all frames and packets.
     metadata
         Title, time, place and so on.
     container_format
@@ -110,6 +118,9 @@ class Encoder:
         rotation_deg: int = 0,
         pixel_aspect: Fraction = Fraction(1),
         audio: Sequence[AudioStream] = (),
+        subtitles: Sequence[Any] = (),
+        chapters: Sequence[Chapter] = (),
+        begins_s: Fraction = Fraction(0),
         metadata: Mapping[str, str] | None = None,
         container_format: str | None = None,
         container_options: Mapping[str, str] | None = None,
@@ -147,6 +158,14 @@ class Encoder:
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
             self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
+            self._begins_s, name = begins_s, self.container.format.name
+            self.lost_tracks = lost_in(name, audio, subtitles, chapters)
+            """Subtitles and chapters that the container cannot hold, in words."""
+            held = subtitles if name in SUBTITLES_OF else ()
+            self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in held}
+            if chapters and name in WITH_CHAPTERS:
+                moved = (c._replace(start_s=c.start_s + begins_s, end_s=c.end_s + begins_s) for c in chapters)
+                self.container.set_chapters([chapter.to_av(number) for number, chapter in enumerate(moved, 1)])
             kept = {key: text for key, text in (metadata or {}).items() if key not in OF_THE_CONTAINER}
             self.container.metadata.update(kept)
             with sentences(self.target):
@@ -190,7 +209,7 @@ class Encoder:
         if frame.pts is None:
             pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
         else:
-            pts = round(frame.pts * (frame.time_base or self._time_base) / self._time_base)
+            pts = round((frame.pts * (frame.time_base or self._time_base) + self._begins_s) / self._time_base)
         if frame.duration and frame.time_base:
             frame.duration = round(frame.duration * frame.time_base / self._time_base)
         if self.frames_written:
@@ -201,13 +220,20 @@ class Encoder:
         frame.time_base = self._time_base
 
     def copy(self, packet: Packet[AudioStream]) -> None:
-        """Pass on a packet of one of the audio streams."""
-        stream = self._audio.get(packet.stream_index)
-        if stream is None or not packet.size:
+        """Pass on a packet of one of the audio or subtitle streams."""
+        made: Packet[Any] | None = None
+        if packet.size and (stream := self._audio.get(packet.stream_index)) is not None:
+            packet.stream, made = stream, packet
+        elif packet.size and (track := self._subtitles.get(packet.stream_index)) is not None:
+            made = track.packet(packet)
+        if made is None:
             return
-        packet.stream = stream
+        if self._begins_s:
+            shift = round(self._begins_s / made.time_base)
+            made.pts = None if made.pts is None else made.pts + shift
+            made.dts = None if made.dts is None else made.dts + shift
         with sentences(self.target):
-            self.container.mux(packet)
+            self.container.mux(made)
 
     def finish(self) -> None:
         """Encode what the encoder still holds back, and write the end."""
@@ -233,7 +259,9 @@ class Encoder:
         is_private = self.container.format.name == "mpegts" and source.codec_context.name not in MPEG_TS_SOUND
         try:
             if not is_private:
-                return self.container.add_stream_from_template(source)
+                stream = self.container.add_stream_from_template(source)
+                describe(stream, source, self.container.format.name)
+                return stream
         except ValueError:
             pass
         raise self._cannot_hold(source)

@@ -27,7 +27,8 @@ PLANAR = ("yuv420p", "yuvj420p", "nv12")
 """The pixel formats whose planes are handed out as they are; the second is the first in full range."""
 PACKED = {1: "gray", 3: "rgb24", 4: "rgba"}
 FULL_RANGE = 2
-Siting = Literal["left", "center"]
+Siting = Literal["left", "center", "right", "top", "bottom"]
+"""Position of chroma samples; the last three occur in frames that were turned or mirrored."""
 CENTRED = ("mjpeg", "mpeg1video", "h263", "flv1")
 """Codecs whose colour samples lie in the middle of their four pixels, and not at the left ones."""
 

@@ -18,11 +18,14 @@ from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError
 from ...files import check_file
+from ..pictures.orientation import QUARTER_TURNS, STORED, UPRIGHT, WORDS
 from .display import Display, dynamic_kinds
 from .frames import Colour, siting_of
 from .interlace import Fields
+from .orientation import SITED_LEFT, orientation_of, upright
 from .sequences import first_number, is_sequence, numbered_files
 from .timecode import later, timecode_of
+from .tracks import CLOCKED, chapters_between, lost_tracks, text_subtitles
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -39,10 +42,10 @@ CUT_SHORT_S = 0.5
 class VideoReader:
     """A video file: what it is, and its frames and sound from one time to another.
 
-    Frames come as they are stored: a rotation noted beside them is told and not applied, since a
-    calibration belongs to the stored pixels. Interlaced pictures are made whole (:class:`.fields.Fields`).
-    Only the first video stream is read, with all audio streams; subtitles and data are left out. Each pass
-    reads the file anew.
+    The rotation or mirroring that a file carries for its frames (display matrix) is applied, as FFmpeg and players do,
+    unless ``stored_orientation`` is set. Interlaced pictures are made whole (:class:`.fields.Fields`).
+    Only the first video stream is read, with all audio streams, text subtitles and chapters; ``notes`` names other
+    tracks that are lost. Each pass reads the file anew.
 
     Parameters
     ----------
@@ -54,9 +57,11 @@ class VideoReader:
         How much to read; all the rest where not given. Frames whose time lies in [start, start + duration)
         are read, with the times in the file less ``start_s``.
     with_sound
-        Whether audio packets are read too.
+        Whether packets of audio and subtitles are read too.
     frame_rate : frames a second
         Of numbered pictures; files tell their own.
+    stored_orientation
+        Return frames as they are stored, for a camera that was calibrated with stored pixels.
 
     Raises
     ------
@@ -80,6 +85,7 @@ class VideoReader:
         duration_s: float | None = None,
         with_sound: bool = True,
         frame_rate: float = 25.0,
+        stored_orientation: bool = False,
     ) -> None:
         self.path = Path(path)
         self._options: dict[str, str] = {}
@@ -95,6 +101,7 @@ class VideoReader:
         self.start_s = start_s
         self.duration_s = duration_s
         self.with_sound = with_sound
+        self.stored_orientation = stored_orientation
         self._container = self._open()
         try:
             self._probe()
@@ -108,21 +115,34 @@ class VideoReader:
         first = next(_decoded(self._container, stream), None)
         if first is None:
             raise MediaError(f"no frame of the video {self.path} can be decoded; it is damaged or cut short")
-        self.size: tuple[int, int] = (first.width, first.height)
+        found = orientation_of(first)
+        self.orientation = UPRIGHT if found is None or self.stored_orientation else found
+        """What is applied to the stored frames, as in EXIF, 1 to 8."""
+        is_quarter_turn = self.orientation in QUARTER_TURNS
+        self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
         self.colour = Colour.told_by(first)
         self.siting = siting_of(stream.codec_context.name)
+        if self.siting == "left":
+            self.siting = SITED_LEFT.get(self.orientation, self.siting)
         self.notes: list[str] = []
         """What whoever reads the file should know of it, in sentences."""
+        if self.orientation != UPRIGHT:
+            self.notes.append(f"{self.path}: {WORDS[self.orientation]}, as the file requires; {STORED}")
+        elif found is None:
+            self.notes.append(f"{self.path}: its rotation is not a multiple of 90 deg and is not applied")
+        elif found != UPRIGHT:
+            self.notes.append(f"{self.path}: frames as stored; for display they are {WORDS[found]}")
         if first.interlaced_frame:
             self.notes.append(f"{self.path} is interlaced; each picture is made whole from its first field")
         beside: Any = first.side_data
         self.display = Display.of(beside)
         if dynamic := dynamic_kinds(beside):
             self.notes.append(f"{self.path} tells players by {dynamic} how to show each picture, which is not kept")
-        self.rotation_deg: int = first.rotation
-        self.pixel_aspect = stream.sample_aspect_ratio or Fraction(1)
+        self.rotation_deg: int = first.rotation if self.orientation == UPRIGHT else 0
+        aspect = stream.sample_aspect_ratio or Fraction(1)
+        self.pixel_aspect = 1 / aspect if is_quarter_turn else aspect
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
@@ -130,6 +150,17 @@ class VideoReader:
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = later(timecode, frames, self.frame_rate)
         self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_sound else ()
+        self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
+        """Streams of text subtitles, whose packets come with those of the audio."""
+        origin = _origin(self._container)
+        start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
+        length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
+        self.chapters = chapters_between(self._container, start, None if length is None else start + length)
+        is_clocked = any(name in CLOCKED for name in self._container.format.name.split(","))
+        self.begins_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
+        """Time in the file at which it begins; times of frames and packets count from it."""
+        if self.with_sound and (lost := " and ".join(lost_tracks(self._container))):
+            self.notes.append(f"{self.path}: not kept are {lost}")
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
         self.whole_s = _duration(self._container, stream)
         if self.whole_s is not None and self.start_s >= self.whole_s:
@@ -205,7 +236,8 @@ class _Pass:
         self.video = container.streams.video[0]
         self.tick = reader.time_base
         self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
-        self.lasting = {stream.index: own for stream, own in zip(self.audio, reader.audio_streams, strict=False)}
+        self.subtitles = [container.streams[own.index] for own in reader.subtitle_streams]
+        self.lasting = {own.index: own for own in (*reader.audio_streams, *reader.subtitle_streams)}
         """The reader's own streams: packets are looked at after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
@@ -265,8 +297,8 @@ class _Pass:
 
     def _timed(self) -> Iterator[tuple[Item, Fraction]]:
         """Frames and packets with their times in the file (s), until both pictures and sound have passed the end."""
-        streams = [self.video, *self.audio]
-        running = {stream.index for stream in streams}
+        streams = [self.video, *self.audio, *self.subtitles]
+        running = {stream.index for stream in (self.video, *self.audio)}  # subtitles may be far apart
         expected = Fraction(0)
         for packet in self.container.demux(streams):
             self._note(packet)
@@ -281,7 +313,7 @@ class _Pass:
                     yield frame, time
                     if self.end is not None and time >= self.end:
                         running.discard(packet.stream.index)
-            elif packet.pts is not None:
+            elif packet.pts is not None and packet.size:
                 packet.stream = self.lasting[packet.stream_index]
                 yield packet, _time(packet)
                 if self.end is not None and _time(packet) >= self.end:
@@ -298,7 +330,8 @@ class _Pass:
         except av.error.EOFError:  # flushed before
             pass
         whole = [ready for frame in frames for ready in self.fields(frame)]
-        return whole if packet.size else whole + self.fields.rest()
+        whole = whole if packet.size else whole + self.fields.rest()
+        return [upright(frame, self.reader.orientation) for frame in whole]
 
     def _note(self, packet: AnyPacket) -> None:
         if packet.size:

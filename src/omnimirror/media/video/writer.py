@@ -126,6 +126,8 @@ class VideoWriter:
             self._encoder.target = str(path)
             if self._encoder.lost:
                 self.notes.append(f"{path}: {self._encoder.lost}; {KEEPING}")
+            if self._encoder.lost_tracks:
+                self.notes.append(f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them")
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
                 self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
             self._stack = self._stack.pop_all()
@@ -134,7 +136,7 @@ class VideoWriter:
     def like(
         cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **more: Any
     ) -> VideoWriter:
-        """A writer with the source's rate, times, depth, colour coding, rotation, metadata and sound.
+        """A writer with the source's rate, times, depth, colour coding, rotation, metadata and tracks.
 
         ``more`` goes to :class:`VideoWriter`, and overrides what the source says: a view drawn upright,
         for one, wants ``rotation_deg=0``.
@@ -147,6 +149,9 @@ class VideoWriter:
             "rotation_deg": source.rotation_deg,
             "pixel_aspect": source.pixel_aspect,
             "audio": source.audio_streams,
+            "subtitles": source.subtitle_streams,
+            "chapters": source.chapters,
+            "begins_s": source.begins_s,
             "metadata": source.metadata,
         }
         return cls(path, size or source.size, more.pop("frame_rate", source.frame_rate), **{**as_source, **more})

@@ -29,7 +29,9 @@ SLOWEST = 1e-3  # frames a second
 
 @checked
 def load_path(path: str | Path) -> Keyframes:
-    """Poses over time, a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``z_mm``, ``pan_deg``, ..
+    """Read poses over time from a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``pan_deg``, ...
+
+    A value missing in the first keyframe is 0 there; one missing in a later keyframe is interpolated.
 
     Parameters
     ----------

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ...errors import InvalidParameter, MediaError
 from ...escaping import script_json
 from ...files import read_bytes
-from ...media.pictures.images import LARGEST
+from ...media.pictures.images import LARGEST, orientation_of
+from ...media.pictures.orientation import UPRIGHT
 from ...specs import AnyCamera
 from ..messages import Message
 from ..pages import page_text
@@ -44,7 +45,8 @@ def viewer_of(
     options
         What names the camera on the command line, which the page shows.
     path
-        Where the picture came from, if it was a file. A PNG or JPEG goes in as it is, anything else as PNG of 8 bits.
+        Where the picture came from, if it was a file. A PNG or JPEG without an orientation tag is embedded as it is,
+        anything else as PNG of 8 bits.
     image : (h, w) or (h, w, 3) or (h, w, 4) array
         The picture, read.
 
@@ -55,14 +57,22 @@ def viewer_of(
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
-    if path is not None and kind is not None and image.dtype == np.uint8:
+    if path is not None and kind is not None and image.dtype == np.uint8 and orientation_of(path) == UPRIGHT:
         media = inside(read_bytes(path, LARGEST), kind)
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
     return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
 
 
-def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, page: Path) -> str:
+def video_viewer_of(
+    camera: AnyCamera,
+    name: str,
+    options: tuple[str, ...],
+    path: Path,
+    page: Path,
+    *,
+    stored_orientation: bool = False,
+) -> str:
     """The text of a page that shows a video, again and again.
 
     A video of up to 64 MB goes into the page. A larger one stays beside it: from a web server the page finds it
@@ -76,6 +86,8 @@ def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path
         The video.
     page
         Where the page will be written.
+    stored_orientation
+        Require that frames are displayed as stored, which browsers do only for videos without a rotation.
 
     Raises
     ------
@@ -89,11 +101,14 @@ def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path
     kind = VIDEO_KINDS.get(path.suffix.lower())
     if kind is None:
         raise MediaError(f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}")
-    video = VideoReader(path, with_sound=False)
+    video = VideoReader(path, with_sound=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
         raise MediaError(f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}")
     if video.rotation_deg:
-        raise MediaError(f"{path} is noted to be turned by {video.rotation_deg} degrees, and browsers do turn it")
+        raise MediaError(
+            f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers "
+            f"apply it; got {video.rotation_deg} deg"
+        )
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= LARGEST_INSIDE
     media = inside(read_bytes(path, LARGEST_INSIDE), kind) if is_small else _beside(path, page)

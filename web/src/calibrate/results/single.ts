@@ -2,7 +2,6 @@ import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
 import type { CalibrationFound } from "../../shared/messages";
-import { asStored } from "../../shared/media";
 import { arrows, crosses, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
 import type { Shot } from "../shots";
@@ -68,7 +67,7 @@ export class Single {
       this.shot = null;
       return;
     }
-    if (shot !== this.shot) background(this.load(shot));
+    if (shot !== this.shot) this.load(shot);
     this.title.textContent = shot.name;
     this.again.hidden = shot.trouble === null;
     const outcome = found?.pictures.find((p) => p.name === shot.name) ?? null;
@@ -86,12 +85,10 @@ export class Single {
     this.shown = found;
   }
 
-  private async load(shot: Shot): Promise<void> {
+  private load(shot: Shot): void {
     URL.revokeObjectURL(this.address);
     this.image.alt = `The picture ${shot.name}`;
-    const blob = await asStored(shot.blob);
-    if (shot !== this.shot) return;
-    this.address = URL.createObjectURL(blob);
+    this.address = URL.createObjectURL(shot.blob);
     this.image.onerror = () => {
       if (shot === this.shot) this.image.src = shot.thumbnail; // of a kind that browsers do not read
     };

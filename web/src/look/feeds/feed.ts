@@ -1,7 +1,7 @@
 import * as api from "../../shared/api";
 import type { StreamState } from "../../shared/messages";
 import { background } from "../../shared/background";
-import { asStored, openedWebcam, release, started } from "../../shared/media";
+import { openedWebcam, release, started } from "../../shared/media";
 import { fileWord, shellWord } from "../../shared/shell";
 import type { Picture } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
@@ -38,7 +38,7 @@ const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiply
 
 /** A picture file; what the browser does not read, the server does. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
-  const bitmap = await createImageBitmap(await asStored(blob), DECODING).catch(async () => {
+  const bitmap = await createImageBitmap(blob, DECODING).catch(async () => {
     if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
     return createImageBitmap(await api.convert(blob, name), DECODING);
   });

@@ -35,6 +35,7 @@ from ...help_pages import DocumentedCommand
 from ...options.board import SoughtBoardOptions
 from ...options.common import NUMBER, WHOLE, angle, distance, pixel, whole_size
 from ...options.declared import Options, option, takes
+from ...options.orientation import OrientationOptions
 from ...outputs import Output, notice, output_console, plain_table, progress_bar, say, say_written
 
 FEW_SHOWN = 12
@@ -164,6 +165,7 @@ class SurveyOptions(Options):
 @takes(SurveyOptions, "survey")
 @takes(SoughtCameraOptions, "camera")
 @takes(EstimationOptions, "estimation")
+@takes(OrientationOptions, "orientation")
 @click.option("--several", is_flag=True, help="Pictures show several such chessboards at once; each is used.")
 @click.option("-o", "--output", type=Output(), help="The camera file to write, TOML.")
 @click.option("--json", "json_path", type=Output(), help="All numbers, as JSON.")
@@ -175,6 +177,7 @@ def command(
     survey: SurveyOptions,
     camera: SoughtCameraOptions,
     estimation: EstimationOptions,
+    orientation: OrientationOptions,
     several: bool,
     output: Path | None,
     json_path: Path | None,
@@ -193,7 +196,7 @@ def command(
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)
     known = read_surveys(survey.points, survey.directions)
-    detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several)
+    detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several, orientation)
     with _steps(console) as progress, interrupts.deferred():
         try:
             found = calibrate_camera(
@@ -230,8 +233,11 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
         raise click.UsageError(f"there are no PICTURES of a board, and no --points or --directions{alone}")
 
 
-def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> tuple[list[Detection], int]:
+def _found(
+    console: Console, pictures: tuple[str, ...], board: Board, several: bool, orientation: OrientationOptions
+) -> tuple[list[Detection], int]:
     """Boards in pictures, or in the frames of a video; and the exit code of who stopped the search, 0 if nobody did."""
+    is_stored = orientation.stored_orientation
     with progress_bar(console) as bar, interrupts.deferred():
         task = bar.add_task("looking for boards", total=None)
 
@@ -242,9 +248,12 @@ def _found(console: Console, pictures: tuple[str, ...], board: Board, several: b
                 raise KeyboardInterrupt
 
         if len(pictures) == 1 and is_video(pictures[0]):
-            found = choose_frames(pictures[0], board, progress=progress)
+            orientation.report_video(pictures[0])
+            found = choose_frames(pictures[0], board, stored_orientation=is_stored, progress=progress)
         else:
-            found = find_boards(expand_inputs(pictures, READABLE), board, several=several, progress=progress)
+            files = expand_inputs(pictures, READABLE)
+            orientation.report(files)
+            found = find_boards(files, board, several=several, stored_orientation=is_stored, progress=progress)
         return found, interrupts.exit_code()
 
 

@@ -18,13 +18,14 @@ from ....camera_models.base import CameraModel, Optics
 from ....errors import InvalidParameter
 from ....files import write_json
 from ....frames import CameraLooks, Mount
-from ....media import read_image, write_image
+from ....media import write_image
 from ....media.batch import READABLE, expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera, save_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance, whole_size
 from ...options.declared import Options, option, takes
+from ...options.orientation import OrientationOptions
 from ...outputs import json_option, output_console, output_option, say, say_written
 
 Array = NDArray[np.float64]
@@ -88,11 +89,17 @@ class LineOptions(Options):
 )
 @click.argument("images", nargs=-1)
 @takes(LineOptions, "asked")
+@takes(OrientationOptions, "orientation")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
 @json_option("Write parameters, residuals and lean.")
 @output_option("--figure", help="Draw the edges of the first picture: green where straight, red where not.")
 def command(
-    images: tuple[str, ...], asked: LineOptions, output: Path | None, json_file: Path | None, figure: Path | None
+    images: tuple[str, ...],
+    asked: LineOptions,
+    orientation: OrientationOptions,
+    output: Path | None,
+    json_file: Path | None,
+    figure: Path | None,
 ) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
 
@@ -104,7 +111,7 @@ def command(
     if figure and not images:
         raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
     files, marked = expand_inputs(images, READABLE), read_lines(asked.lines)
-    pictures = [read_image(file) for file in files]
+    pictures = orientation.read(files)
     check_alike(pictures, [file.name for file in files])
     if len(files) == 1 and list(marked) == [ONLY]:
         marked = {files[0].name: marked[ONLY]}

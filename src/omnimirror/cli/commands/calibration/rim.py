@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ....calibrate.rim import SURE, FoundRim, check_alike, find_rim
 from ....calibrate.rim.edges import levels_of
 from ....files import write_json
-from ....media import read_image
 from ....media.batch import READABLE, expand_inputs
 from ...help_pages import DocumentedCommand
+from ...options.declared import takes
+from ...options.orientation import OrientationOptions
 from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say, say_written
 
 
@@ -24,10 +25,13 @@ from ...outputs import FIGURES, json_option, output_console, output_option, plai
     examples=("omnimirror rim picture1.jpg picture2.jpg --figure rim.png --json rim.json",),
 )
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@takes(OrientationOptions, "orientation")
 @click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
 @output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
 @json_option("Write what was found.")
-def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file: Path | None) -> None:
+def command(
+    images: tuple[str, ...], orientation: OrientationOptions, each: bool, figure: Path | None, json_file: Path | None
+) -> None:
     """Find the rim of the mirror in IMAGEs: pictures, folders or patterns of them.
 
     Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
@@ -35,7 +39,7 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
     confidence of .6 nothing should rely on it.
     """
     files = expand_inputs(images, READABLE)
-    pictures = [read_image(file) for file in files]
+    pictures = orientation.read(files)
     if not each:
         check_alike(pictures, [file.name for file in files])
     found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]

@@ -12,10 +12,14 @@ from click.core import ParameterSource
 from ....files import write_json
 from ....handoff.colmap import write_colmap
 from ....handoff.colmap.rig import RigView
+from ....media.batch import expand_inputs
 from ....simulate.scenes.posed import Pose
 from ....specs import load_camera
+from ....straighten import is_video
 from ...help_pages import DocumentedCommand
 from ...options.common import SENSOR, WHOLE, angle, distance
+from ...options.declared import takes
+from ...options.orientation import OrientationOptions
 from ...options.scene import rows_bar
 from ...outputs import json_option, output_console, plain_table, say, say_written
 
@@ -39,6 +43,7 @@ from ...outputs import json_option, output_console, plain_table, say, say_writte
 @click.option("--distance-mm", type=distance, default="inf", show_default=True, metavar="MM",
               help="Where views are exact.")  # fmt: skip
 @click.option("--panorama", "is_panorama", is_flag=True, help="One EQUIRECTANGULAR camera instead of views.")
+@takes(OrientationOptions, "orientation")
 @click.option("--every", type=WHOLE, default=1, show_default=True, help="Take one picture, or frame, of so many.")
 @click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
               help="Where the sensor stood: a row for each picture or frame, as video sets have them.")  # fmt: skip
@@ -54,6 +59,7 @@ def command(
     size: int | None,
     distance_mm: float,
     is_panorama: bool,
+    orientation: OrientationOptions,
     every: int,
     poses: Path | None,
     gsplat: bool,
@@ -68,11 +74,16 @@ def command(
     _check_views(is_panorama)
     if gsplat != (poses is not None):
         raise click.UsageError("--gsplat and --poses belong together: transforms.json says where pictures were taken")
+    if is_video(pictures[0]):
+        orientation.report_video(pictures[0])
+    else:
+        orientation.report(expand_inputs(pictures))
     with rows_bar("Straightening") as progress:
         project = write_colmap(
             load_camera(camera), pictures, output, views_around=views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg,
             size=size, distance_mm=distance_mm, is_panorama=is_panorama, every=every,
-            poses=None if poses is None else _poses(poses), progress=progress,
+            poses=None if poses is None else _poses(poses),
+            stored_orientation=orientation.stored_orientation, progress=progress,
         )  # fmt: skip
     table = plain_table(
         "view", "size", *(f"off at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px), words=("view", "size")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....analysis.meridional.focus import best_focus
 from ....files import name_of, write_json
-from ....media import read_image, write_image
+from ....media import write_image
 from ....media.pictures.images import format_of
 from ....simulate.detector import Detector
 from ....simulate.rendering.exposure import expose
@@ -22,6 +22,7 @@ from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE, distance, values
 from ...options.declared import Options, option, takes
+from ...options.orientation import OrientationOptions
 from ...options.scene import SceneOptions, pose, rows_bar
 from ...outputs import (
     PICTURES,
@@ -132,12 +133,15 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
 @click.argument("sensor", type=SENSOR)
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
 @takes(MergeOptions, "taken")
+@takes(OrientationOptions, "orientation")
 @output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
 @format_option(PICTURES)
-def merge(sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, output: Path) -> None:
+def merge(
+    sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, orientation: OrientationOptions, output: Path
+) -> None:
     """Merge PICTURES of SENSOR, focused at different distances, to the scale of its own focus."""
     format_of(output)
-    merged = merge_bracket(load_sensor(sensor), [read_image(p) for p in pictures], **taken.given)
+    merged = merge_bracket(load_sensor(sensor), orientation.read(pictures), **taken.given)
     write_image(output, merged)
     say(f"{name_of(output)}: {len(pictures)} pictures merged")
 

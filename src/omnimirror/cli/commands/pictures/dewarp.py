@@ -21,6 +21,7 @@ from ...options.auto import AutoOptions
 from ...options.camera import CameraOptions
 from ...options.common import NUMBER, WHOLE, distance, three_wavelengths
 from ...options.declared import Options, flag, option, takes
+from ...options.orientation import OrientationOptions
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
 from ...outputs import PICTURES, frame_bar, notice, output_console, remark, say, take_standard_output
@@ -133,6 +134,7 @@ class VideoOptions(Options):
 @takes(CameraOptions, "camera")
 @takes(ViewOptions, "view")
 @takes(SamplingOptions, "sampling")
+@takes(OrientationOptions, "orientation")
 @takes(PictureOptions, "pictures")
 @takes(VideoOptions, "video")
 @takes(BagOptions, "bag")
@@ -156,6 +158,7 @@ def command(
     camera: CameraOptions,
     view: ViewOptions,
     sampling: SamplingOptions,
+    orientation: OrientationOptions,
     pictures: PictureOptions,
     video: VideoOptions,
     bag: BagOptions,
@@ -182,7 +185,7 @@ def command(
             raise click.UsageError("--viewer takes a camera that is known; leave out --auto")
         if pictures.restore:
             raise click.UsageError("--viewer holds the picture as it is; leave out --restore")
-        write_viewer(sources, viewer, camera)
+        write_viewer(sources, viewer, camera, orientation)
         if not outputs:
             return
     if not outputs and not video.preview:
@@ -190,8 +193,10 @@ def command(
     if pictures.skip_existing and outputs and all(Path(output).is_file() for output in outputs):
         remark(f"{', '.join(outputs)}: there already")
         return
-    how = straightening(camera, view, sampling)
+    how = replace(straightening(camera, view, sampling), stored_orientation=orientation.stored_orientation)
     if is_bag(sources[0]):
+        if orientation.stored_orientation:
+            raise click.UsageError("--stored-orientation belongs to images and videos; recordings hold no orientation")
         _refuse_of_recordings(sources[0], auto, pictures, video, kind)
         dewarp_recording(sources, outputs, how, view, bag)
         return
@@ -207,7 +212,7 @@ def command(
         restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
         told = ""
         if auto.auto:  # once nothing of what was asked is refused
-            found, told = auto.camera(sources, camera)
+            found, told = auto.camera(sources, camera, orientation)
             how = replace(how, camera=found)
         straightener = PictureStraightener(
             how, transparent=pictures.transparent, restoration=restoration, wavelengths_nm=pictures.wavelengths_nm
@@ -304,6 +309,8 @@ def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
     count = len(results.done) + len(results.failed) + len(results.not_begun)
     was_there = f", {found.was_there} were there" if is_going_on else ""
     say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
+    for words, how_many in found.oriented.items():
+        say(f"{folder}: {how_many} of them {words}")
     for why, how_many in found.left_out.items():
         say(f"{folder}: {how_many} of them {why}")
     if results.not_begun:

@@ -8,13 +8,15 @@ import click
 
 from ....errors import OmnimirrorError
 from ....files import write_text
-from ....media import read_image
 from ....straighten import is_video
 from ...options.camera import CameraOptions
+from ...options.orientation import OrientationOptions
 from ...outputs import say
 
 
-def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions) -> None:
+def write_viewer(
+    sources: tuple[str, ...], output: Path, options: CameraOptions, orientation: OrientationOptions
+) -> None:
     """Write the page in which to look around in one picture or video."""
     from ....studio import video_viewer_of, viewer_of
 
@@ -24,11 +26,12 @@ def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions)
     if output.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
     name, words = options.words()
+    is_stored = orientation.stored_orientation
     if is_film:
-        camera = options.drawing(options.camera(_size_of_video(sources[0])))
-        text = video_viewer_of(camera, name, words, Path(sources[0]), output)
+        camera = options.drawing(options.camera(_size_of_video(sources[0], is_stored)))
+        text = video_viewer_of(camera, name, words, Path(sources[0]), output, stored_orientation=is_stored)
     else:
-        picture = read_image(sources[0])
+        (picture,) = orientation.read([Path(sources[0])])
         camera = options.drawing(options.camera((picture.shape[1], picture.shape[0])))
         text = viewer_of(camera, name, words, Path(sources[0]), picture)
     write_text(output, text)
@@ -45,11 +48,11 @@ def needs_pyav(source: str) -> OmnimirrorError:
     return OmnimirrorError(f"{source} is a video, which needs PyAV: pip install 'omnimirror[video]'")
 
 
-def _size_of_video(source: str) -> tuple[int, int]:
+def _size_of_video(source: str, is_stored: bool) -> tuple[int, int]:
     try:
         from ....media.video.reader import VideoReader
     except ModuleNotFoundError as e:
         if e.name != "av":
             raise
         raise needs_pyav(source) from None
-    return VideoReader(source, with_sound=False).size
+    return VideoReader(source, with_sound=False, stored_orientation=is_stored).size
