@@ -73,6 +73,7 @@ READS = {
     "media.video.sequences": "standard input, to a file",
     "media.video.mp4.index": "a file that it wrote",
     "media.video.encoder": "writes, and opens codecs",
+    "media.video.tracks": "opens codecs",
     "media.video.reader": "check_file, then FFmpeg, frame by frame",
     "media.live.sources": "streams, with timeouts",
     "handoff.gateway.pushing": "streams",

@@ -1,5 +1,4 @@
 /** The command lines of views, word by word; that they give the same pictures is examined in a browser. */
-// @ts-expect-error the types of Node are not installed
 import { execFileSync } from "node:child_process";
 import { expect, test } from "vitest";
 import { commandOf, fittedName, needsFile } from "../src/look/command";

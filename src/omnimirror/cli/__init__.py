@@ -182,11 +182,24 @@ def _spent(seconds: float) -> str:
     return f"{seconds:.2f} s, {time.process_time():.2f} s of processor time; {by}, samplers: {backend.name}"
 
 
+def _is_interruption(error: BaseException) -> bool:
+    """Return whether an error comes from a signal.
+
+    The interpreter wraps KeyboardInterrupt around ``__set_name__``, and C extensions turn it into ImportError.
+    """
+    chain: list[BaseException] = [error]
+    for link in chain:
+        if isinstance(link, KeyboardInterrupt):
+            return True
+        chain += [e for e in (link.__cause__, link.__context__) if e is not None and e not in chain]
+    return False
+
+
 def explained(error: Exception) -> tuple[str, int]:
     """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
+    if isinstance(error, click.exceptions.Abort) or _is_interruption(error):
+        return "stopped", stopped_code()
     match error:
-        case click.exceptions.Abort() | Exception(__cause__=KeyboardInterrupt()):  # Python wraps some of __set_name__
-            return "stopped", stopped_code()
         case click.UsageError():
             where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
             return f"{error.format_message().rstrip('.')}{where}", 2

@@ -164,7 +164,9 @@ def _designed(
             yield design_bought(requirements, combination, tally.most_area_deg2)
         return
     others = set(active_children())
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+    with _spared_signals():  # its queues start the process that tracks their semaphores
+        executor = ProcessPoolExecutor(processes, get_context("spawn"))
+    with executor as pool:
         blocks = iter([combinations[i : i + BLOCK] for i in range(0, len(combinations), BLOCK)])
 
         def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:

@@ -1,0 +1,8 @@
+/** The one function of Node that tests use; its type package is not a dependency. */
+declare module "node:child_process" {
+  export function execFileSync(
+    file: string,
+    args: string[],
+    options: { env: Record<string, string>; encoding: "utf8" },
+  ): string;
+}
