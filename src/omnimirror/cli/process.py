@@ -63,11 +63,13 @@ def _signals() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in ENDING}
     hook = sys.unraisablehook
     stop = _Stop()
+    again: list[threading.Timer] = []
 
     def unraisable(lost: Any) -> None:
         """Send a signal again whose exception came where Python cannot raise it, such as in a destructor."""
         if isinstance(lost.exc_value, KeyboardInterrupt):
-            threading.Timer(AGAIN_S, os.kill, (os.getpid(), _number)).start()
+            again.append(threading.Timer(AGAIN_S, os.kill, (os.getpid(), _number)))
+            again[-1].start()
         else:
             hook(lost)
 
@@ -78,6 +80,8 @@ def _signals() -> Iterator[None]:
     try:
         yield
     finally:
+        for timer in again:  # the command has ended: a signal now would end the process without its exit code
+            timer.cancel()
         sys.unraisablehook = hook
         for number, handler in before.items():
             if handler is not None:  # None: installed by C code, which alone could restore it
