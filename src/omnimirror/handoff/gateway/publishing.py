@@ -42,13 +42,21 @@ async def publish(outlet: TransportOutlet, url: str, tell: Callable[[str], None]
                 wait_s, is_lost = FIRST_WAIT_S, False
             reason = await _reason(process)
         finally:
-            with suppress(ProcessLookupError):
-                process.kill()
+            await _end(process)
         if not is_lost:
             tell(f"{named(url)} does not take the view: {reason}; trying again")
         is_lost = True
         await asyncio.sleep(wait_s)
         wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+
+async def _end(process: Process) -> None:
+    """End a process and close its pipes, so that none outlives the event loop."""
+    with suppress(ProcessLookupError):
+        process.kill()
+    if process.stdin is not None:
+        process.stdin.close()
+    await process.communicate()  # until standard error is closed, too
 
 
 async def _feed(process: Process, outlet: TransportOutlet) -> bool:
