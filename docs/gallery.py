@@ -1,9 +1,9 @@
-"""The gallery: its page, put together from the examples in gallery/, and their pictures.
+"""Generate the gallery page and its images from the examples in gallery/.
 
     python docs/gallery.py [NAME ...]
 
-Each example is a program of under thirty lines that writes a picture, named as it is, into the folder where it is run.
-Without names all pictures are made anew; the page always is.
+Each example is a program of fewer than thirty lines that writes an image with its own name to the working directory.
+Images are generated for the given names, or for all examples; the page is always generated.
 """
 
 from __future__ import annotations
@@ -22,27 +22,26 @@ from omnimirror.media import read_image
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURES = ROOT / "docs" / "gallery.md", ROOT / "docs" / "images" / "gallery"
 SECTIONS = {
-    "evaluate": "Evaluate",
+    "dewarp": "Dewarping and export",
+    "evaluate": "Evaluation",
     "design": "Design",
-    "simulate": "Simulate",
-    "straighten": "Straighten, and hand over",
-    "measure": "Build, measure and calibrate",
+    "simulate": "Simulation",
+    "measure": "Measurement, calibration and tolerancing",
 }
-WIDTH, QUALITY = 600, 80  # of pictures on the page: px and WebP's scale
+WIDTH, QUALITY = 600, 80  # images on the page: width in px, WebP quality
 INTRODUCTION = """# Gallery
 
-Small programs, each with the picture that it writes. They stand in `gallery/`, and the tests run them; take
-one and change it: `python gallery/straighten/panorama.py`.
+Example programs with their output. The sources are in `gallery/`, and the tests run them: `python gallery/dewarp/panorama.py`.
 """
 
 
 def examples() -> list[Path]:
-    """The programs, in the order of the page."""
+    """Return the example programs in the order of the page."""
     return [path for folder in SECTIONS for path in sorted((ROOT / "gallery" / folder).glob("*.py"))]
 
 
 def page() -> str:
-    """The page's text."""
+    """Return the text of the page."""
     parts, folder = [INTRODUCTION], ""
     for path in examples():
         if path.parent.name != folder:
@@ -53,13 +52,13 @@ def page() -> str:
         code = source.split('"""\n', 2)[-1].strip()
         name = path.stem.replace("_", " ").capitalize()
         parts.append(
-            f"### {name}\n\n{title}:\n\n![{title}](images/gallery/{path.stem}.webp)\n\n```python\n{code}\n```\n"
+            f"### {name}\n\n{title}.\n\n![{title}](images/gallery/{path.stem}.webp)\n\n```python\n{code}\n```\n"
         )
     return "\n".join(parts)
 
 
 def make_picture(example: Path) -> None:
-    """Run an example, and put its picture, scaled to the page, beside the others."""
+    """Run an example and store its image, scaled to the width of the page."""
     with TemporaryDirectory() as folder:
         drawn = {**os.environ, "MPLBACKEND": "Agg"}
         subprocess.run([sys.executable, example], cwd=folder, check=True, env=drawn)

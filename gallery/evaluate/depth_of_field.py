@@ -1,4 +1,4 @@
-"""What an aperture costs: blur of near things against distance at three F-numbers."""
+"""Blur of nearby objects over the distance for three F-numbers."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ for f_number in (2.0, 4.0, 8.0):
         table = om.evaluate(stopped, omega_deg=np.linspace(5, 130, 60), object_distance_mm=distance)
         worst.append(np.maximum(np.abs(table.blur_t_px), np.abs(table.blur_s_px)).max())
     ax.loglog(distances, worst, label=f"F/{f_number:g}")
-ax.set(xlabel="object distance from the mirror, mm", ylabel="worst blur over the field, px")
+ax.set(xlabel="object distance from the mirror, mm", ylabel="maximum blur over the field, px")
 ax.grid(which="both", alpha=0.3)
 ax.legend()
 figure.savefig("depth_of_field.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""What a glass tube adds: how much light it throws back into the picture, and where that comes from."""
+"""Intensity and direction of the reflections of a transparent tube."""
 
 from dataclasses import replace
 
@@ -12,5 +12,5 @@ sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(1
 found = om.ghosts(sensor, np.arange(20, 131, 2.0))
 figure, ax = plt.subplots(figsize=(7, 4))
 ax.plot(found.omega_deg, found.ghost_percent, "o-", ms=3)
-ax.set(xlabel="field angle of what is seen, deg", ylabel="light of the ghost that lies over it, %")
+ax.set(xlabel="field angle, deg", ylabel="relative intensity of the ghost, %")
 figure.savefig("ghosts_of_a_tube.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""Where a sphere's rays seem to come from: chief rays, tangential and sagittal virtual images."""
+"""Chief rays of a spherical mirror with its tangential and sagittal virtual images."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""Spot diagrams: real rays through the whole aperture, at three field angles and three focus distances."""
+"""Spot diagrams at three field angles and three focus distances."""
 
 import matplotlib.pyplot as plt
 
@@ -11,7 +11,7 @@ figure, axes = plt.subplots(3, 3, figsize=(6, 6))
 for i, row in enumerate(axes):
     for j, ax in enumerate(row):
         ax.scatter(spots.t_px[i, j], spots.s_px[i, j], s=1)
-        ax.set_title(f"{spots.omega_deg[i]:g}°, focused at {spots.focus_mm[j]:.0f} mm", fontsize=8)
+        ax.set_title(f"{spots.omega_deg[i]:g} deg, focused at {spots.focus_mm[j]:.0f} mm", fontsize=8)
         ax.set(aspect="equal", xlim=(-6, 6), ylim=(-6, 6))
 figure.supxlabel("px, away from the axis")
 figure.supylabel("px, across it")

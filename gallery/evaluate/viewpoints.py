@@ -1,4 +1,4 @@
-"""How far a mirror is from a single viewpoint: a hyperboloid has one, a sphere's wanders."""
+"""Viewpoints of a hyperboloid, which has a single viewpoint, and of a sphere."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""A street as a little planet."""
+"""Panorama of the image of a mirror sensor."""
 
 from dataclasses import replace
 
@@ -7,5 +7,5 @@ from omnimirror.imagers import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
 circle = om.take_picture(sensor, om.load_scene("street"), samples=4)
-planet = om.screens.LittlePlanet((500, 500), hfov_deg=250)
-om.write_image("little_planet.png", om.Dewarper(sensor, planet)(circle))
+around = om.Dewarper(sensor, om.views.panorama(sensor, (1200, None)))
+om.write_image("panorama.png", around(circle))

@@ -1,4 +1,4 @@
-"""A mirror 1 mm and 1 deg out of place: where its picture moves, and by how much."""
+"""Image shift due to a mirror that is decentred by 1 mm and tilted by 1 deg."""
 
 from dataclasses import replace
 
@@ -19,4 +19,4 @@ figure, ax = plt.subplots(figsize=(5, 5))
 arrows = ax.quiver(*grid[kept].T, *moved.T, np.hypot(*moved.T), angles="xy", cmap="viridis")
 figure.colorbar(arrows, label="px")
 ax.set(aspect="equal", xlim=(0, 1023), ylim=(1023, 0))
-figure.savefig("a_mirror_out_of_place.png", bbox_inches="tight")
+figure.savefig("misaligned_mirror.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""A mirror ball photographed from afar needs no sensor file: its centre and rim in the picture are enough."""
+"""Panorama of a mirror ball, given the centre and radius of its outline."""
 
 import omnimirror as om
 

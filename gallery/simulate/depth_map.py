@@ -1,4 +1,4 @@
-"""How far away everything is that a sensor sees: truth that comes with every simulated picture."""
+"""Depth map: distance to the object for each pixel of a rendered image."""
 
 from dataclasses import replace
 
@@ -13,4 +13,4 @@ figure, ax = plt.subplots(figsize=(5, 4))
 colours = ax.imshow(truth.depth_mm / 1000, cmap="magma_r")
 figure.colorbar(colours, label="m")
 ax.axis("off")
-figure.savefig("depth.png", bbox_inches="tight")
+figure.savefig("depth_map.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""Four mirrors for four wishes: equal angles, equal areas, true shapes, a floor to scale."""
+"""Equiangular, equiareal, conformal and ground-plane mirrors, designed from their mappings."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +17,7 @@ for mapping, omega_max in (("equidistant", 120), ("equiareal", 120), ("conformal
     table = om.evaluate(sensor, omega_deg=np.linspace(1, omega_max, 200))
     left.plot(table.x_mm, table.z_mm, label=mapping)
     right.plot(table.omega_deg, table.h_px)
-left.set(xlabel="x, mm", ylabel="z, mm", title="the mirror")
+left.set(xlabel="x, mm", ylabel="z, mm", title="mirror")
 left.legend()
-right.set(xlabel="field angle, deg", ylabel="image height, px", title="its picture")
-figure.savefig("mirror_for_a_mapping.png", bbox_inches="tight")
+right.set(xlabel="field angle, deg", ylabel="image height, px", title="mapping")
+figure.savefig("mirrors_for_prescribed_mappings.png", bbox_inches="tight")

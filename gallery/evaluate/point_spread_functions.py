@@ -1,4 +1,4 @@
-"""The picture of a star at three field angles, diffraction included (its light on a logarithmic scale)."""
+"""Point-spread functions with diffraction at three field angles, on a logarithmic scale."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,6 +11,6 @@ figure, axes = plt.subplots(1, 3, figsize=(8, 3))
 for ax, omega in zip(axes, [20, 70, 120], strict=True):
     star = om.psf(sensor, omega, focus_mm=focus, width_px=12)
     ax.pcolormesh(star.offset_px, star.offset_px, np.log10(star.density / star.density.max() + 1e-4), cmap="inferno")
-    ax.set(title=f"{omega}°, Strehl {star.strehl:.2f}", aspect="equal")
+    ax.set(title=f"{omega} deg, Strehl {star.strehl:.2f}", aspect="equal")
 figure.supxlabel("px, away from the axis")
-figure.savefig("point_spread.png", bbox_inches="tight")
+figure.savefig("point_spread_functions.png", bbox_inches="tight")

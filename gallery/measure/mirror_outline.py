@@ -1,4 +1,4 @@
-"""Find the mirror in a picture: its rim, the camera's own image, and how sure that is."""
+"""Detected mirror outline in an image, with its confidence."""
 
 from dataclasses import replace
 
@@ -15,4 +15,4 @@ ax.imshow(picture)
 ax.plot(*rim.points(100).T, "C3--")
 u, v = rim.centre_px
 ax.set_title(f"centre {u:.1f}, {v:.1f}, radius {rim.radius_px:.1f} px: {rim.confidence:.0%} sure")
-figure.savefig("rim_of_a_mirror.png", bbox_inches="tight")
+figure.savefig("mirror_outline.png", bbox_inches="tight")

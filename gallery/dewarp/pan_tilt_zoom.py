@@ -1,4 +1,4 @@
-"""One picture, three cameras: views that pan, tilt and zoom where you like."""
+"""Three perspective views with pan, tilt and zoom from one image."""
 
 from dataclasses import replace
 

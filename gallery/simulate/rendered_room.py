@@ -1,4 +1,4 @@
-"""What a sensor shows of a room, before it is built."""
+"""Rendered image of a room."""
 
 from dataclasses import replace
 
@@ -6,4 +6,4 @@ import omnimirror as om
 from omnimirror.imagers import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
-om.write_image("a_room.png", om.take_picture(sensor, om.Room(), samples=8))
+om.write_image("rendered_room.png", om.take_picture(sensor, om.Room(), samples=8))

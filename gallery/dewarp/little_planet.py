@@ -1,4 +1,4 @@
-"""All around, straightened: the panorama of a mirror's picture."""
+"""Street as a little planet (stereographic projection)."""
 
 from dataclasses import replace
 
@@ -7,5 +7,5 @@ from omnimirror.imagers import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
 circle = om.take_picture(sensor, om.load_scene("street"), samples=4)
-around = om.Dewarper(sensor, om.views.panorama(sensor, (1200, None)))
-om.write_image("panorama.png", around(circle))
+planet = om.screens.LittlePlanet((500, 500), hfov_deg=250)
+om.write_image("little_planet.png", om.Dewarper(sensor, planet)(circle))

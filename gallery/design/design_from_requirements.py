@@ -1,4 +1,4 @@
-"""From a requirement to a sensor: what is asked, the design, and the margin of each limit."""
+"""Design from a requirement file, with the margin of each limit."""
 
 import matplotlib.pyplot as plt
 
@@ -15,6 +15,6 @@ rows = [row for row in design.verdict.rows if row.is_limit]
 figure, ax = plt.subplots(figsize=(7, 2.2))
 ax.barh([row.name for row in rows], [row.reached / row.at_most for row in rows])
 ax.axvline(1, color="C3")
-ax.set(xlabel="of what is allowed", title="met" if design.is_met else "not met")
-figure.savefig("requirements_to_sensor.png", bbox_inches="tight")
+ax.set(xlabel="fraction of the limit", title="met" if design.is_met else "not met")
+figure.savefig("design_from_requirements.png", bbox_inches="tight")
 om.save_sensor(design.sensor, "requirements_to_sensor.toml")

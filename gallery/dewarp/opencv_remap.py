@@ -1,4 +1,4 @@
-"""Hand a view to OpenCV: one map, and cv2.remap does the rest."""
+"""View map for cv2.remap of OpenCV."""
 
 from dataclasses import replace
 
@@ -13,4 +13,4 @@ circle = om.take_picture(sensor, om.Room(), samples=8)
 view = om.screens.Plane((600, 400), pan_deg=60, hfov_deg=80)
 x, y = np.moveaxis(om.view_map(sensor, view).straighten.astype(np.float32), -1, 0)
 straight = cv2.remap(circle, x, y, cv2.INTER_LINEAR)
-om.write_image("a_map_for_other_programs.png", straight)
+om.write_image("opencv_remap.png", straight)

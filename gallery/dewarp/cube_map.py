@@ -1,4 +1,4 @@
-"""Six faces of a cube, as game engines want a surrounding."""
+"""Cube map with six faces, as used by game engines."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""MTF at a quarter and half of the pixels' limit over the field, tangential and sagittal, with diffraction."""
+"""Tangential and sagittal MTF over the field at a quarter and half of the Nyquist frequency."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,6 +12,6 @@ figure, ax = plt.subplots(figsize=(7, 4))
 for i, frequency in enumerate(found.cycles_per_px):
     ax.plot(omega, found.tangential[:, i], f"C{i}", label=f"tangential, {frequency:g} cycles/px")
     ax.plot(omega, found.sagittal[:, i], f"C{i}--", label="sagittal")
-ax.set(xlabel="field angle, deg", ylabel="contrast left", ylim=(0, 1))
+ax.set(xlabel="field angle, deg", ylabel="modulation", ylim=(0, 1))
 ax.legend()
-figure.savefig("contrast_over_the_field.png", bbox_inches="tight")
+figure.savefig("mtf_over_the_field.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""Calibrate a camera by seven boards, and see what is left at each corner, 100 times enlarged."""
+"""Calibration from seven images of a board, with residuals enlarged 100 times."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,5 +12,5 @@ pixels = np.concatenate([sighting.pixels for sighting in found.adjustment.sighti
 left = found.adjustment.residuals
 figure, ax = plt.subplots(figsize=(6, 4.5))
 ax.quiver(*pixels.T, *left.T, angles="xy", scale_units="xy", scale=1 / 100, width=0.002)
-ax.set(xlim=(0, 639), ylim=(479, 0), aspect="equal", title=f"rms {found.rms_px:.2f} px at {found.corners} corners")
-figure.savefig("calibrated_by_boards.png", bbox_inches="tight")
+ax.set(xlim=(0, 639), ylim=(479, 0), aspect="equal", title=f"RMS {found.rms_px:.2f} px at {found.corners} corners")
+figure.savefig("calibration_residuals.png", bbox_inches="tight")

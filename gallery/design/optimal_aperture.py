@@ -1,4 +1,4 @@
-"""Which F-number: blur grows with the aperture, diffraction with its inverse; the least worst of both."""
+"""Geometric blur and diffraction over the F-number, and the aperture with the smallest worst case."""
 
 from dataclasses import replace
 
@@ -17,9 +17,9 @@ for f_number in numbers:
         replace(sensor, lens=replace(sensor.lens, f_number=f_number)), np.arange(5, 131, 5), focus_mm="auto"
     )
     worst.append([np.abs([table.blur_t_px, table.blur_s_px]).max(), table.airy_px])
-ax.loglog(numbers, np.array(worst)[:, 0], label="worst blur, px")
+ax.loglog(numbers, np.array(worst)[:, 0], label="maximum blur, px")
 ax.loglog(numbers, np.array(worst)[:, 1], "--", label="Airy disk, px")
 ax.axvline(best.f_number, color="C3", label=f"best: F/{best.f_number:.1f}")
 ax.set(xlabel="F-number", ylabel="px")
 ax.legend()
-figure.savefig("apertures.png", bbox_inches="tight")
+figure.savefig("optimal_aperture.png", bbox_inches="tight")

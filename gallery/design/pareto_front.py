@@ -1,4 +1,4 @@
-"""What must be given for what: the front of sharpness against even resolution, by a small search."""
+"""Pareto front of blur and uniformity of the resolution."""
 
 import matplotlib.pyplot as plt
 
@@ -12,5 +12,5 @@ needs = om.Requirements(
 front = om.pareto(needs, ["worst_blur_deg", "inverse_area_ratio"], population=48, generations=30)
 figure, ax = plt.subplots(figsize=(6, 4))
 ax.plot(*front.values.T, "o-")
-ax.set(xlabel="worst blur, deg", ylabel="largest pixel area over smallest")
-figure.savefig("trade_offs.png", bbox_inches="tight")
+ax.set(xlabel="maximum blur, deg", ylabel="ratio of largest to smallest pixel area")
+figure.savefig("pareto_front.png", bbox_inches="tight")

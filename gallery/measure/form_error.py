@@ -1,4 +1,4 @@
-"""A mirror that was measured: half a micrometre of astigmatism found in noisy points of a machine."""
+"""Form error of a measured mirror: 0.5 um of astigmatism in noisy points."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,4 +15,4 @@ terms = [term for term in found.terms if abs(term.um) > 0.005][:8]
 figure, ax = plt.subplots(figsize=(7, 3))
 ax.barh([term.name for term in terms], [term.um for term in terms], xerr=[3 * term.sigma_um for term in terms])
 ax.set(xlabel="form error, um (bars: 3 sigma)")
-figure.savefig("a_mirror_measured.png", bbox_inches="tight")
+figure.savefig("form_error.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""The same hall at F/16 and wide open at F/1.4: the sharp zone of a mirror is a ring."""
+"""Images of a hall at F/16 and F/1.4: the focused zone of a mirror is a ring."""
 
 from dataclasses import replace
 
@@ -13,4 +13,4 @@ halves = []
 for f_number in (16.0, 1.4):
     built = replace(sensor, lens=replace(sensor.lens, f_number=f_number))
     halves.append(om.take_picture(built, hall, samples=16, blur=True))
-om.write_image("a_lens_wide_open.png", np.hstack(halves))
+om.write_image("aperture_and_blur.png", np.hstack(halves))

@@ -1,4 +1,4 @@
-"""Out of focus at F/1.4, and sharper again: the blur of every place in the picture is known."""
+"""Image at F/1.4, and restored with the known blur of each pixel."""
 
 from dataclasses import replace
 
@@ -11,4 +11,4 @@ sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(320, 320, 16.6
 sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))
 blurred = om.take_picture(sensor, om.load_scene("hall"), samples=16, blur=True)
 look = om.Dewarper(sensor, om.screens.Plane((400, 300), pan_deg=20, tilt_deg=-15, hfov_deg=80))
-om.write_image("restored.png", np.hstack([look(blurred), look(om.restore(sensor, blurred))]))
+om.write_image("restoration.png", np.hstack([look(blurred), look(om.restore(sensor, blurred))]))

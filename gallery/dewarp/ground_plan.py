@@ -1,4 +1,4 @@
-"""The floor as a map: every pixel of the plan is 5 mm, by the mirror's true reflection."""
+"""Plan view of the ground with 5 mm per pixel, by the true reflection."""
 
 from dataclasses import replace
 
@@ -8,4 +8,4 @@ from omnimirror.imagers import Imager
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
 circle = om.take_picture(sensor, om.Room(), samples=8)
 plan = om.screens.Ground((600, 600), height_mm=1200, mm_per_px=5.0)
-om.write_image("plan_of_the_floor.png", om.Dewarper(sensor, plan)(circle))
+om.write_image("ground_plan.png", om.Dewarper(sensor, plan)(circle))

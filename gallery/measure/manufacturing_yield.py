@@ -1,4 +1,4 @@
-"""How many sensors will be good: as they come, and once each is calibrated."""
+"""Manufacturing yield before and after calibration of each sensor."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,6 +16,6 @@ for merit in ("motion_px", "motion_px after principal-point", "motion_px after p
         for limit in limits
     ]
     ax.plot(limits, shares, label=merit)
-ax.set(xlabel="motion of the picture that is allowed, px", ylabel="share of good sensors")
+ax.set(xlabel="permitted image shift, px", ylabel="yield")
 ax.legend()
-figure.savefig("yield_before_and_after.png", bbox_inches="tight")
+figure.savefig("manufacturing_yield.png", bbox_inches="tight")

@@ -1,4 +1,4 @@
-"""A cold winter and a hot summer: how far the picture moves when mirror and spacer expand."""
+"""Image shift due to thermal expansion of mirror and spacer in winter and summer."""
 
 from dataclasses import replace
 
@@ -15,6 +15,6 @@ for mirror, spacer in (("acrylic", "aluminium"), ("aluminium", "acrylic"), ("alu
     ax.plot(
         degrees, [om.thermal_motion_px(sensor, t) for t in degrees], "o-", label=f"{mirror} mirror, {spacer} spacer"
     )
-ax.set(xlabel="temperature, °C", ylabel="largest motion in the picture, px")
+ax.set(xlabel="temperature, °C", ylabel="maximum image shift, px")
 ax.legend()
-figure.savefig("temperature.png", bbox_inches="tight")
+figure.savefig("thermal_image_shift.png", bbox_inches="tight")
