@@ -391,6 +391,15 @@ def test_what_is_no_picture_is_named_with_the_kinds():
         uploads.picture_in(b"no picture", "a")
 
 
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
+def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
+    """The name of the file in which the server keeps the upload is not given away."""
+    data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[1].tobytes()
+    with pytest.raises(MediaError, match=r"my picture\.tif (is|cannot be)") as refused:
+        uploads.picture_in(data[: len(data) // 2], "my picture.tif")
+    assert "/" not in str(refused.value)
+
+
 def test_encoded_pictures_keep_their_pixels_and_their_quality():
     picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
     with Image.open(BytesIO(uploads.encoded(picture, ".png"))) as png:
