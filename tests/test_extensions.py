@@ -255,6 +255,11 @@ BREACHES = {
     "no words": (with_parameters(depth_mm=replace(DEPTH, description="")), "depth_mm has no description"),
     "empty range": (with_parameters(depth_mm=replace(DEPTH, low=20.0, high=20.0)), "depth_mm has an empty range"),
     "unit of a length": (with_parameters(rim_radius_mm=replace(RADIUS, unit="")), "rim_radius_mm does not end with"),
+    "no check behind a word": (
+        {"PARAMETERS": {"depth_mm": Parameter("mm", 0.0, 0.0, "one of two", ("a", "b")), "rim_radius_mm": RADIUS}}
+        | {"__post_init__": lambda self: None},
+        "rim_radius_mm = 101001 is not refused",
+    ),
     "no check": (with_check(np.inf), "depth_mm = 1011 is not refused"),
     "a range twice as large": (with_check(2000.0), "depth_mm = 1011 is not refused"),
     "a range that is 1.2 % larger": (with_check(1012.0), "depth_mm = 1011 is not refused"),
@@ -272,6 +277,15 @@ def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, mon
         monkeypatch.setattr(Quartic, name, member)
     with pytest.raises(AssertionError, match=sentence):
         check_mirror(quartic)
+
+
+def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quartic, monkeypatch):
+    """z = 20 (u^4 - u^2) mm, lowest at u = 0.71; bounds are those of the sag at 513 places."""
+    members = with_profile(
+        lambda u, z, s, c: (20 * (u**4 - u**2), 20 / 40 * (4 * u**3 - 2 * u), 20 / 1600 * (12 * u**2 - 2))
+    )
+    monkeypatch.setattr(Quartic, "profile", members["profile"])
+    check_mirror(quartic)
 
 
 def test_the_contract_is_one_of_mirrors():
