@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 
+import click
 import cv2
 import numpy as np
 import pytest
@@ -147,7 +148,22 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
     for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(name, raising=False)
     outputs.say("12.5 mm 'a' True ", ("e.csv", "bold"))
-    assert screen.getvalue() == "12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n"
+    outputs.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
+    assert screen.getvalue() == ("12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n")
+
+
+def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
+    @click.command()
+    @outputs.output_option("--a", multiple=True)
+    @outputs.output_option("--b")
+    def command(**_):
+        pass
+
+    monkeypatch.chdir(tmp_path)
+    words = ["--a", "/dev/null", "--a", "f"]
+    outputs.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
+    with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
+        outputs.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
 
 
 def test_numbers_of_a_table_are_never_broken_and_words_are():

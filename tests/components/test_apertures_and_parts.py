@@ -314,6 +314,8 @@ def test_catalogues_as_csv(tmp_path):
         (IMAGER_TABLE.replace("= 480", "= [480]"), "there is no lens"),
         (IMAGER_TABLE.replace("= 480", "= [480, 2]"), r"imager 1: height_px = \[480, 2\] is not a number"),
         (IMAGER_TABLE.replace("= 480", "= []"), r"imager 1: height_px = \[\] is not a number"),
+        (LENS_TABLE + "file = 3\n", "lens 1: file = 3 is not a name"),
+        (LENS_TABLE + "file = ''\n", "lens 1: file = '' is not a name"),
         (LENS_TABLE, "there is no imager in .*; at least one is needed"),
         (LENS_TABLE + "extension_rings_mm = [1, 'b']\n", r"lens 1: extension_rings_mm = \[1, 'b'\] is not a number"),
         (
