@@ -558,3 +558,26 @@ def test_the_name_of_a_sensor_file_is_never_executed(tmp_path):
     for script in scripts:
         subprocess.run([sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True)
     assert not list(tmp_path.rglob(CANARY))
+
+
+@pytest.mark.parametrize(
+    "character", ["\x00", "\x85", "\u202e", "\ufffe", "\uffff", "\U0001fffe", "\U000e0001", "\U0010ffff"]
+)
+def test_characters_without_a_form_are_escaped_in_toml_and_come_back(character):
+    code = escaping.toml_string(f"a{character}b")
+    assert code.isascii()
+    assert tomllib.loads(f"a = {code}") == {"a": f"a{character}b"}
+
+
+def test_labels_of_figures_have_40_characters():
+    assert escaping.plot_text("x" * 40) == "x" * 40
+    assert escaping.plot_text("x" * 41) == "x" * 37 + "..."
+
+
+@pytest.mark.parametrize(
+    ("longest", "expected"),
+    [(27, r"\X4\0001F6000001F600\X0\..."), (26, r"\X4\0001F600\X0\..."), (19, r"\X4\0001F600\X0\...")],
+)
+def test_names_in_step_files_are_cut_between_encoded_characters(longest, expected):
+    """ISO 10303-21, 6.4.3.3: eight hexadecimal digits a character in 16 of frame; a label has a character at least."""
+    assert escaping.step_string("\U0001f600" * 9, longest) == expected

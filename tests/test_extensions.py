@@ -158,9 +158,139 @@ def test_a_mirror_of_ones_own_keeps_the_contract(quartic):
 
 
 def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
+    """The error 0.001 slope is largest at the outermost place, 0.93 of the rim; there the slope is 2 * 0.93^3."""
     monkeypatch.setattr(Quartic, "wrong", 1.001)
-    with pytest.raises(AssertionError, match="slope at x"):
+    with pytest.raises(
+        AssertionError, match=r"^slope at x = 37\.2 mm is 1\.6103.*, but its integral changes by 1\.60871"
+    ):
         check_mirror(quartic)
+    monkeypatch.setattr(Quartic, "wrong", 1 + 1e-7)  # within the tolerance
+    check_mirror(quartic)
+
+
+def with_profile(change):
+    """A profile of a quartic mirror, changed by a function of x / rim, sag, slope and curvature."""
+
+    def profile(self, x_mm, own=Quartic.profile):
+        return change(np.asarray(x_mm, dtype=float) / self.rim_radius_mm, *own(self, x_mm))
+
+    return {"profile": profile}
+
+
+def with_check(high, names_it=True):
+    """A mirror that checks less: its depth up to ``high`` alone, or without a name in the message."""
+
+    def post_init(self):
+        if not self.depth_mm <= high:
+            raise InvalidParameter(f"depth_mm = {self.depth_mm:g} is too large" if names_it else "too large")
+
+    return {"__post_init__": post_init}
+
+
+def with_parameters(**changes):
+    """Other descriptions of parameters: None leaves one out."""
+    return {"PARAMETERS": {n: p for n, p in (Quartic.PARAMETERS | changes).items() if p is not None}}
+
+
+def within(low, high):
+    """A slope that is wrong by 0.01 between two shares of the rim radius."""
+    return with_profile(lambda u, z, s, c: (z, s + 0.01 * ((low < u) & (u < high)), c))
+
+
+DEPTH, RADIUS = Quartic.PARAMETERS["depth_mm"], Quartic.PARAMETERS["rim_radius_mm"]
+BREACHES = {
+    "slope in the middle": (within(0.1, 0.2), "slope at x = 5.2 mm is"),
+    "slope of the inner zone": (within(0.25, 0.35), "slope at x = 12.4 mm is"),
+    "slope of the zone between": (within(0.5, 0.6), "slope at x = 20.8 mm is"),
+    "slope of the outer zone": (within(0.7, 0.8), "slope at x = 30.8 mm is"),
+    "slope of the rim": (within(0.9, 0.95), "slope at x = 37.2 mm is"),
+    "curvature": (with_profile(lambda u, z, s, c: (z, s, 0.999 * c)), "curvature at x = 37.2 mm is"),
+    "small error of slope": (with_profile(lambda u, z, s, c: (z, s * (1 + 5e-6), c)), "slope at x = 37.2 mm is"),
+    "own sag": ({"sag": lambda self, x: self.profile(x)[0] + 1e-9}, "sag is not that of the profile"),
+    "own slope of the rim": (
+        {"slope": lambda self, x: self.profile(x)[1] + 1e-9 * (np.asarray(x) == 40.0)},
+        "slope is not that of the profile",
+    ),
+    "own curvature of the vertex": (
+        {"curvature": lambda self, x: self.profile(x)[2] + 1e-9 * (np.asarray(x) == 0.0)},
+        "curvature is not that of the profile",
+    ),
+    "shape": (
+        with_profile(lambda u, z, s, c: (z, s, c.ravel())),
+        r"curvature of x \(2, 3\) has the shape \(6,\)",
+    ),
+    "vertex": (with_profile(lambda u, z, s, c: (z + 1e-12, s, c)), "the vertex lies at z = 1e-12 mm"),
+    "vertex below": (with_profile(lambda u, z, s, c: (z - 1e-12, s, c)), "the vertex lies at z = -1e-12 mm"),
+    "pointed": ({"is_pointed": True}, "is_pointed is True, but the vertex has slope 0"),
+    "sagittal radius": (
+        {"radius_s": lambda self, x, own=Mirror.radius_s: own(self, x) * (1 + 1e-9)},
+        "radius_s is not the normal's length",
+    ),
+    "radii of the apex": (
+        {"radius_t": lambda self, x: np.full_like(np.asarray(x), 50.0)},
+        r"at the apex the radii are",
+    ),
+    "bounds from the axis": ({"bounds": ((0.1, 40.0), (0.0, 20.0))}, r"from x = 0\.1 mm to 40 mm"),
+    "bounds to the rim": ({"bounds": ((0.0, 40.1), (0.0, 20.0))}, r"from x = 0 mm to 40\.1 mm"),
+    "bounds above the vertex": (
+        {"bounds": ((0.0, 40.0), (1e-9, 20.0))},
+        "begin at z = 1e-09 mm, but the meridian at 0 mm",
+    ),
+    "bounds above the rim": ({"bounds": ((0.0, 40.0), (0.0, 20.1))}, r"end at z = 20\.1 mm, but the meridian at 20 mm"),
+    "bounds below the rim": ({"bounds": ((0.0, 40.0), (0.0, 19.9))}, r"end at z = 19\.9 mm, but the meridian at 20 mm"),
+    "words": ({"__repr__": lambda self: "Quartic(20.0, 41.0)"}, r"Quartic\(.*\) is not Quartic\(20\.0, 41\.0\)"),
+    "hash": ({"__hash__": lambda self: id(self)}, r"Quartic\(.*\) have different hashes"),
+    "pickle": (
+        {"__getstate__": lambda self: {"depth_mm": 21.0, "rim_radius_mm": 40.0}},
+        r"Quartic\(depth_mm=21\.0, .*\) from a pickle is not",
+    ),
+    "no description of a field": (
+        with_parameters(depth_mm=None) | {"__post_init__": lambda self: None},
+        r"\['rim_radius_mm'\] do not describe the fields \['depth_mm', 'rim_radius_mm'\]",
+    ),
+    "another order": (
+        {"PARAMETERS": {"rim_radius_mm": RADIUS, "depth_mm": DEPTH}},
+        r"\['rim_radius_mm', 'depth_mm'\] do not describe the fields",
+    ),
+    "no words": (with_parameters(depth_mm=replace(DEPTH, description="")), "depth_mm has no description"),
+    "empty range": (with_parameters(depth_mm=replace(DEPTH, low=20.0, high=20.0)), "depth_mm has an empty range"),
+    "unit of a length": (with_parameters(rim_radius_mm=replace(RADIUS, unit="")), "rim_radius_mm does not end with"),
+    "no check behind a word": (
+        {"PARAMETERS": {"depth_mm": Parameter("mm", 0.0, 0.0, "one of two", ("a", "b")), "rim_radius_mm": RADIUS}}
+        | {"__post_init__": lambda self: None},
+        "rim_radius_mm = 101001 is not refused",
+    ),
+    "no check": (with_check(np.inf), "depth_mm = 1011 is not refused"),
+    "a range twice as large": (with_check(2000.0), "depth_mm = 1011 is not refused"),
+    "a range that is 1.2 % larger": (with_check(1012.0), "depth_mm = 1011 is not refused"),
+    "no name": (with_check(1000.0, names_it=False), "depth_mm = 1011 is refused without its name: too large"),
+    "NaN": (
+        {"__post_init__": lambda self: DEPTH.check("depth_mm", 20.0 if np.isnan(self.depth_mm) else self.depth_mm)},
+        "depth_mm = nan is not refused",
+    ),
+}
+
+
+@pytest.mark.parametrize(("members", "sentence"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES])
+def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, monkeypatch):
+    for name, member in members.items():
+        monkeypatch.setattr(Quartic, name, member)
+    with pytest.raises(AssertionError, match=sentence):
+        check_mirror(quartic)
+
+
+def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quartic, monkeypatch):
+    """z = 20 (u^4 - u^2) mm, lowest at u = 0.71; bounds are those of the sag at 513 places."""
+    members = with_profile(
+        lambda u, z, s, c: (20 * (u**4 - u**2), 20 / 40 * (4 * u**3 - 2 * u), 20 / 1600 * (12 * u**2 - 2))
+    )
+    monkeypatch.setattr(Quartic, "profile", members["profile"])
+    check_mirror(quartic)
+
+
+def test_the_contract_is_one_of_mirrors():
+    with pytest.raises(TypeError, match="mirror = 3 is not a mirror"):
+        check_mirror(3)
 
 
 def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_path):

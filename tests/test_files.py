@@ -439,3 +439,18 @@ def test_leftovers_of_other_owners_stay(tmp_path, monkeypatch):
     assert left.read_text() == "half"
     write_text(output, "mine")
     assert not left.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("<a>\n<b>\n         </c>\n</a>", 3),
+        ("             <a", 1),
+        ("<a>\n<b>\n\n", 2),
+        ("<a>\n<b>&x;\n</b></a>", 2),
+        ("<a/>\n<b/>\n\n\n", 2),
+    ],
+)
+def test_errors_of_xml_name_the_line(text, line):
+    with pytest.raises(SpecError, match=f"^file line {line} is not valid XML: "):
+        files.parse_xml(text, "file")

@@ -127,3 +127,9 @@ def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(na
     dark = light[..., 0].ravel() < 0.3
     assert hidden.sum() > 100
     assert (dark[sees] != hidden[sees]).sum() <= 2, "single precision, at edges"
+
+
+@pytest.mark.parametrize("shell", [Tube(), Dome(), FlatWindow()])
+def test_a_wall_is_3_mm_thick_by_default_and_stands_in_air(shell):
+    assert (shell.wall_mm, shell.outer_index) == (3.0, 1.0)
+    assert shell.material is None

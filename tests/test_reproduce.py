@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter
-from omnimirror.reproduce import ALL_FIGURES, all_claims, check, draw_figures, reproduce_paper
+from omnimirror.reproduce import ALL_FIGURES, all_claims, check, claims, draw_figures, reproduce_paper
 from omnimirror.reproduce.claims import AS_INTERPRETED, ASSUMED, DIFFERS, NOT_REPRODUCED, WORDINGS, printed_number
 from omnimirror.reproduce.paper import Paper
 from omnimirror.reproduce.tables import HEADINGS, number, summary
@@ -45,6 +45,33 @@ def test_statements_that_are_right_are_not_errata(rows):
 )
 def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
     assert printed_number(text) == pytest.approx((value, tolerance), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("claim", "agreeing", "differing"),
+    [
+        (claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
+        (claims.printed("", "", "", "13.7", float), [13.65, 13.7, 13.75], [13.6499, 13.7501, -13.7]),
+        (claims.worded("", "", "", "constant", 2.0, float), [1.95, 2.05], [1.949, 2.051]),
+        (claims.worded("", "", "", "proportional", 200.0, float), [195.0, 205.0], [194.9, 205.1]),
+        (claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
+        (claims.ordered("", "", "", "<=", 3.0, float), [3.0, 2.0, -9.0], [3.0 + 1e-9]),
+        (claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
+        (claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
+        (claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
+        (claims.formula("", "", "", -50.0, float), [-50.0, -50.0049, -49.9951], [-50.0051, -49.9949, 50.0]),
+        (claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
+    ],
+)
+def test_each_kind_of_statement_has_its_tolerance(claim, agreeing, differing):
+    assert [claim.verdict(value) for value in agreeing] == [claim.expected] * len(agreeing)
+    assert [claim.verdict(value) for value in differing] == [DIFFERS] * len(differing)
+
+
+def test_words_are_explained_by_the_share_that_is_used():
+    for word, (share, explanation) in WORDINGS.items():
+        assert f"'{word}'" in explanation
+        assert f" {100 * share:g} % of" in explanation
 
 
 def test_one_rule_of_tolerance_for_all_rows(rows):

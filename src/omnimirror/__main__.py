@@ -18,6 +18,10 @@ def run() -> None:
     except KeyboardInterrupt:  # while modules are imported, or at the very end
         sys.stderr.write("omnimirror: stopped\n")
         sys.exit(130)
+    finally:
+        # `python -m` ends itself by SIGINT, without the exit code, if Ctrl-C came while text was executed, as for every
+        # dataclass that is defined, although the exception was handled. Executing text once more resets this.
+        exec("")
 
 
 if __name__ == "__main__":

@@ -550,13 +550,14 @@ def parse_xml(text: str, source: str) -> Any:
     depth = 0
     root = None
     try:
-        parser.feed(text)
-        parser.close()
-        for event, element in parser.read_events():
-            root = element if root is None else root
-            depth += 1 if event == "start" else -1
-            if depth > MOST_NESTED:
-                raise SpecError(f"{source}: {TOO_DEEP}")
+        # An error of feed() is raised by read_events(); after close() it would have a wrong line number.
+        for step in (lambda: parser.feed(text), parser.close):
+            step()
+            for event, element in parser.read_events():
+                root = element if root is None else root
+                depth += 1 if event == "start" else -1
+                if depth > MOST_NESTED:
+                    raise SpecError(f"{source}: {TOO_DEEP}")
     except ElementTree.ParseError as problem:
         line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # expat may count past the end
         raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None

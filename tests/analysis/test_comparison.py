@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.housing import Dome, Housing, Tube
+from omnimirror.housing import Dome, Housing, Rod, Tube
 from omnimirror.imagers import ImagerPose
 from omnimirror.mirrors.form import MirrorForm
 from omnimirror.mirrors.pose import MirrorPose
@@ -149,6 +149,22 @@ def test_what_was_built_askew_is_compared_over_its_whole_picture():
     assert spots.extent_px()[0].max() > 0.7 * value["worst_blur_t_px"]
     assert value["best_focus_worst_floored_area_deg2"] <= value["worst_floored_area_deg2"]
     assert value["one_viewpoint_error_px"] >= table["one_viewpoint_error_px"].values[1] * 0.9
+
+
+def test_what_a_rod_hides_is_the_angle_of_its_foot_and_its_share_of_the_picture():
+    rod = replace(SENSORS[0], housing=Housing(rod=Rod(20.0)))
+    table = om.compare([SENSORS[0], rod])
+    pixels = np.stack(np.meshgrid(np.arange(0, 1024, 2.0), np.arange(0, 1024, 2.0)), axis=-1).reshape(-1, 2)
+    seen = rod.backproject(pixels)
+    hidden = np.logical_or.reduce(list(rod.hidden_by(pixels).values()))
+    angles = np.degrees(np.arccos(np.clip(-(seen.directions @ rod._axes)[:, 2], -1, 1)))
+    covered = hidden & ~np.isnan(angles)
+    assert table["hidden_percent"].values[1] == pytest.approx(
+        100 * hidden.sum() / (hidden | seen.valid).sum(), rel=0.02
+    )
+    assert table["hidden_to_deg"].values[1] == pytest.approx(rod.hidden_to_deg)
+    assert rod.hidden_to_deg != pytest.approx(table["hidden_percent"].values[1], rel=0.05)
+    assert not covered.any() or table["hidden_to_deg"].values[1] == pytest.approx(angles[covered].max(), abs=1.0)
 
 
 @pytest.mark.full

@@ -13,7 +13,7 @@ from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.housing import Housing, Tube
 from omnimirror.mirrors import Sphere
 from omnimirror.specs.sensor_file import format_sensor
-from omnimirror.thermal import EXPANSIONS_PPM
+from omnimirror.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM, INDEX_RATES_PER_K
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 
@@ -161,5 +161,87 @@ def test_the_command_line_says_how_far_the_picture_moves(tmp_path):
     assert "needs a table [thermal]" in refused.stderr
 
 
+# Expansion near room temperature, 1e-6/K, and density, g/cm^3; a second entry of the table, so that a typing error in
+# either is detected. Aluminium 6061, titanium grade 2, nickel 200, copper: ASM Handbook, volume 2; Carpenter Invar 36;
+# Schott N-BK7; Corning 7980; silicon: CRC Handbook; Plexiglas GS. Of other alloys and plastics, which differ by some
+# per cent, the middle of what data sheets list.
+HANDBOOK = {
+    "abs": (90.0, 1.05),
+    "acrylic": (70.0, 1.19),
+    "aluminium": (23.6, 2.70),
+    "bk7": (7.1, 2.51),
+    "brass": (19.0, 8.5),
+    "carbon_fibre": (1.0, 1.6),
+    "copper": (16.7, 8.94),
+    "fused_silica": (0.55, 2.20),
+    "invar": (1.3, 8.05),
+    "nickel": (13.3, 8.89),
+    "pla": (68.0, 1.24),
+    "polyamide": (80.0, 1.14),
+    "polycarbonate": (66.0, 1.20),
+    "silicon": (2.6, 2.33),
+    "stainless_steel": (16.5, 7.98),
+    "steel": (12.0, 7.86),
+    "titanium": (8.6, 4.51),
+}
+
+
+@pytest.mark.parametrize("material", sorted(EXPANSIONS_PPM.keys() | DENSITIES_G_PER_CM3.keys() | HANDBOOK.keys()))
+def test_materials_expand_and_weigh_what_handbooks_list(material):
+    expansion, density = HANDBOOK[material]
+    assert EXPANSIONS_PPM[material] == pytest.approx(expansion, abs=0.1)
+    assert DENSITIES_G_PER_CM3[material] == pytest.approx(density, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("material", "rate"),
+    [
+        ("acrylic", -1.05e-4),  # Waxler, Horowitz, Feldman, Applied Optics 18, 101 (1979)
+        ("polycarbonate", -1.07e-4),  # the same
+        ("bk7", 1.6e-6),  # Schott N-BK7: absolute, 546 nm, 20 to 40 C; 1.1e-6 at 1060 nm
+        ("fused_silica", 8.5e-6),  # Corning 7980, 589 nm
+        ("sapphire", 13.1e-6),  # Crystran, ordinary ray, 546 nm
+        ("water", (1.33192 - 1.33299) / 10),  # CRC Handbook, sodium D, 20 and 30 C
+        ("sea_water", -1.02e-4),  # Quan and Fry, Applied Optics 34, 3477 (1995): 35 g/kg, 589 nm, 20 C
+        ("mineral_oil", -3.8e-4),  # Cargille, immersion oil
+    ],
+)
+def test_indices_change_with_temperature_as_published(material, rate):
+    assert INDEX_RATES_PER_K[material] == pytest.approx(rate, rel=0.08, abs=6e-7)
+
+
 def test_every_material_of_a_wall_that_expands_is_known():
     assert {"acrylic", "polycarbonate", "bk7", "fused_silica"} <= EXPANSIONS_PPM.keys()
+
+
+def test_an_imager_expands_as_silicon_and_other_parts_not_at_all():
+    thermal = om.Thermal()
+    assert thermal.imager_ppm_per_k == 2.6
+    assert thermal.focal_ppm_per_k == 0.0
+    assert [thermal.expansion_ppm(part) for part in ("mirror", "spacer", "mount")] == [0.0, 0.0, 0.0]
+    assert om.Thermal(mount_ppm_per_k=-2.5).expansion_ppm("mount") == -2.5
+    assert om.Thermal(mount_material="fused_silica").expansion_ppm("mount") == 0.55
+    with pytest.raises(InvalidParameter, match="part = 'lens' is not known; valid are mirror, spacer, mount"):
+        thermal.expansion_ppm("lens")
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("reference_c", -273.0, 1000.0),
+        ("focal_ppm_per_k", -1e4, 1e4),
+        *((f"{part}_ppm_per_k", -100.0, 1000.0) for part in ("mirror", "spacer", "mount", "imager")),
+    ],
+)
+def test_ranges_of_temperatures_and_expansions(name, low, high):
+    for value in (low, high):
+        assert getattr(om.Thermal(**{name: value}), name) == value
+    for value in (low - 0.01, high + 0.01):
+        with pytest.raises(InvalidParameter, match=f"{name} = .* is outside"):
+            om.Thermal(**{name: value})
+
+
+@pytest.mark.parametrize("part", ["mirror", "spacer", "mount"])
+def test_a_part_has_a_material_or_an_expansion(part):
+    with pytest.raises(InvalidParameter, match=f"{part}_material = 'pla' and {part}_ppm_per_k = 0 were both given"):
+        om.Thermal(**{f"{part}_material": "pla", f"{part}_ppm_per_k": 0.0})

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
 
+import click
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
-from omnimirror.cli import COMMANDS, app, main
+from omnimirror.cli import COMMANDS, app, main, outputs
 
 FEW = ["--omega-deg", "0:90:45"]
 
@@ -104,6 +107,8 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
         ("evaluate s.toml --omega-deg 0 --csv link.toml", "--csv would be written over link.toml, which is read"),
         ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
         ("evaluate s.toml --omega-deg 0 --csv x --json ./x", "--csv and --json would both be written to x"),
+        ("evaluate s.toml --omega-deg 0 --csv x --json ./s.toml", "--json would be written over s.toml, which is read"),
+        ("evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml", "--json would be written over s.toml"),
     ],
 )
 def test_nothing_is_written_over_what_is_read_or_over_another_output(words, sentence, tmp_path, monkeypatch, capsys):
@@ -120,3 +125,55 @@ def test_nothing_is_written_over_what_is_read_or_over_another_output(words, sent
 
 def test_two_outputs_may_go_to_one_device():
     run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")
+
+
+def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
+    """Control sequences of names are not obeyed, brackets are no styles, and numbers get no colours."""
+    outputs.notice("a [bold]b[/bold] \x1b[31m")
+    outputs.remark("c \x1b]0;d")
+    outputs.say("1 of 2 ", ("e.csv", "bold"))
+    told = capsys.readouterr()
+    assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
+    assert told.out == "1 of 2 e.csv\n"
+
+
+def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Screen()
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
+        monkeypatch.delenv(name, raising=False)
+    outputs.say("12.5 mm 'a' True ", ("e.csv", "bold"))
+    outputs.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
+    assert screen.getvalue() == ("12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n")
+
+
+def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
+    @click.command()
+    @outputs.output_option("--a", multiple=True)
+    @outputs.output_option("--b")
+    def command(**_):
+        pass
+
+    monkeypatch.chdir(tmp_path)
+    words = ["--a", "/dev/null", "--a", "f"]
+    outputs.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
+    with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
+        outputs.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
+
+
+def test_numbers_of_a_table_are_never_broken_and_words_are():
+    """The column of words takes what the first column and the numbers leave of 28 characters."""
+    table = outputs.plain_table("name", "mm", "remark", words=("name", "remark"))
+    table.add_row("first part", "1234.5678", "as long as it may be")
+    console = Console(file=io.StringIO(), width=28)
+    console.print(table)
+    lines = console.file.getvalue().splitlines()
+    assert lines[0].index("mm") + 2 == lines[1].index("1234.5678") + 9  # numbers to the right
+    assert lines[0].index("rem") == lines[1].index("as")  # words to the left
+    assert lines[1].startswith("first part  1234.5678  as")
+    assert " ".join(" ".join(line.split()) for line in lines[2:]) == "long as it may be"

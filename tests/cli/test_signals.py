@@ -430,6 +430,24 @@ def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
     assert run.stderr.endswith("by the caller")
 
 
+@pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
+def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
+    """As while modules define dataclasses: the interpreter would end itself by SIGINT, handled or not."""
+    (tmp_path / "interrupted.py").write_text(
+        "import signal, sys, omnimirror.cli as cli\n"
+        "from omnimirror.__main__ import run\n"
+        "def work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n"
+        f"{where} = work\n"
+        "sys.argv = ['omnimirror', 'sensors']\n"
+        "run()\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-m", "interrupted"], capture_output=True, text=True, timeout=300, cwd=tmp_path,
+        preexec_fn=unignored,
+    )  # fmt: skip
+    assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
+
+
 def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
     """An exception in a destructor is lost; the command is ended all the same."""
     code = (

@@ -22,7 +22,7 @@ from omnimirror import figures
 from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
-from omnimirror.figures.labels import EndLabels, shown_points, spread
+from omnimirror.figures.labels import EndLabels, axis_label, axis_of_both, axis_title, shown_points, spread
 from omnimirror.figures.raytraces import ray_traces
 from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
 from omnimirror.figures.subjects import subjects_of
@@ -258,6 +258,8 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
     up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
     assert shown_points(ax, up).tolist() == [True] * 5 + [False]
     assert not shown_points(ax, outside).any()
+    edges = ax.plot([2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0])[0]
+    assert shown_points(ax, edges).tolist() == [True, False, True, False, True, True, False, False]
     labels = EndLabels(figure)
     labels.of_line(ax, up, "up")
     labels.of_line(ax, outside, "outside")
@@ -272,12 +274,56 @@ def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
         box = Text.get_window_extent(text)
         level = ax.transData.transform(text.xy)[1]
         assert (box.y0 + box.y1) / 2 == pytest.approx(level, abs=box.height / 4)
-        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=2.0)
+        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=0.5)
         assert text.get_fontsize() == 6.5
+        # the hairline leaves the middle of the label's left edge, with Matplotlib's 2 pt and 0.5 pt of room, and ends
+        # 1 pt before the point; 1 pt is 2 px
+        start, end = text.arrow_patch.get_path().vertices[[0, -1]]
+        point, edge = ax.transData.transform(text.xy), np.array([box.x0, (box.y0 + box.y1) / 2])
+        towards = (point - edge) / np.hypot(*(point - edge))
+        np.testing.assert_allclose(end, point - 2.0 * towards, atol=0.05)
+        np.testing.assert_allclose(start, edge + (4.0 / abs(towards[0]) + 1.0) * towards, atol=0.05)
+        assert text.arrow_patch.get_linewidth() == 0.4
     labels.at(ax, 1.0, 2.0, "again", "green")
     figure.draw_without_rendering()
     levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
-    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.05)
+    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.01)
+
+
+def test_end_labels_follow_axes_that_the_layout_moves():
+    """A limit or a size that changes after the labels were placed moves them with their points."""
+    figure = Figure(dpi=72)
+    axes = figure.subplots(2, 1)
+    labels = EndLabels(figure, size=9.0)
+    for ax in axes:
+        ax.set_ylim(0.0, 10.0)
+        labels.of_line(ax, ax.plot([0.0, 1.0], [3.0, 4.0], color="red")[0], "end")
+    labels.settle()
+    figure.set_size_inches(3.0, 9.0)
+    axes[0].set_ylim(-10.0, 10.0)
+    figure.draw_without_rendering()
+    for ax in axes:
+        (text,) = ax.texts
+        box = Text.get_window_extent(text)
+        assert text.get_fontsize() == 9.0
+        assert (box.y0 + box.y1) / 2 == pytest.approx(ax.transData.transform((1.0, 4.0))[1], abs=box.height / 4)
+        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(7.0, abs=0.5)
+        assert box.x1 < figure.bbox.x1
+
+
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [
+        (axis_label("distance_t_mm"), "L$_t$ (mm)"),
+        (axis_label("h_px", titled=True), "Image height h (px)"),
+        (axis_label("aspect"), "Δw/Δh"),
+        (axis_title("blur_area_deg2"), "Blur area (deg²)"),
+        (axis_title("aspect"), "Aspect"),
+        (axis_of_both("blur_px", "blur_t_px", "blur_s_px"), "Blur Δ$_t$, Δ$_s$ (px)"),
+    ],
+)
+def test_labels_of_axes_hold_symbols_and_units(label, text):
+    assert label == text
 
 
 def test_figures_draw_what_was_evaluated():

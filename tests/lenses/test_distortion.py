@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.dewarp import Dewarper, screens
 from omnimirror.errors import InvalidParameter
-from omnimirror.lenses.distortion import distorted, distorted_rates, fold, undistorted
+from omnimirror.lenses.distortion import distorted, distorted_rates, fold, undistorted, undistorted_radius
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
 from omnimirror.simulate.colour import srgb_from_linear
@@ -175,3 +175,16 @@ def test_the_file_holds_it_and_nothing_where_there_is_none():
     text = format_sensor(sensor_with(**TANGENTIAL))
     assert parse_sensor(text) == sensor_with(**TANGENTIAL)
     assert "k1" not in format_sensor(sensor_with())
+
+
+def test_radii_beyond_the_fold_have_no_origin():
+    """r (1 - 0.3 r^2) rises to 0.7027 at r = 1.0541; the smallest positive root of the polynomial below."""
+    k, radii = (-0.3, 0.0, 0.0), np.array([0.0, 0.1, 0.5, 0.7, 0.71, 5.0])
+    assert fold(k) == pytest.approx(1 / np.sqrt(0.9), rel=1e-9)
+    found = undistorted_radius(radii, k)
+    for radius, r in zip(radii, found, strict=True):
+        roots = np.roots([-0.3, 0.0, 1.0, -radius])
+        real = [root.real for root in roots if abs(root.imag) < 1e-9 and -1e-12 <= root.real <= 1.06]
+        assert np.isnan(r) if not real else r == pytest.approx(min(real), abs=1e-9)
+    assert np.isnan(found).tolist() == [False] * 4 + [True] * 2
+    np.testing.assert_allclose(undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9)

@@ -459,3 +459,19 @@ def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvatur
         return
     thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # the lensmaker's equation
     assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)
+
+
+def test_clearances_of_rays_at_apertures():
+    """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at its curved face."""
+    lens = SurfaceLens(
+        8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, clear_mm=(5.0, 0.0, 6.0)
+    )
+    heights = np.array([0.0, 1.0, 3.0, -2.0])
+    points = np.stack([heights, 0 * heights, 7.0 + 0 * heights], axis=-1)
+    found = lens.clearances(points, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert list(found) == ["lens surface 1", "lens surface 3"]
+    np.testing.assert_allclose(found["lens surface 1"], (25.0 - heights**2) / 10.0, rtol=1e-12)
+    sag = 25.84 - np.sqrt(25.84**2 - heights**2)
+    turn = np.arcsin(heights / 25.84) - np.arcsin(heights / 25.84 / 1.5168)
+    behind = heights - (4.0 - sag) * np.tan(turn)
+    np.testing.assert_allclose(found["lens surface 3"], (36.0 - behind**2) / 12.0, rtol=1e-9)

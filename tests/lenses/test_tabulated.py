@@ -348,3 +348,30 @@ def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
     spot, bundle = om.spots(paned, [90.0]).extent_px(), om.evaluate(paned, [90.0])
     assert spot[0].item() == pytest.approx(abs(bundle.blur_t_px[0]), abs=0.01)
     assert spot[1].item() == pytest.approx(abs(bundle.blur_s_px[0]), abs=0.01)
+
+
+@pytest.mark.parametrize("given", [("short",), ("long",), ("short", "long"), ()])
+def test_heights_of_other_colours_are_those_of_the_table_at_three_lines(given):
+    """F, d and C; between them a parabola in 1/wavelength^2."""
+    angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
+    shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}
+    lens = TabulatedLens(
+        11.6,
+        4.0,
+        212.0,
+        angles,
+        heights,
+        (0.0, 0.0, 0.0, 0.0),
+        **{f"lateral_colour_{name}_mm": shifts[name] for name in given},
+    )
+    nothing = (0.0, 0.0, 0.0, 0.0)
+    short, long = (shifts[name] if name in given else nothing for name in ("short", "long"))
+    for nm, shift in ((486.1327, short), (587.5618, nothing), (656.2725, long)):
+        there = lens.at_wavelength(nm)
+        np.testing.assert_allclose(there.image_height_mm, np.add(heights, shift), atol=1e-9)
+        assert there.lateral_colour_short_mm is None or not given
+    x = 1 / np.array([486.1327, 587.5618, 656.2725]) ** 2
+    parabola = np.polyfit(1e6 * x, [short[3], 0.0, long[3]], 2)
+    assert lens.at_wavelength(540.0).image_height_mm[3] == pytest.approx(
+        4.1 + np.polyval(parabola, 1e6 / 540.0**2), abs=1e-9
+    )

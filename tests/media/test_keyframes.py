@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
 from omnimirror.errors import MediaError
-from omnimirror.media.keyframes import Keyframes, parse_csv, parse_toml
+from omnimirror.media.keyframes import Keyframes, keyframes_of, parse_csv, parse_toml
 
 CSV = """# a slow turn
 time_s, pan_deg, hfov_deg
@@ -145,3 +145,10 @@ def test_files_that_are_none(tmp_path):
         Keyframes.load(tmp_path / "a.txt")
     with pytest.raises(MediaError, match="cannot read the keyframes"):
         Keyframes.load(tmp_path)
+
+
+def test_keyframes_without_lines_are_counted_from_1():
+    with pytest.raises(MediaError, match=r"^keyframe 2 of moves has no time_s"):
+        keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves")
+    with pytest.raises(MediaError, match=r"^the keyframe in line 7 of moves has no time_s"):
+        keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves", lines=[3, 7])

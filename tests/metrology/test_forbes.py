@@ -47,6 +47,30 @@ def test_a_sphere_has_no_terms_and_known_terms_come_back():
     assert found.sag(x) == pytest.approx(made.sag(x), abs=1e-5)
 
 
+def test_a_mirror_that_is_hard_to_describe_has_16_terms():
+    """A ripple of 40 periods of 1 um is left over, by its rms over the aperture."""
+    x = np.linspace(0, 40, 2001)
+    ripple = 1e-3 * np.cos(2 * np.pi * x)
+    profile = om.mirrors.SampledProfile(
+        tuple(x), tuple(Sphere(50.0, 40.0).sag(x) + ripple - ripple[0]), uncertainty_um=0.0
+    )
+    found = forbes_asphere(profile)
+    assert len(found.um) == 16
+    assert found.left_um == pytest.approx(1 / np.sqrt(2), rel=0.1)
+
+
+def test_terms_end_once_so_little_is_left():
+    made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
+    x = np.linspace(0, 40, 2001)
+    profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
+    assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [3, 2, 1, 1]
+    # the rms over the meridian of the terms left out, at equal steps of the angle whose sine is x / M
+    u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
+    left = forbes_asphere(profile, 0.3)
+    departure = made.sag(40 * u) - left.sag(40 * u)
+    assert left.left_um == pytest.approx(1e3 * np.sqrt(np.mean(departure**2)), rel=1e-3)
+
+
 @pytest.mark.parametrize("mirror", [Cone(30.0, 20.0), Sphere(50.0, 49.99999)])
 def test_what_is_no_such_asphere_is_refused(mirror):
     if mirror.is_pointed:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import zipfile
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,6 +122,112 @@ def test_a_packed_file_with_too_much_content_is_rejected_unread(tmp_path, monkey
     assert (tmp_path / "a.x3p").stat().st_size < 1 << 14
     with pytest.raises(OmnimirrorError, match=r"a\.x3p: its content must not be larger than 1 MB; got 3 MB"):
         om.read_points(tmp_path / "a.x3p")
+
+
+class Reader:
+    """An opened file, with the part of SurfaceTopography's interface that is used; heights and places in m."""
+
+    def __init__(self, heights, points=None):
+        self.heights = np.ma.masked_invalid(heights)
+        self.default_channel = SimpleNamespace(nb_grid_pts=points or self.heights.shape)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        return None
+
+    def topography(self):
+        return self
+
+    def to_unit(self, unit):
+        return SimpleNamespace(positions_and_heights=lambda: self._in(unit))
+
+    def _in(self, unit):
+        per_m = {"mm": 1e3, "um": 1e6}[unit]
+        x, y = np.meshgrid(*(1e-3 * (k + 1) * np.arange(n) for k, n in enumerate(self.heights.shape)), indexing="ij")
+        return per_m * x, per_m * y, per_m * self.heights
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Set what SurfaceTopography returns, or the exception that it raises, without the package."""
+
+    def set_result(result):
+        def open_topography(path):
+            if isinstance(result, Exception):
+                raise result
+            return result
+
+        package, reading = ModuleType("SurfaceTopography"), ModuleType("SurfaceTopography.IO")
+        reading.open_topography = open_topography
+        monkeypatch.setitem(sys.modules, "SurfaceTopography", package)
+        monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", reading)
+        monkeypatch.setattr(readers, "find_spec", lambda name: package)
+
+    return set_result
+
+
+@pytest.mark.parametrize("suffix", readers.MACHINES)
+def test_a_grid_of_heights_in_mm_without_the_points_not_measured(suffix, machine, tmp_path):
+    """Heights of a plane of known tilt, 3 by 4 points 1 mm and 2 mm apart."""
+    x, y = np.mgrid[:3, :4]
+    heights = 1e-6 * (5 * x - 2 * y)
+    heights[0, 1], heights[2, 3] = np.nan, np.inf
+    machine(Reader(heights))
+    path = tmp_path / f"a{suffix.upper()}"
+    path.write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
+    expected = [(i, 2 * j, (5 * i - 2 * j) / 1e3) for i in range(3) for j in range(4) if (i, j) not in ((0, 1), (2, 3))]
+    np.testing.assert_allclose(om.read_points(path), expected, rtol=0, atol=1e-12)
+
+
+def test_the_first_512_bytes_tell_a_grid_sag_from_a_machines_file(machine, tmp_path):
+    machine(Reader(np.zeros((2, 2))))
+    path = tmp_path / "a.dat"
+    path.write_bytes(b" " * 511 + b"\xff")
+    assert len(om.read_points(path)) == 4
+    path.write_bytes(b" " * 512 + b"\xff")
+    with pytest.raises(OmnimirrorError, match=r"a\.dat"):
+        om.read_points(path)
+
+
+@pytest.mark.parametrize(("points", "is_read"), [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)])
+def test_a_grid_has_at_most_20_million_points(points, is_read, machine, tmp_path):
+    machine(Reader(np.zeros((2, 3)), points))
+    (tmp_path / "a.opd").write_bytes(b"\1")
+    if is_read:
+        assert om.read_points(tmp_path / "a.opd").shape == (6, 3)
+        return
+    count = points[0] * points[1]
+    with pytest.raises(OmnimirrorError, match=rf"a\.opd must not have more than 20000000 points; got {count}; reduce"):
+        om.read_points(tmp_path / "a.opd")
+
+
+def test_a_machines_file_has_at_most_256_mb(machine, tmp_path):
+    machine(Reader(np.zeros((2, 3))))
+    with open(tmp_path / "a.sur", "wb") as file:
+        file.truncate(256 * 1024**2)
+    assert om.read_points(tmp_path / "a.sur").shape == (6, 3)
+    with open(tmp_path / "a.sur", "ab") as file:
+        file.write(b"\0")
+    with pytest.raises(OmnimirrorError, match=r"cannot read the points .*a\.sur: it must not be larger than 256 MB"):
+        om.read_points(tmp_path / "a.sur")
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (ValueError("wrong magic number\nat byte 0"), "wrong magic number"),
+        (KeyError(), "KeyError"),
+        (RuntimeError("no topography"), "no topography"),
+    ],
+)
+def test_any_error_of_the_package_is_one_line(error, reason, machine, tmp_path):
+    machine(error)
+    (tmp_path / "a.plux").write_bytes(b"\1")
+    with pytest.raises(OmnimirrorError) as refused:
+        om.read_points(tmp_path / "a.plux")
+    assert str(refused.value) == f"{tmp_path / 'a.plux'} cannot be read: {reason}"
 
 
 X3P = """<?xml version="1.0" encoding="UTF-8"?>

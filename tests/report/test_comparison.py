@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from base64 import b64decode
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import side_by_side
-from omnimirror.report.comparison import take_pictures, write_comparison
+from omnimirror.report.comparison import Pictures, comparison_sheet, take_pictures, write_comparison
 from tests.commands import omnimirror
 
 ROOM = om.Room(texel_mm=40.0)
@@ -32,6 +35,12 @@ def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
     page = write_comparison(comparison, tmp_path / "c.html", ROOM).read_text(encoding="utf-8")
     assert page.count("data:image/jpeg") == 6
     assert page.count("data:image/svg+xml") == 1
+    reference = BytesIO()
+    Image.new("RGB", (8, 8)).save(reference, "JPEG", quality=90)
+    pictures = [Image.open(BytesIO(b64decode(data))) for data in re.findall(r'data:image/jpeg;base64,([^"]+)"', page)]
+    assert [picture.width for picture in pictures] == 3 * [128] + 3 * [1440]
+    with Image.open(reference) as usual:
+        assert all(picture.quantization == usual.quantization for picture in pictures)
     assert not re.search(r'(src|href)="(?!data:)', page)
     for row in comparison.rows:
         cells = re.search(rf"{re.escape(row.quantity.title)} <small>{row.quantity.unit}</small></th>(.*?)</tr>", page)[
@@ -47,8 +56,30 @@ def test_the_picture_is_one_sheet(comparison, tmp_path):
     sheet = om.read_image(path)
     assert sheet.shape[1] == 1440
     assert sheet.shape[0] > 2 * 1440
-    with pytest.raises(InvalidParameter, match=r"written as \.html or \.png, and c\.gif is neither"):
-        write_comparison(comparison, tmp_path / "c.gif")
+
+
+def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
+    """Pictures of one colour each, on white, in their order; the room is not rendered."""
+    colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255)], [(255, 255, 0), (0, 255, 255), (255, 0, 255)]
+    circles = [np.full((64, 64, 3), colour, np.uint8) for colour in colours[0]]
+    panoramas = [np.full((32, 144, 3), colour, np.uint8) for colour in colours[1]]
+    sheet = comparison_sheet(comparison, Pictures(circles, panoramas))
+    assert sheet.dtype == np.uint8
+    assert sheet.shape[1:] == (1440, 3)
+    assert (sheet[0] == 255).all()
+    places = [np.argwhere((sheet == colour).all(axis=2)) for row in colours for colour in row]
+    assert all(len(place) > 5000 for place in places)
+    middles = [place.mean(axis=0) for place in places]
+    assert [m[1] for m in middles[:3]] == sorted(m[1] for m in middles[:3])  # circles from left to right
+    assert [m[0] for m in middles[3:]] == sorted(m[0] for m in middles[3:])  # panoramas from top to bottom
+    assert max(m[0] for m in middles[:3]) < min(m[0] for m in middles[3:])
+
+
+def test_other_files_than_pages_and_pictures_are_refused_at_once(comparison, tmp_path):
+    for name in ("c.gif", "c", "c.htm"):
+        with pytest.raises(InvalidParameter, match=rf"written as \.html or \.png, and {name} is neither"):
+            write_comparison(comparison, tmp_path / name, None)
+    assert not list(tmp_path.iterdir())
 
 
 def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):

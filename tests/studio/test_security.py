@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import errno
 import os
 import resource
@@ -33,7 +34,7 @@ from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS, SECONDARIES
 from omnimirror.serving import connections, limits
-from omnimirror.serving.access import is_loopback
+from omnimirror.serving.access import Guard, is_loopback
 from omnimirror.serving.limits import LARGEST_MESSAGE
 from omnimirror.serving.server import names_of
 from omnimirror.specs import tables_of
@@ -390,6 +391,15 @@ def test_what_is_no_picture_is_named_with_the_kinds():
         uploads.picture_in(b"no picture", "a")
 
 
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
+def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
+    """The name of the file in which the server keeps the upload is not given away."""
+    data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[1].tobytes()
+    with pytest.raises(MediaError, match=r"my picture\.tif (is|cannot be)") as refused:
+        uploads.picture_in(data[: len(data) // 2], "my picture.tif")
+    assert "/" not in str(refused.value)
+
+
 def test_encoded_pictures_keep_their_pixels_and_their_quality():
     picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
     with Image.open(BytesIO(uploads.encoded(picture, ".png"))) as png:
@@ -532,6 +542,93 @@ def test_a_token_does_not_let_hosts_in_that_are_none(client):
     with TestClient(create_app(Studio(token="secret")), base_url="http://door") as client:
         for host in ("user@door", "door:80@evil.example", "a b", "door:123456"):
             assert client.get("/?token=secret", headers={"host": host}).status_code == 403
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("localhost", True),
+        ("127.0.0.1", True),
+        ("127.255.255.254", True),
+        ("::1", True),
+        ("128.0.0.1", False),
+        ("::2", False),
+        ("10.0.0.1", False),
+        ("localhost.example.org", False),
+        ("example.org", False),
+        ("127.0.0.1.example.org", False),
+        ("", False),
+    ],
+)
+def test_loopback_addresses_need_no_token(host, expected):
+    """RFC 1122, 3.2.1.3, and RFC 4291, 2.5.3; other names may lead anywhere."""
+    assert is_loopback(host) is expected
+
+
+def basic(text: str | bytes) -> dict[str, str]:
+    """The header of HTTP's basic authentication (RFC 7617)."""
+    return {"authorization": "Basic " + base64.b64encode(text if isinstance(text, bytes) else text.encode()).decode()}
+
+
+GUARDED = [
+    # path, headers, status without a token, with one, and with one for programs too
+    ("/", {}, 200, 403, 401),
+    ("/health", {}, 200, 200, 200),
+    ("/api", {"host": "127.0.0.1:81"}, 200, 403, 401),
+    ("/api", {"host": "[::1]:81"}, 200, 403, 401),
+    ("/api", {"host": "DOOR"}, 200, 403, 401),
+    ("/api", {"host": "evil.example"}, 403, 403, 401),
+    ("/api?token=secret", {"host": "evil.example"}, 403, 200, 200),
+    ("/api?token=secret", {"host": ""}, 403, 403, 403),
+    ("/api?token=secret", {"host": "a@door"}, 403, 403, 403),
+    ("/api?token=secret", {"host": "door:123456"}, 403, 403, 403),
+    ("/health", {"host": "a b"}, 403, 403, 403),
+    ("/api?token=secret", {}, 200, 200, 200),
+    ("/api?token=Secret", {}, 200, 403, 401),
+    ("/api?token=", {}, 200, 403, 401),
+    ("/api", {"cookie": "omnimirror-token-80=secret"}, 200, 200, 200),
+    ("/api", {"cookie": "a=b; omnimirror-token-80=secret"}, 200, 200, 200),
+    ("/api", {"cookie": "omnimirror-token-81=secret"}, 200, 403, 401),
+    ("/api", {"cookie": "omnimirror-token-81=secret", "host": "door:81"}, 200, 200, 200),
+    ("/api", {"cookie": "omnimirror-token-80=secrets"}, 200, 403, 401),
+    ("/api", {"cookie": "=;=\x01,"}, 200, 403, 401),
+    ("/api", basic("anyone:secret"), 200, 403, 200),
+    ("/api", basic(":secret"), 200, 403, 200),
+    ("/api", basic("secret:anyone"), 200, 403, 401),
+    ("/api", basic("secret"), 200, 403, 401),
+    ("/api", basic(b"a:\xff"), 200, 403, 401),
+    ("/api", {"authorization": "basic " + basic("a:secret")["authorization"].split()[1]}, 200, 403, 200),
+    ("/api", {"authorization": "Basic a"}, 200, 403, 401),
+    ("/api", {"authorization": "Basic %%%%"}, 200, 403, 401),
+    ("/api", {"authorization": "Bearer secret"}, 200, 403, 200),
+    ("/api", {"authorization": "bearer  secret "}, 200, 403, 200),
+    ("/api", {"authorization": "Bearer secrets"}, 200, 403, 401),
+    ("/api", {"authorization": "Digest secret"}, 200, 403, 401),
+    ("/api", {"authorization": "secret"}, 200, 403, 401),
+    ("/api?token=secret", {"origin": "http://door"}, 200, 200, 200),
+    ("/api?token=secret", {"origin": "HTTP://DOOR"}, 200, 200, 200),
+    ("/api?token=secret", {"origin": "https://door"}, 403, 403, 403),
+    ("/api?token=secret", {"origin": "http://door:81"}, 403, 403, 403),
+    ("/api?token=secret", {"origin": "null"}, 403, 403, 403),
+    ("/api?token=secret", {"sec-fetch-site": "same-origin"}, 200, 200, 200),
+    ("/api?token=secret", {"sec-fetch-site": "none"}, 200, 200, 200),
+    ("/api?token=secret", {"sec-fetch-site": "same-site"}, 403, 403, 403),
+    ("/api?token=secret", {"sec-fetch-site": "cross-site"}, 403, 403, 403),
+    ("/api?token=secret", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, 403, 403, 403),
+    ("/?token=secret", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "cors"}, 403, 403, 403),
+    ("/", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, 200, 403, 401),
+]
+
+
+@pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARDED)
+def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
+    """The guard alone, before an application that answers everything."""
+    for status, secret, for_programs in ((public, None, False), (token, "secret", False), (programs, "secret", True)):
+        guard = Guard(Response("inside"), ["door"], secret, "default-src 'none'", for_programs)
+        answer = TestClient(guard, base_url="http://door").get(path, headers=headers)
+        assert answer.status_code == status
+        assert (answer.text == "inside") == (status == 200)
+        assert answer.headers.get("www-authenticate") == ('Basic realm="omnimirror"' if status == 401 else None)
 
 
 def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():

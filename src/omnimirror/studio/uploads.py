@@ -108,7 +108,7 @@ def _checked_kind(data: bytes, name: str) -> str:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")  # of large or damaged pictures: both are refused with a reason
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
                 kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
         is_huge = unpacked > MOST_UNPACKED

@@ -78,7 +78,8 @@ def slope_and_curvature_are_derivatives(mirror: Mirror) -> None:
 def vertex_is_the_origin(mirror: Mirror) -> None:
     """The sag of the vertex is 0, and its slope unless the mirror ends in a point."""
     assert abs(float(mirror.sag(0.0))) < 1e-13, f"the vertex lies at z = {float(mirror.sag(0.0)):g} mm"
-    assert mirror.is_pointed == (float(mirror.slope(0.0)) != 0.0)
+    slope = float(mirror.slope(0.0))
+    assert mirror.is_pointed == (slope != 0.0), f"is_pointed is {mirror.is_pointed}, but the vertex has slope {slope:g}"
 
 
 def radii_are_those_of_the_normals(mirror: Mirror) -> None:
@@ -97,9 +98,9 @@ def bounds_hold_the_meridian(mirror: Mirror) -> None:
     """``bounds`` reach from the vertex to the rim."""
     (x0, x1), (z0, z1) = mirror.bounds
     z = np.asarray(mirror.sag(np.linspace(0, mirror.rim_radius_mm, 513)))
-    assert (x0, x1) == (0.0, mirror.rim_radius_mm)
-    assert abs(z0 - z.min()) < 1e-12
-    assert abs(z1 - z.max()) < 1e-12
+    assert (x0, x1) == (0.0, mirror.rim_radius_mm), f"bounds reach from x = {x0:g} mm to {x1:g} mm"
+    assert abs(z0 - z.min()) < 1e-12, f"bounds begin at z = {z0:g} mm, but the meridian at {z.min():g} mm"
+    assert abs(z1 - z.max()) < 1e-12, f"bounds end at z = {z1:g} mm, but the meridian at {z.max():g} mm"
 
 
 def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
@@ -107,8 +108,9 @@ def comes_back_from_words_and_pickles(mirror: Mirror) -> None:
     words = {cls.__name__: cls for cls in MIRRORS.values()} | {type(mirror).__name__: type(mirror)}
     back = eval(repr(mirror), words)
     assert back == mirror, f"{back!r} is not {mirror!r}"
-    assert hash(back) == hash(mirror)
-    assert pickle.loads(pickle.dumps(mirror)) == mirror
+    assert hash(back) == hash(mirror), f"two equal mirrors {mirror!r} have different hashes"
+    unpickled = pickle.loads(pickle.dumps(mirror))
+    assert unpickled == mirror, f"{unpickled!r} from a pickle is not {mirror!r}"
 
 
 def describes_every_parameter(mirror: Mirror) -> None:
@@ -119,7 +121,8 @@ def describes_every_parameter(mirror: Mirror) -> None:
         assert p.description, f"{name} has no description"
         assert p.choices or p.low < p.high, f"{name} has an empty range"
         assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), f"{name} does not end with its unit"
-    assert set(table_model(type(mirror)).model_fields) == set(names)
+    entries = set(table_model(type(mirror)).model_fields)
+    assert entries == set(names), f"a sensor file has the entries {sorted(entries)}, and the fields are {names}"
 
 
 def refuses_what_is_out_of_range(mirror: Mirror) -> None:

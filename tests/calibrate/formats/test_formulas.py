@@ -227,11 +227,64 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         ("1 PINHOLE 640 480", "PINHOLE has 0 parameters; it is valid with 4: fx fy cx cy"),
         ("1 FOV 640 480 1 1 1 1 1", "no model of ours has the formula of FOV; valid are SIMPLE_PINHOLE"),
         ("one PINHOLE 640 480", "a camera's id and what follows its model are numbers"),
+        ("1 PINHOLE", "a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here '1'"),
+        ("1 PINHOLE 640", "a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here '1'"),
+        (f"1 {'x' * 50} 640 480", f"there is no model '{'x' * 40}'; valid are SIMPLE_PINHOLE, PINHOLE"),
+        ("1 EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR is a panorama that was made of pictures"),
+        *(
+            (f"1 PINHOLE {size} 1 1 1 1", f"{size.replace(' ', ' x ')} is no size of a picture; it is valid in whole")
+            for size in ("0 480", "640 0", "-1 480", "640 -1", "640.5 480", "640 480.5", "3e+09 480", "640 3e+09")
+        ),
     ):
         with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
             read("cameras.txt", f"# a comment\n{line}\n".encode())
     with pytest.raises(SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"):
         read("cameras.txt", b"# a comment\n")
+
+
+# The numbers and parameters of COLMAP's documentation, "Camera Models", and of its sensor/models.h
+COLMAP_MODELS = [
+    (0, "SIMPLE_PINHOLE", "f cx cy"),
+    (1, "PINHOLE", "fx fy cx cy"),
+    (2, "SIMPLE_RADIAL", "f cx cy k1"),
+    (3, "RADIAL", "f cx cy k1 k2"),
+    (4, "OPENCV", "fx fy cx cy k1 k2 p1 p2"),
+    (5, "OPENCV_FISHEYE", "fx fy cx cy k1 k2 k3 k4"),
+    (6, "FULL_OPENCV", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    (8, "SIMPLE_RADIAL_FISHEYE", "f cx cy k1"),
+    (9, "RADIAL_FISHEYE", "f cx cy k1 k2"),
+    (11, "RAD_TAN_THIN_PRISM_FISHEYE", "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4"),
+    (14, "SIMPLE_FISHEYE", "f cx cy"),
+    (15, "FISHEYE", "fx fy cx cy"),
+    (16, "EUCM", "fx fy cx cy alpha beta"),
+]
+
+
+@pytest.mark.parametrize(("number", "name", "parameters"), COLMAP_MODELS)
+@pytest.mark.parametrize("size", [(640, 480), (1, 1)])
+def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters, size):
+    values = {"f": 300.0, "fx": 300.0, "fy": 310.0, "cx": 321.5, "cy": 241.5, "alpha": 0.6, "beta": 1.1}
+    small = {word: 1e-3 * i for i, word in enumerate(parameters.split(), start=1)}
+    numbers = [values.get(word, small[word]) for word in parameters.split()]
+    binary = struct.pack(f"<QIiQQ{len(numbers)}d", 1, 3, number, *size, *numbers)
+    text = f"3 {name} {size[0]} {size[1]} {' '.join(map(str, numbers))} # behind\n".encode()
+    read = [
+        colmap.read(CameraFile(file, data), Reading(file))
+        for file, data in (("cameras.bin", binary), ("cameras.txt", text))
+    ]
+    assert read[0] == read[1]
+    ((stored,), _) = read
+    assert (stored.name, stored.camera.image_size) == ("3", size)
+    assert stored.camera.centre_px == (321.0, 241.0)
+    assert stored.camera.focal_px == (300.0, 310.0 if "fy" in parameters else 300.0)
+    for word, value in zip(parameters.split(), numbers, strict=True):
+        if word not in ("f", "fx", "fy", "cx", "cy"):
+            assert getattr(stored.camera, word) == value
+    if name in ("OPENCV_FISHEYE", "EUCM", "RAD_TAN_THIN_PRISM_FISHEYE"):
+        assert colmap.binary_file(size, name, colmap.values_of(stored.camera, name)) == (
+            struct.pack("<QI", 1, 1) + binary[12:]
+        )
+        assert colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == ["1", name, "640", "479"]
 
 
 @pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])

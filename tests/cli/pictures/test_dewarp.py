@@ -10,6 +10,7 @@ import omnimirror as om
 from omnimirror.calibrate.formats.scaramuzza import ocamcalib
 from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter
+from omnimirror.media.video.frames import empty_frame
 from omnimirror.straighten.border import BorderColour
 
 MIRRORBALL = Path(__file__).parents[4] / "shared/data/mirrorball"
@@ -233,6 +234,12 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         ("#0a141e", "uint8", 4, (10, 20, 30, 255)),
         ("#0A141E", "uint16", 4, (2570, 5140, 7710, 65535)),
         ("#ff0000", "float32", 4, (1, 0, 0, 1)),
+        (
+            "#80ff0a",
+            "float32",
+            3,
+            [((v / 255 + 0.055) / 1.055) ** 2.4 if v > 10 else v / 255 / 12.92 for v in (128, 255, 10)],
+        ),
         ("0", "uint8", 3, (0, 0, 0)),
         (255, "uint8", 1, (255,)),
         (65535, "uint16", 1, (65535,)),
@@ -243,7 +250,7 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
 )
 def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expected):
     for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
-        assert BorderColour.of(border).of_picture(np.zeros(shape, dtype)) == expected
+        assert BorderColour.of(border).of_picture(np.zeros(shape, dtype)) == pytest.approx(tuple(expected), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -261,6 +268,15 @@ def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
         InvalidParameter, match=r"is no value of a picture of uint8; valid are whole numbers from 0 to 255"
     ):
         BorderColour.of(border).of_picture(np.zeros((2, 2, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("border", "coded"),
+    [("#ff0000", (81, 90, 240)), ("0,255,0", (145, 54, 34)), ((0, 0, 255), (41, 240, 110)), (255, (235, 128, 128))],
+)
+def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
+    """The corners of the colour cube in ITU-R BT.601."""
+    assert BorderColour.of(border).of_frame(empty_frame((64, 48))[0]) == coded
 
 
 def test_a_grey_picture_has_no_border_in_colour():

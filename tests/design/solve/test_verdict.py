@@ -11,6 +11,7 @@ import pytest
 import omnimirror as om
 from omnimirror.design.solve.verdict import Judgement, _limit_row
 from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
 WANTED = om.Requirements(
@@ -162,6 +163,53 @@ def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_b
         assert len(said) == (is_blur and share < 1)
     (row,) = om.judge(replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE).limits
     assert not any("Airy" in remark for remark in row.remarks)
+
+
+HOUSING = Housing(rod=Rod(6.0))
+
+
+@pytest.mark.parametrize(("own", "asked"), [(None, HOUSING), (HOUSING, None), (HOUSING, Housing())])
+def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own, asked):
+    """Three sensors that are the same once they have it; the sensor's own counts where there is one."""
+    sensor = SPHERE if own is None else replace(SPHERE, housing=own)
+    verdict = om.judge(WANTED if asked is None else replace(WANTED, housing=asked), sensor)
+    assert verdict.sensor == replace(SPHERE, housing=HOUSING)
+
+
+def test_over_a_range_of_temperatures_the_worst_counts():
+    """Each limit at the temperature at which it is worst, of the evaluation at each; at 20 C without a remark."""
+    thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    wanted = replace(
+        WANTED, thermal=thermal, temperatures_c=(-30.0, 70.0), limits=(om.Limit("total_blur_px", at_most=9.0),)
+    )
+    sensor = replace(SPHERE, thermal=thermal)
+    alone = replace(wanted, temperatures_c=None)
+    (row,) = om.judge(wanted, SPHERE).limits
+    reached = {c: om.judge(alone, om.at_temperature(sensor, c)).limits[0].reached for c in (-30.0, 20.0, 70.0)}
+    worst = max(reached, key=reached.get)
+    assert row.reached == pytest.approx(reached[worst], rel=1e-12)
+    assert [remark for remark in row.remarks if remark.startswith("worst at")] == (
+        [] if worst == 20.0 else [f"worst at {worst:g} C"]
+    )
+    fewest = replace(wanted, limits=(om.Limit("total_blur_px", at_least=1.0),))
+    (row,) = om.judge(fewest, SPHERE).limits
+    reached = {
+        c: om.judge(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c)).limits[0].reached
+        for c in (-30.0, 20.0, 70.0)
+    }
+    assert row.reached == pytest.approx(min(reached.values()), rel=1e-12)
+
+
+def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
+    """The rod in the middle hides the axis: a limit of blur is not judged there, the length is one number."""
+    wanted = replace(
+        WANTED,
+        field=om.FieldRequirements(omega_max_deg=165),
+        limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)),
+    )
+    blur, length = om.judge(wanted, SPHERE).limits
+    assert any("135" in remark for remark in blur.remarks)
+    assert length.remarks == ()
 
 
 def test_what_cannot_be_judged_is_said():

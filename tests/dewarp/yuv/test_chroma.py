@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.dewarp.maps.halving import halved_pixels
+from omnimirror.dewarp.maps.halving import halved_pixels, pairs
 from omnimirror.dewarp.maps.polar import PolarMap
 from omnimirror.dewarp.yuv.planes import SITINGS
 from omnimirror.errors import InvalidParameter
@@ -60,6 +60,23 @@ def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
     np.testing.assert_allclose(halved.angles, 0.1 * np.array([0.25, 2.25, 4.25, 6.25]), rtol=1e-12)
     assert halved.centre == (15.25, 15.0)
     assert halved.source_size == (32, 32)
+
+
+def test_where_parts_of_a_mosaic_meet_a_sample_is_that_of_the_first_pixel():
+    """Of 3 x 4 pixels of two parts that meet in the second column, by labels; an odd row goes on as it ends."""
+    u, v = np.meshgrid([0.0, 40.0, 44.0, 48.0], [0.0, 10.0, 30.0])
+    labels = np.array([[1, 2, 2, 2]] * 3, np.int32)
+    found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), labels)
+    np.testing.assert_allclose(found, [[[0.0, 0.0], [23.0, 2.5]], [[0.0, 15.0], [23.0, 20.0]]], atol=1e-12)
+    rows = np.array([[1] * 4, [2] * 4, [2] * 4], np.int32)
+    found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), rows)
+    np.testing.assert_allclose(found, [[[0.0, 0.0], [22.0, 0.0]], [[10.0, 20.0], [23.0, 20.0]]], atol=1e-12)
+
+
+def test_pairs_of_an_odd_number_go_on_as_they_end():
+    assert pairs(np.array([0.0, 1.0, 4.0, 9.0, 16.0])).tolist() == [[0.0, 1.0], [4.0, 9.0], [16.0, 23.0]]
+    assert pairs(np.array([3.0])).tolist() == [[3.0, 3.0]]
+    assert pairs(np.array([3.0, 5.0])).tolist() == [[3.0, 5.0]]
 
 
 @pytest.mark.parametrize(

@@ -80,11 +80,30 @@ def test_opencv_speaks_again_after_several_threads_silenced_it():
     before = logging.getLogLevel()
     first, second = images._quiet(), images._quiet()
     first.__enter__()
+    assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
     second.__enter__()  # of another thread, which ends after the first
     first.__exit__(None, None, None)
     assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
     second.__exit__(None, None, None)
     assert logging.getLogLevel() == before
+
+
+def test_errors_of_opencv_are_one_sentence_each(tmp_path, monkeypatch):
+    def fail(*_):
+        raise cv2.error("OpenCV(4.99) /source/file.cpp:12: error: (-2) no memory\nin function 'x'")
+
+    path = tmp_path / "a.png"
+    om.write_image(path, picture())
+    monkeypatch.setattr(cv2, "imdecode", fail)
+    with pytest.raises(MediaError, match=r"^cannot read the picture .*a\.png: .*no memory$"):
+        om.read_image(path)
+    monkeypatch.setattr(cv2, "imencode", fail)
+    with pytest.raises(MediaError, match=r"^cannot write .*b\.png: .*no memory$"):
+        om.write_image(tmp_path / "b.png", picture())
+    monkeypatch.setattr(cv2, "imencode", lambda *_: (False, None))
+    with pytest.raises(MediaError, match=r"a picture of 23 x 17 px cannot be written as \.png"):
+        om.write_image(tmp_path / "b.png", picture())
+    assert [file.name for file in tmp_path.iterdir()] == ["a.png"]
 
 
 def test_a_last_axis_of_one_is_grey(tmp_path):
