@@ -30,15 +30,15 @@ import numpy as np
 import omnimirror as om
 from omnimirror.dewarp.frames import dewarp_frame
 from omnimirror.files import write_text
-from omnimirror.handoff.gateway import outlets
-from omnimirror.handoff.gateway.coders import JpegCoder, TransportCoder
-from omnimirror.handoff.gateway.gateway import Gateway
-from omnimirror.handoff.gateway.routes import create_app
+from omnimirror.interop.gateway import outlets
+from omnimirror.interop.gateway.coders import JpegCoder, TransportCoder
+from omnimirror.interop.gateway.gateway import Gateway
+from omnimirror.interop.gateway.routes import create_app
+from omnimirror.interop.http_server.server import Server, configured, listen
 from omnimirror.media.live.sources import TICKS
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.writer import VideoWriter
 from omnimirror.native import backend
-from omnimirror.serving.server import Server, configured, listen
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 25
 CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))

@@ -26,7 +26,7 @@ from playwright.sync_api import sync_playwright
 
 import omnimirror as om
 from omnimirror.files import write_text
-from omnimirror.serving.server import Server, configured, listen
+from omnimirror.interop.http_server.server import Server, configured, listen
 from omnimirror.specs import tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer

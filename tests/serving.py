@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from starlette.types import ASGIApp
 
-from omnimirror.serving.server import Server, configured, listen
+from omnimirror.interop.http_server.server import Server, configured, listen
 
 Result = TypeVar("Result")
 

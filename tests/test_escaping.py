@@ -38,9 +38,9 @@ from omnimirror import escaping
 from omnimirror.calibrate.formats.registry import FORMATS as CAMERA_FORMATS
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES
-from omnimirror.handoff.formats import Deviation, ProgramFormat
-from omnimirror.handoff.maps import MAP_FORMATS
-from omnimirror.handoff.rays import RAY_FORMATS
+from omnimirror.interop.formats import Deviation, ProgramFormat
+from omnimirror.interop.maps import MAP_FORMATS
+from omnimirror.interop.rays import RAY_FORMATS
 from omnimirror.manufacture import FORMATS, Content, Format
 from omnimirror.mirrors import Sphere
 from tests.commands import omnimirror

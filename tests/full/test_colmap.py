@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.handoff.colmap import write_colmap
+from omnimirror.interop.colmap import write_colmap
 
 pytestmark = pytest.mark.full
 SENSOR = om.load_sensor("paper-equidistant")

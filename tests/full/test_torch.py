@@ -15,8 +15,8 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 from omnimirror.housing import Housing, Tube
 from omnimirror.imagers import ImagerPose
+from omnimirror.interop.torch import differentiable, reflection
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.torch import differentiable, reflection
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full
@@ -288,7 +288,7 @@ def test_what_is_no_argument_is_refused_in_a_sentence(wrong, sentence):
 
 
 def test_the_recipe_of_the_docs_runs(capsys):
-    page = (Path(__file__).parents[2] / "docs" / "handoff.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "interoperability.md").read_text(encoding="utf-8")
     (recipe,) = re.findall(r"(?ms)^## PyTorch\n.*?^```\n(.*?)^```", page)
-    exec(compile(recipe, "handoff.md", "exec"), {})
+    exec(compile(recipe, "interoperability.md", "exec"), {})
     assert "'lens.focal_length_mm'" in capsys.readouterr().out

@@ -15,7 +15,7 @@ from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
 from omnimirror.files import MOST_NESTED
-from omnimirror.serving import bodies
+from omnimirror.interop.http_server import bodies
 from omnimirror.specs import tables_of
 from omnimirror.studio import framing
 from omnimirror.studio.app import api, create_app

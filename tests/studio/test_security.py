@@ -31,11 +31,11 @@ from websockets.sync.client import connect
 import omnimirror as om
 from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
+from omnimirror.interop.http_server import connections, limits
+from omnimirror.interop.http_server.access import is_loopback
+from omnimirror.interop.http_server.limits import LARGEST_MESSAGE
+from omnimirror.interop.http_server.server import names_of
 from omnimirror.mirrors import MIRRORS, SECONDARIES
-from omnimirror.serving import connections, limits
-from omnimirror.serving.access import is_loopback
-from omnimirror.serving.limits import LARGEST_MESSAGE
-from omnimirror.serving.server import names_of
 from omnimirror.specs import tables_of
 from omnimirror.studio import uploads
 from omnimirror.studio.app import create_app

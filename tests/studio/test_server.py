@@ -24,9 +24,9 @@ from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
 from omnimirror.calibrate import rim
-from omnimirror.serving.access import is_loopback
-from omnimirror.serving.limits import LARGEST_MESSAGE
-from omnimirror.serving.server import listen
+from omnimirror.interop.http_server.access import is_loopback
+from omnimirror.interop.http_server.limits import LARGEST_MESSAGE
+from omnimirror.interop.http_server.server import listen
 from omnimirror.studio.app import create_app
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources

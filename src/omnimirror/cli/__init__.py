@@ -58,7 +58,7 @@ ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
-    "handoff": {"colmap", "maps", "rays"},
+    "interop": {"colmap", "maps", "rays"},
     "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""

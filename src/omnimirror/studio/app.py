@@ -12,9 +12,9 @@ from starlette.types import ASGIApp
 
 from .. import __version__
 from ..errors import OmnimirrorError
-from ..serving.access import Guard, policy_of
-from ..serving.bodies import refuse_invalid_bodies
-from ..serving.limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
+from ..interop.http_server.access import Guard, policy_of
+from ..interop.http_server.bodies import refuse_invalid_bodies
+from ..interop.http_server.limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
 from .bench.routes import add_bench
 from .calibrate.routes import add_calibrate
 from .look.routes import add_look

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TypeVar
 
-from ..serving.bodies import InvalidMessage, message_from
+from ..interop.http_server.bodies import InvalidMessage, message_from
 from .messages import Message
 
 M = TypeVar("M", bound=Message)

@@ -7,8 +7,8 @@ import threading
 import webbrowser
 from collections.abc import Callable
 
-from ..serving.access import is_loopback
-from ..serving.server import listen, names_of, run
+from ..interop.http_server.access import is_loopback
+from ..interop.http_server.server import listen, names_of, run
 from .app import create_app
 from .studio import Studio
 

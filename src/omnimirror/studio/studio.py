@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..serving.limits import Turns
+from ..interop.http_server.limits import Turns
 from .calibrate.looking import Lookers
 from .look.cameras import Cameras, Known
 from .look.sources import Sources

@@ -10,7 +10,7 @@ from fastapi.responses import PlainTextResponse, Response
 
 from ...errors import OmnimirrorError
 from ...escaping import http_attachment
-from ...serving.bodies import InvalidMessage, close_refused, received
+from ...interop.http_server.bodies import InvalidMessage, close_refused, received
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name

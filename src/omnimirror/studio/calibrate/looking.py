@@ -9,7 +9,7 @@ from contextlib import suppress
 from fastapi import Request
 
 from ...errors import InvalidParameter
-from ...serving.limits import MOST_WAITING, Busy
+from ...interop.http_server.limits import MOST_WAITING, Busy
 from ..messages import Problem
 from ..workers import begun, ended
 from . import board_process

@@ -9,7 +9,7 @@ from fastapi import FastAPI, Query, Request, WebSocket
 from fastapi.responses import Response
 
 from ...errors import OmnimirrorError
-from ...serving.bodies import InvalidMessage, close_refused, received
+from ...interop.http_server.bodies import InvalidMessage, close_refused, received
 from ..framing import unframed
 from ..schema import BYTES, FILE_BODY
 from ..uploads import collected

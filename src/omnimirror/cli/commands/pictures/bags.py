@@ -43,8 +43,8 @@ def dewarp_recording(
     sources: tuple[str, ...], outputs: tuple[str, ...], how: Straightening, view: ViewOptions, bag: BagOptions
 ) -> None:
     """Straighten a recording under a progress bar, and say what became of it."""
-    from ....handoff.bags.dewarping import Chosen, straighten_bag
-    from ....handoff.named_views import load_views
+    from ....interop.bags.dewarping import Chosen, straighten_bag
+    from ....interop.named_views import load_views
 
     if len(sources) > 1 or len(outputs) != 1:
         raise click.UsageError("recordings are straightened one by one, each into one other")

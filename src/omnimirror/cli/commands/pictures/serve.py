@@ -9,7 +9,7 @@ import click
 
 from ....dewarp.contracts import INTERPOLATIONS, Interpolation
 from ....errors import OmnimirrorError
-from ....handoff.named_views import load_views
+from ....interop.named_views import load_views
 from ....native import MOST_THREADS
 from ...help_pages import DocumentedCommand
 from ...options.camera import CameraOptions
@@ -70,7 +70,7 @@ def command(
     """
     camera.check()
     try:
-        from ....handoff.gateway.server import check_source, serve_views
+        from ....interop.gateway.server import check_source, serve_views
         from ....media.live.playing import size_of
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
