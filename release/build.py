@@ -35,7 +35,8 @@ EXTRAS = {
     "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
     "robots": "import omnimirror.interop.bags, rosbags",
     "webrtc": "import omnimirror.interop.gateway.server, aiortc",
-    "torch": "import omnimirror as om, omnimirror.interop.torch as t; t.differentiable(om.Unified(.9, (30, 30), (31, 23)))",
+    "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
+    "differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.studio.app import create_app; create_app()",
 }
 
