@@ -33,8 +33,8 @@ EXTRAS = {
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.metrology, SurfaceTopography",
     "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
-    "robots": "import omnimirror.interop.bags, rosbags",
-    "webrtc": "import omnimirror.interop.gateway.server, aiortc",
+    "ros": "import omnimirror.interop.ros_bags.dewarping, rosbags",
+    "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
     "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
     "differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.studio.app import create_app; create_app()",

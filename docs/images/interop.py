@@ -26,14 +26,14 @@ sys.path.insert(0, str(ROOT))
 
 def blender(python: Path, pixels: int = 480) -> None:
     """The box of the tests by the paper's sensor out of line: ours, and Blender's."""
-    from tests.interop.rays.box import Box
+    from tests.interop.ray_tables.box import Box
     from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     with tempfile.TemporaryDirectory() as folder:
         script, picture = Path(folder, "camera.py"), Path(folder, "picture.exr")
         om.write_rays(sensor, script, formats="blender")
-        program = ROOT / "tests" / "interop" / "rays" / "in_blender.py"
+        program = ROOT / "tests" / "interop" / "ray_tables" / "in_blender.py"
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
         subprocess.run([python, program, script, picture, "64"], check=True, env=environment)
         theirs = om.read_image(picture)[..., :3]
@@ -43,7 +43,7 @@ def blender(python: Path, pixels: int = 480) -> None:
 
 def newton(python: Path, pixels: int = 480) -> None:
     """Depths in the same box by the table: as they are, and as Newton finds them."""
-    from tests.interop.rays.box import first_hits
+    from tests.interop.ray_tables.box import first_hits
     from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
@@ -51,7 +51,7 @@ def newton(python: Path, pixels: int = 480) -> None:
     with tempfile.TemporaryDirectory() as folder:
         rays, depths = Path(folder, "rays.npy"), Path(folder, "depths.npy")
         om.write_rays(sensor, rays, formats="newton")
-        program = ROOT / "tests" / "interop" / "rays" / "in_newton.py"
+        program = ROOT / "tests" / "interop" / "ray_tables" / "in_newton.py"
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
         subprocess.run([python, program, rays, depths], check=True, env=environment)
         theirs = 1000 * np.load(depths)
@@ -65,7 +65,7 @@ def newton(python: Path, pixels: int = 480) -> None:
 
 def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), times: int = 3) -> None:
     """A corner of a view: ours, bicubic and linear, then in C, by the shader, by GStreamer, OBS, OpenCV and ffmpeg."""
-    from tests.interop.maps import consumers
+    from tests.interop.view_maps import consumers
 
     sensor = om.load_sensor("paper-spherical")
     picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
@@ -83,7 +83,7 @@ def compositor() -> None:
     import cv2
     import OpenImageIO as oiio
 
-    from tests.interop.maps.consumers import warped
+    from tests.interop.view_maps.consumers import warped
 
     sensor = om.load_sensor("paper-spherical")
     picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
@@ -105,14 +105,14 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
     import cv2
     import OpenImageIO as oiio
 
-    from omnimirror.interop.colmap import rig_of
-    from tests.interop.maps.consumers import warped
-    from tests.interop.rays.box import Box, colours, first_hits
+    from omnimirror.interop.pinholes import camera_rig
+    from tests.interop.ray_tables.box import Box, colours, first_hits
+    from tests.interop.view_maps.consumers import warped
     from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     view = om.views.sphere(sensor, (width, None))
-    (told,) = rig_of(sensor, size=width, is_panorama=True)
+    (told,) = camera_rig(sensor, size=width, is_panorama=True)
     columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
     rendered = colours(first_hits(told.position_mm, view.targets_at(columns, rows)))
     with tempfile.TemporaryDirectory() as folder:
@@ -128,8 +128,8 @@ def mitsuba(pixels: int = 240) -> None:
     """The same box by Mitsuba's plug-in, beside ours."""
     import mitsuba as mi
 
-    from tests.interop.rays.box import Box
-    from tests.interop.rays.test_mitsuba_sensor import taken
+    from tests.interop.ray_tables.box import Box
+    from tests.interop.ray_tables.test_mitsuba_sensor import taken
     from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     mi.set_variant("scalar_rgb")
@@ -165,7 +165,7 @@ def colmap() -> None:
 
 def vlc(side: int = 1024) -> None:
     """A view of a served film, ours and as VLC shows it."""
-    from omnimirror.interop.gateway.gateway import Gateway
+    from omnimirror.interop.gateway.live_views import Gateway
     from omnimirror.interop.gateway.routes import create_app
     from omnimirror.media.video.frames import frame_of_image
     from omnimirror.media.video.writer import VideoWriter

@@ -95,19 +95,19 @@ if TYPE_CHECKING:
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
     from .errors import OmnimirrorError as OmnimirrorError
-    from .interop.bags.dewarping import DewarpedBag as DewarpedBag
-    from .interop.bags.dewarping import dewarp_bag as dewarp_bag
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
-    from .interop.gateway.server import serve_views as serve_views
-    from .interop.maps import ViewMap as ViewMap
-    from .interop.maps import view_map as view_map
-    from .interop.maps import write_maps as write_maps
+    from .interop.gateway.serving import serve_views as serve_views
     from .interop.named_views import NamedView as NamedView
     from .interop.named_views import load_views as load_views
-    from .interop.rays import RayTable as RayTable
-    from .interop.rays import ray_table as ray_table
-    from .interop.rays import write_rays as write_rays
+    from .interop.ray_tables import RayTable as RayTable
+    from .interop.ray_tables import ray_table as ray_table
+    from .interop.ray_tables import write_rays as write_rays
+    from .interop.ros_bags.dewarping import DewarpedBag as DewarpedBag
+    from .interop.ros_bags.dewarping import dewarp_bag as dewarp_bag
+    from .interop.view_maps import ViewMap as ViewMap
+    from .interop.view_maps import view_map as view_map
+    from .interop.view_maps import write_maps as write_maps
     from .manufacture import Body as Body
     from .manufacture import export as export
     from .manufacture import register_format as register_format
@@ -269,19 +269,19 @@ _HOMES = {
     "screens": "dewarp",
     "views": "dewarp",
     "register_view": "dewarp.views",
-    "dewarp_bag": "interop.bags.dewarping",
-    "DewarpedBag": "interop.bags.dewarping",
+    "dewarp_bag": "interop.ros_bags.dewarping",
+    "DewarpedBag": "interop.ros_bags.dewarping",
     "write_colmap": "interop.colmap",
     "ColmapProject": "interop.colmap",
-    "serve_views": "interop.gateway.server",
+    "serve_views": "interop.gateway.serving",
     "load_views": "interop.named_views",
     "NamedView": "interop.named_views",
-    "ViewMap": "interop.maps",
-    "view_map": "interop.maps",
-    "write_maps": "interop.maps",
-    "RayTable": "interop.rays",
-    "ray_table": "interop.rays",
-    "write_rays": "interop.rays",
+    "ViewMap": "interop.view_maps",
+    "view_map": "interop.view_maps",
+    "write_maps": "interop.view_maps",
+    "RayTable": "interop.ray_tables",
+    "ray_table": "interop.ray_tables",
+    "write_rays": "interop.ray_tables",
     "Body": "manufacture",
     "export": "manufacture",
     "register_format": "manufacture",

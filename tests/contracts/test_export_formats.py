@@ -1,4 +1,4 @@
-"""What every format of another program must satisfy: it is read back, and says what is lost."""
+"""Contract of all export formats: files are read back and deviations are stated."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.files import MARK
-from omnimirror.interop.formats import hand_over
-from omnimirror.interop.rays import RAY_FORMATS
+from omnimirror.interop.export_formats import write_formats
+from omnimirror.interop.ray_tables import RAY_FORMATS
 from omnimirror.mirrors.pose import MirrorPose
 
 SENSOR = om.load_sensor("paper-spherical")
@@ -42,7 +42,7 @@ def of_npz(paths):
 
 
 def of_mitsuba(paths):
-    """Through the plugin's own table, in its frame, which is ours."""
+    """Read the table of the plug-in."""
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
     rays = runpy.run_path(str(paths[0]))["RAYS"]
@@ -50,14 +50,14 @@ def of_mitsuba(paths):
 
 
 def of_blender(paths):
-    """x right, y up, z ahead: ours is ahead, left, up; metres."""
+    """Convert from x right, y up, z forward in m."""
     origin, direction = (om.read_image(path) for path in paths[2:])
     ours = [np.stack([v[..., 2], -v[..., 0], v[..., 1]], axis=-1) for v in (origin, direction)]
     return 1000 * ours[0], ours[1], origin[..., 3]
 
 
 def of_newton(paths):
-    """x right, y up, z behind; metres, and no direction where nothing is seen."""
+    """Convert from x right, y up, -z forward in m; no direction for obscured pixels."""
     rays = np.load(paths[0])[:, :, 0]
     ours = np.stack([-rays[..., 2], -rays[..., 0], rays[..., 1]], axis=-1)
     return 1000 * ours[:, :, 0], ours[:, :, 1], ours[:, :, 1].any(-1).astype(float)
@@ -68,12 +68,12 @@ READERS = {"exr": of_exr, "npz": of_npz, "mitsuba": of_mitsuba, "blender": of_bl
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("kind", RAY_FORMATS)
-def test_rays_are_read_back(kind, camera, tmp_path):
-    """Within .001 deg and .001 mm of the tracer."""
+def test_files_equal_the_traced_rays(kind, camera, tmp_path):
+    """Within 0.001 deg and 0.001 mm."""
     camera = CAMERAS[camera]
-    (done,) = om.write_rays(camera, tmp_path, formats=kind)
-    assert all(path.stat().st_size for path in done.paths)
-    origins, directions, weights = READERS[kind](done.paths)
+    (exported,) = om.write_rays(camera, tmp_path, formats=kind)
+    assert all(path.stat().st_size for path in exported.paths)
+    origins, directions, weights = READERS[kind](exported.paths)
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
     true = camera.backproject(pixels.astype(float))
@@ -85,7 +85,7 @@ def test_rays_are_read_back(kind, camera, tmp_path):
     assert (directions.reshape(-1, 3)[true.valid] * true.directions[true.valid]).sum(-1).min() > 0
 
 
-def test_the_header_says_units_and_frame(tmp_path):
+def test_header_states_units_and_frame(tmp_path):
     om.write_rays(SENSOR, tmp_path / "rays.exr", step=64)
     channels, header = exr(tmp_path / "rays.exr")
     assert {c.dtype for c in channels.values()} == {np.dtype("float32")}
@@ -95,7 +95,7 @@ def test_the_header_says_units_and_frame(tmp_path):
     assert "x forward, y left, z up" in header["omnimirror:frame"]
 
 
-def test_a_file_gets_the_name_that_is_asked_for(tmp_path):
+def test_files_have_the_requested_name(tmp_path):
     om.write_rays(SENSOR, tmp_path / "a.npz", step=64)
     om.write_rays(SENSOR, tmp_path / "scene" / "cam.py", step=64, formats="blender")
     names = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
@@ -106,32 +106,32 @@ def test_a_file_gets_the_name_that_is_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("path", "formats", "sentence"),
     [
-        ("a.foo", None, "a.foo has no suffix that is known; valid are .exr"),
-        ("a", None, "say which formats go there"),
-        ("a.exr", ["npz"], "npz is written to .npz files; a.exr is none"),
+        ("a.foo", None, "the suffix of a.foo must be one of .exr"),
+        ("a", None, "formats must be given for the folder"),
+        ("a.exr", ["npz"], "the suffix of npz files must be .npz; got a.exr"),
         ("a.exr", ["exr", "npz"], "give a folder"),
-        ("a", ["obj"], "there is no format 'obj'; valid are exr"),
-        ("a", [], "formats is empty"),
+        ("a", ["obj"], "formats must be from exr.*; got 'obj'"),
+        ("a", [], "formats must contain at least one of exr"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(tmp_path, path, formats, sentence):
+def test_invalid_requests_raise(tmp_path, path, formats, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         om.write_rays(SENSOR, tmp_path / path, formats=formats, step=64)
     assert not list(tmp_path.iterdir())
 
 
-def test_all_files_or_none(tmp_path, monkeypatch):
+def test_an_error_leaves_no_files(tmp_path, monkeypatch):
     def fail(table, paths):
         paths[0].write_text("half")
         raise OmnimirrorError("the disk is full")
 
     known = {**RAY_FORMATS, "npz": replace(RAY_FORMATS["npz"], write=fail)}
     with pytest.raises(OmnimirrorError, match="the disk is full"):
-        hand_over(om.ray_table(SENSOR, 64), known, "a", tmp_path, ["exr", "npz"])
+        write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path, ["exr", "npz"])
     assert not [p for p in tmp_path.rglob("*") if p.is_file() or MARK in p.name]
 
 
-def test_a_package_that_is_missing_is_named(tmp_path):
+def test_missing_package_raises_with_remedy(tmp_path):
     known = {"exr": replace(RAY_FORMATS["exr"], packages=("no_such_package",))}
-    with pytest.raises(OmnimirrorError, match=r"exr needs no_such_package: pip install 'omnimirror\[interop\]'"):
-        hand_over(om.ray_table(SENSOR, 64), known, "a", tmp_path / "a.exr", None)
+    with pytest.raises(OmnimirrorError, match=r"exr requires no_such_package: pip install 'omnimirror\[interop\]'"):
+        write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path / "a.exr", None)

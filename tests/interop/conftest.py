@@ -1,3 +1,3 @@
-"""What other programs' Pythons run is no test of ours."""
+"""Exclude scripts that run in other interpreters."""
 
 collect_ignore_glob = ["*/in_*.py"]

@@ -1,4 +1,4 @@
-"""Files of views: what they say, and what is refused."""
+"""View files: parsing and error messages."""
 
 import pytest
 
@@ -11,14 +11,14 @@ def load(tmp_path, text):
     return om.load_views(tmp_path / "views.toml")
 
 
-def test_views_are_those_of_the_makers(tmp_path):
+def test_views_equal_those_of_the_view_functions(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     text = """
 [front]
 pan_deg = 10
 hfov_deg = 60
 size = [320, 240]
-steered = true
+steerable = true
 [around]
 view = "panorama"
 elevation_deg = [-40, 20]
@@ -28,11 +28,11 @@ height_mm = 1200
 mm_per_px = 10
 offset_mm = [100, 0, 0]
 """
-    found = load(tmp_path, text)
-    assert {name: view.steered for name, view in found.items()} == {"front": True, "around": False, "floor": False}
-    assert found["front"](sensor) == om.screens.Plane((320, 240), 10.0, hfov_deg=60.0)
-    assert found["around"](sensor) == om.views.panorama(sensor, elevation_deg=(-40.0, 20.0))
-    assert found["floor"](sensor) == om.views.ground(sensor, 1200.0, mm_per_px=10.0, offset_mm=(100.0, 0.0, 0.0))
+    views = load(tmp_path, text)
+    assert {name: view.steerable for name, view in views.items()} == {"front": True, "around": False, "floor": False}
+    assert views["front"](sensor) == om.screens.Plane((320, 240), 10.0, hfov_deg=60.0)
+    assert views["around"](sensor) == om.views.panorama(sensor, elevation_deg=(-40.0, 20.0))
+    assert views["floor"](sensor) == om.views.ground(sensor, 1200.0, mm_per_px=10.0, offset_mm=(100.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -40,23 +40,24 @@ offset_mm = [100, 0, 0]
     [
         ("", "holds 0 views; it is valid with 1 to 64"),
         ("front = 3", "front = 3 is no view; valid are tables such as \\[front\\]"),
-        ("['a b']", "'a b' is no name of a view; valid are letters, digits and underscores"),
-        ("[a]\nview = 'fan'", "\\[a\\]: view = 'fan' is not known; valid are panorama, perspective"),
-        ("[a]\nview = 7", "view is a word, and steered is true or false"),
-        ("[a]\nheight_mm = 7", "'height_mm' does not belong to a perspective; valid are size, pan_deg"),
-        ("[a]\nview = 'panorama'\nsteered = true", "'a' is a panorama, and only a perspective can be steered"),
+        ("['a b']", "must consist of letters, digits and underscores and begin with a letter; got 'a b'"),
+        ("[a]\nview = 'fan'", "\\[a\\]: view must be one of panorama, perspective.*; got 'fan'"),
+        ("[a]\nview = 7", "view must be a string; got 7"),
+        ("[a]\nsteerable = 1", "steerable must be true or false; got 1"),
+        ("[a]\nheight_mm = 7", "options of a perspective view must be from size, pan_deg.*; got 'height_mm'"),
+        ("[a]\nview = 'panorama'\nsteerable = true", "a steerable view must be perspective; 'a' is a panorama view"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, text, sentence):
+def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):
     with pytest.raises(SpecError, match=sentence):
         load(tmp_path, text)
 
 
-def test_a_file_that_is_not_there_is_named():
+def test_missing_file_raises():
     with pytest.raises(SpecError, match=r"there are no views 'nowhere\.toml'"):
         om.load_views("nowhere.toml")
 
 
-def test_values_are_checked_where_the_view_is_made():
+def test_option_values_are_checked_on_construction():
     with pytest.raises(InvalidParameter, match="hfov_deg"):
         om.NamedView("a", options={"hfov_deg": 190.0})(om.load_sensor("paper-spherical"))

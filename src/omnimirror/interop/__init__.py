@@ -1,1 +1,1 @@
-"""Sensors handed over to other programs: rays of pixels, maps of views, recordings of robots, live views."""
+"""Interoperability with other programs: ray tables, view maps, ROS bags, COLMAP, streaming, PyTorch."""

@@ -1,4 +1,4 @@
-"""Several views of one camera, each with a name: what a file of them says."""
+"""Named views of one camera and the TOML files that define them."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from ..errors import InvalidParameter, SpecError
 from ..files import read_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
-"""What names of topics, of frames and of addresses may all be."""
-MOST = 64
-"""Views of one camera."""
-STEERED = "perspective"
-"""What can be steered: a view that pans, tilts and zooms."""
-PAIRS = ("size", "elevation_deg")
+"""Names that are valid in ROS topics, TF frames and URLs."""
+MAX_VIEWS = 64
+STEERABLE_KIND = "perspective"
+TUPLE_OPTIONS = ("size", "elevation_deg", "offset_mm")
+"""Options that are tuples in Python and arrays in TOML."""
 
 
 @dataclass(frozen=True)
 class NamedView:
-    """A view of a camera, by a name.
+    """A view of a camera with a name.
 
     Parameters
     ----------
     name
-        Of letters, digits and underscores.
+        Name of letters, digits and underscores.
     kind
-        Such as ``"perspective"``; any of :data:`omnimirror.views.VIEWS`.
+        Type of the view, such as ``"perspective"``; any key of :data:`omnimirror.views.VIEWS`.
     options
-        What the function of that name in :mod:`omnimirror.views` takes, such as ``pan_deg`` and ``size``.
-    steered
-        Whether whoever watches it live may pan, tilt and zoom.
+        Arguments of the function of this name in :mod:`omnimirror.views`, such as ``pan_deg``
+        and ``size``.
+    steerable
+        Whether clients of a live view may pan, tilt and zoom.
 
     Raises
     ------
     InvalidParameter
-        For a name that is none, or a kind that is not known, or one that cannot be steered.
+        If the name, the kind or an option is invalid, or the kind is not steerable.
 
     Examples
     --------
@@ -56,48 +56,49 @@ class NamedView:
     name: str
     kind: str = "perspective"
     options: Mapping[str, Any] = field(default_factory=dict)
-    steered: bool = False
+    steerable: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)
-        check_name(self.name)
+        check_view_name(self.name)
         if self.kind not in views.VIEWS:
-            raise InvalidParameter(f"view = {self.kind!r} is not known; valid are {', '.join(views.VIEWS)}")
-        if self.steered and self.kind != STEERED:
-            raise InvalidParameter(f"the view {self.name!r} is a {self.kind}, and only a {STEERED} can be steered")
-        known = _keywords(self.kind)
-        if other := next((name for name in self.options if name not in known), None):
-            raise InvalidParameter(f"{other!r} does not belong to a {self.kind}; valid are {', '.join(known)}")
+            raise InvalidParameter(f"view must be one of {', '.join(views.VIEWS)}; got {self.kind!r}")
+        if self.steerable and self.kind != STEERABLE_KIND:
+            raise InvalidParameter(f"a steerable view must be {STEERABLE_KIND}; {self.name!r} is a {self.kind} view")
+        valid = _option_names(self.kind)
+        if unknown := next((name for name in self.options if name not in valid), None):
+            raise InvalidParameter(f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}")
 
     def __call__(self, camera: Camera) -> View:
-        """The view of a camera.
+        """Construct the view for a camera.
 
         Parameters
         ----------
         camera
-            A sensor, or a calibrated camera.
+            Sensor or calibrated camera.
 
         Returns
         -------
         View
-            A screen, or several in one picture.
+            Screen, or a composition of several screens.
         """
         return views.VIEWS[self.kind](camera, **self.options)
 
 
-def check_name(name: str) -> None:
-    """Refuse what is no name of a view."""
+def check_view_name(name: str) -> None:
+    """Raise InvalidParameter unless the name is valid for a view."""
     if not NAME.fullmatch(name):
         raise InvalidParameter(
-            f"{name!r} is no name of a view; valid are letters, digits and underscores, a letter first"
+            f"the name of a view must consist of letters, digits and underscores and begin with a letter; got {name!r}"
         )
 
 
 def load_views(path: str | Path) -> dict[str, NamedView]:
-    """Read a TOML file of views: a table for each, by its name, with what ``omnimirror dewarp`` has options for.
+    """Read a TOML file of views.
 
-    ``view`` says which it is, a perspective one unless said; ``steered = true`` lets whoever watches it live pan, tilt
-    and zoom.
+    Each table defines the view of its name by the options of ``omnimirror dewarp``. The key
+    ``view`` selects the type (default: perspective); ``steerable = true`` permits clients of a
+    live view to pan, tilt and zoom.
 
     Parameters
     ----------
@@ -107,39 +108,44 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
     Returns
     -------
     dict of NamedView
-        By name, in the order of the file.
+        Views by name, in the order of the file.
 
     Raises
     ------
     SpecError
-        There is no such file, or it holds no views; the message names the view.
+        If the file does not exist or a view is invalid; the message names the view.
 
     Examples
     --------
     >>> import omnimirror as om, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(f"{folder}/views.toml").write_text(
-    ...         "[front]\\nsize = [640, 360]\\n[door]\\npan_deg = 90\\nhfov_deg = 40\\nsteered = true"
+    ...         "[front]\\nsize = [640, 360]\\n[door]\\npan_deg = 90\\nsteerable = true"
     ...     )
-    ...     {name: view.steered for name, view in om.load_views(f"{folder}/views.toml").items()}
+    ...     {name: view.steerable for name, view in om.load_views(f"{folder}/views.toml").items()}
     {'front': False, 'door': True}
     """
     path = file_name("path", path)
-    return {name: _view(name, table, str(path)) for name, table in read_tables(path, "view", "views", MOST).items()}
+    tables = read_tables(path, "view", "views", MAX_VIEWS)
+    return {name: _parse_view(name, table, str(path)) for name, table in tables.items()}
 
 
-def _view(name: str, table: dict[str, Any], source: str) -> NamedView:
-    options = {key: tuple(v) if key in (*PAIRS, "offset_mm") and isinstance(v, list) else v for key, v in table.items()}
-    kind, steered = options.pop("view", STEERED), options.pop("steered", False)
+def _parse_view(name: str, table: dict[str, Any], source: str) -> NamedView:
+    options = {
+        key: tuple(value) if key in TUPLE_OPTIONS and isinstance(value, list) else value for key, value in table.items()
+    }
+    kind, steerable = options.pop("view", STEERABLE_KIND), options.pop("steerable", False)
     try:
-        if not isinstance(kind, str) or not isinstance(steered, bool):
-            raise InvalidParameter("view is a word, and steered is true or false")
-        return NamedView(name, kind, options, steered)
+        if not isinstance(kind, str):
+            raise InvalidParameter(f"view must be a string; got {kind!r}")
+        if not isinstance(steerable, bool):
+            raise InvalidParameter(f"steerable must be true or false; got {steerable!r}")
+        return NamedView(name, kind, options, steerable)
     except InvalidParameter as e:
         raise SpecError(f"{source}, [{name}]: {e}") from None
 
 
-def _keywords(kind: str) -> list[str]:
-    """What a view of a kind is told beside the camera."""
-    make = views.perspective if kind == "perspective" else views.VIEWS[kind]
-    return [name for name in inspect.signature(make).parameters if name != "camera"]
+def _option_names(kind: str) -> list[str]:
+    """Return the parameters of a view function except the camera."""
+    function = views.perspective if kind == "perspective" else views.VIEWS[kind]
+    return [name for name in inspect.signature(function).parameters if name != "camera"]

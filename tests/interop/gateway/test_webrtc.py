@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.interop.gateway import webrtc
-from omnimirror.interop.gateway.gateway import Gateway
+from omnimirror.interop.gateway.live_views import Gateway
 from omnimirror.interop.gateway.routes import create_app
 from omnimirror.media.video.frames import image_of_frame
 from tests.serving import in_a_loop, served
@@ -28,7 +28,7 @@ def gateway(film, camera):
 
 
 async def watched(address: str, frames: int) -> tuple[np.ndarray, httpx.Response]:
-    """What a player sees of a view after some frames, and how it was let go."""
+    """Return the last of several frames received by a player, and the response to its disconnection."""
     player = rtc.RTCPeerConnection(rtc.RTCConfiguration(iceServers=[]))
     player.addTransceiver("video", direction="recvonly")
     came: asyncio.Queue = asyncio.Queue()
@@ -46,20 +46,22 @@ async def watched(address: str, frames: int) -> tuple[np.ndarray, httpx.Response
     return image_of_frame(frame), end
 
 
-def test_a_player_sees_the_view_and_is_let_go(gateway, camera, film):
+def test_player_receives_the_view_and_disconnects(gateway, camera, film):
     with served(create_app(gateway, None)) as address:
-        seen, end = in_a_loop(watched(address, 20))
+        received, end = in_a_loop(watched(address, 20))
         assert end.status_code == 200
-        until(lambda: gateway.views["front"].watchers == 0)
+        until(lambda: gateway.views["front"].clients == 0)
     straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
-    assert off(seen, straight) < 6  # coded for a slow line, at first
+    assert off(received, straight) < 6  # low initial bit rate
 
 
-def test_offers_that_are_none_and_too_many_are_refused(gateway, monkeypatch):
+def test_invalid_offers_and_too_many_peers_are_rejected(gateway, monkeypatch):
     with served(create_app(gateway, None)) as address:
         answer = httpx.post(f"{address}front/whep", content="hello")
-        assert (answer.status_code, "the offer cannot be answered" in answer.text) == (400, True)
-        assert gateway.views["front"].watchers == 0
-        monkeypatch.setattr(webrtc, "MOST_PEERS", 0)
-        assert "0 watch by WebRTC already" in httpx.post(f"{address}front/whep", content="v=0").text
+        assert (answer.status_code, "the offer must be the SDP" in answer.text) == (400, True)
+        assert gateway.views["front"].clients == 0
+        monkeypatch.setattr(webrtc, "MAX_PEERS", 0)
+        assert (
+            "the number of WebRTC clients must be at most 0" in httpx.post(f"{address}front/whep", content="v=0").text
+        )
         assert httpx.post(f"{address}nose/whep", content="v=0").status_code == 404

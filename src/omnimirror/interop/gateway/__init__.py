@@ -1,1 +1,1 @@
-"""One camera or stream in, each of its virtual views out, as ordinary cameras on the network."""
+"""Streaming gateway: serves virtual views of one camera or stream as network cameras."""

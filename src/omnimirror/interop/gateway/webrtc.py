@@ -1,4 +1,4 @@
-"""Views for players of WebRTC, through aiortc, which codes them anew for each."""
+"""WebRTC clients through aiortc, which encodes the view for each client."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import av
 
 from ...errors import InvalidParameter, OmnimirrorError
-from .live_view import LiveView
+from .live_views import LiveView
 
-MOST_PEERS = 8
-"""Each has an encoder of its own."""
-OVER = ("closed", "failed")
+MAX_PEERS = 8
+"""Maximum number of WebRTC clients; each has its own encoder."""
+TERMINAL_STATES = ("closed", "failed")
 
 
 class _Peer(NamedTuple):
@@ -21,78 +21,92 @@ class _Peer(NamedTuple):
     frames: AsyncGenerator[av.VideoFrame, None]
 
 
-class Peers:
-    """Who is connected just now."""
+class PeerConnections:
+    """Connected WebRTC clients."""
 
     def __init__(self) -> None:
         self._peers: dict[str, _Peer] = {}
 
     @property
     def count(self) -> int:
-        """Number of peers."""
+        """Number of connected clients."""
         return len(self._peers)
 
     async def answer(self, view: LiveView, offer: str) -> tuple[str, str]:
-        """A name for who offers to watch a view, and the answer (SDP).
+        """Connect a client to a view.
+
+        Parameters
+        ----------
+        view
+            Requested view.
+        offer
+            SDP offer of the client.
+
+        Returns
+        -------
+        name, answer
+            Identifier of the connection and SDP answer.
 
         Raises
         ------
         InvalidParameter
-            The offer is none, or too many watch so already.
+            If the offer is invalid or too many clients are connected.
         OmnimirrorError
-            aiortc is not installed.
+            If aiortc is not installed.
         """
-        rtc = _library()
-        if len(self._peers) >= MOST_PEERS:
-            raise InvalidParameter(f"{MOST_PEERS} watch by WebRTC already; the other addresses are open")
-        connection = rtc.RTCPeerConnection(rtc.RTCConfiguration(iceServers=[]))
+        aiortc = _import_aiortc()
+        if len(self._peers) >= MAX_PEERS:
+            raise InvalidParameter(
+                f"the number of WebRTC clients must be at most {MAX_PEERS}; use MJPEG, MPEG-TS or HLS"
+            )
+        connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         frames = view.frames.items()
         name = secrets.token_urlsafe(9)
         self._peers[name] = _Peer(connection, frames)
 
-        @connection.on("connectionstatechange")  # type: ignore[untyped-decorator]
-        async def changed() -> None:
-            if connection.connectionState in OVER:
-                await self.end(name)
+        @connection.on("connectionstatechange")  # type: ignore[untyped-decorator]  # no stubs
+        async def on_state_change() -> None:
+            if connection.connectionState in TERMINAL_STATES:
+                await self.disconnect(name)
 
         try:
-            await connection.setRemoteDescription(rtc.RTCSessionDescription(offer, "offer"))
-            connection.addTrack(_track_of(rtc, frames))
+            await connection.setRemoteDescription(aiortc.RTCSessionDescription(offer, "offer"))
+            connection.addTrack(_video_track(aiortc, frames))
             await connection.setLocalDescription(await connection.createAnswer())
-        except Exception as e:  # of what is no SDP, aiortc raises whatever its parser comes upon
-            await self.end(name)
+        except Exception as e:  # aiortc raises arbitrary errors of its parser for invalid SDP
+            await self.disconnect(name)
             raise InvalidParameter(
-                "the offer cannot be answered; it must be the SDP of a player that receives video (m=video, a=recvonly)"
+                "the offer must be the SDP of a player that receives video (m=video, a=recvonly)"
             ) from e
         return name, connection.localDescription.sdp
 
-    async def end(self, name: str) -> None:
-        """Let somebody go; who has gone already is let go of once only."""
+    async def disconnect(self, name: str) -> None:
+        """Close a connection; unknown names are ignored."""
         peer = self._peers.pop(name, None)
         if peer is not None:
             await peer.connection.close()
             await peer.frames.aclose()
 
     async def close(self) -> None:
-        """Let all go."""
+        """Close all connections."""
         for name in list(self._peers):
-            await self.end(name)
+            await self.disconnect(name)
 
 
-def _library() -> Any:
+def _import_aiortc() -> Any:
     try:
         import aiortc
     except ModuleNotFoundError as e:
         if e.name is None or e.name.partition(".")[0] != "aiortc":
             raise
-        raise OmnimirrorError("WebRTC needs aiortc: pip install 'omnimirror[webrtc]'") from None
+        raise OmnimirrorError("WebRTC requires aiortc: pip install 'omnimirror[webrtc]'") from None
     return aiortc
 
 
-def _track_of(rtc: Any, frames: AsyncGenerator[av.VideoFrame, None]) -> Any:
-    """Frames as aiortc takes them."""
+def _video_track(aiortc: Any, frames: AsyncGenerator[av.VideoFrame, None]) -> Any:
+    """Return frames as a media track of aiortc."""
 
-    class Track(rtc.MediaStreamTrack):  # type: ignore[misc]
+    class Track(aiortc.MediaStreamTrack):  # type: ignore[misc]  # base class without stubs
         kind = "video"
 
         async def recv(self) -> av.VideoFrame:

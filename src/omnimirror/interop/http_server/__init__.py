@@ -1,1 +1,1 @@
-"""What servers on a machine have in common: who may talk to them, how much they take, how they begin and end."""
+"""HTTP servers of the studio and the gateway: access control, request limits, start and stop."""

@@ -1,4 +1,4 @@
-"""How much is taken at once: bytes that are handed up, and work under way."""
+"""Limits on requests and background work: body sizes, transfer rates, and a queue of jobs."""
 
 from __future__ import annotations
 
@@ -14,144 +14,154 @@ from ...errors import OmnimirrorError
 
 T = TypeVar("T")
 
-LARGEST_MESSAGE = 1 << 20
-"""Bytes of a question, a design or a calibration."""
-LARGEST_PICTURE = 128 << 20
-LARGEST_SET = 16 << 20
-"""Bytes of the corners in all pictures of a calibration."""
-MOST_HELD = 512 << 20
-"""Bytes of all requests that are being handed up just now."""
-GRACE_S = 30.0
-SLOWEST = 1024.0
-"""Bytes a second that a request has to bring after its grace."""
-MOST_WAITING = 16
+MAX_MESSAGE_BYTES = 1 << 20
+"""Maximum size of a JSON message, a design or a calibration."""
+MAX_IMAGE_BYTES = 128 << 20
+MAX_DETECTIONS_BYTES = 16 << 20
+"""Maximum size of the detected corners in all images of a calibration."""
+MAX_PENDING_BYTES = 512 << 20
+"""Maximum size of all requests that are being received."""
+GRACE_PERIOD_S = 30.0
+MIN_RATE_BYTES_PER_S = 1024.0
+"""Minimum transfer rate of a request after the grace period."""
+MAX_QUEUED_JOBS = 16
 
 
-class Busy(OmnimirrorError):
-    """So much is asked for just now that more would have to wait too long."""
+class ServerBusy(OmnimirrorError):
+    """Raised when the job queue is full."""
 
 
-class _Refused(Exception):
-    """Why no more is taken of a request."""
+class _Refusal(Exception):
+    """Response that ends the reception of a request."""
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
-        self.answer = JSONResponse({"detail": sentence}, status, {"connection": "close"})
+        self.response = JSONResponse({"detail": sentence}, status, {"connection": "close"})
 
 
-class Bounded:
-    """Refuses what is handed up once it is too much, too slow, or more than the server holds at once.
+class RequestLimits:
+    """ASGI middleware that refuses requests that are too large or too slow.
 
     Parameters
     ----------
     app
+        Application to protect.
     larger
-        Paths that take more than :data:`LARGEST_MESSAGE`, and how many bytes.
+        Maximum body size in bytes of paths that accept more than :data:`MAX_MESSAGE_BYTES`.
     """
 
     def __init__(self, app: ASGIApp, larger: Mapping[str, int]) -> None:
         self.app, self.larger = app, larger
-        self.held = 0
+        self.pending_bytes = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        most = self.larger.get(scope["path"], LARGEST_MESSAGE)
-        taken = _Taken(self, receive, most)
+        max_bytes = self.larger.get(scope["path"], MAX_MESSAGE_BYTES)
+        body = _LimitedBody(self, receive, max_bytes)
 
-        async def unless_refused(message: Message) -> None:
-            if taken.refusal is None:  # else the application answers that the body was broken
+        async def send_unless_refused(message: Message) -> None:
+            if body.refusal is None:  # otherwise the application reports an interrupted body
                 await send(message)
 
         try:
-            taken.check(_announced(scope))
-            await self.app(scope, taken.next, unless_refused)
-        except _Refused:
+            body.check_size(_content_length(scope))
+            await self.app(scope, body.receive_message, send_unless_refused)
+        except _Refusal:
             pass
         finally:
-            self.held -= taken.size
-        if taken.refusal is not None:
-            await taken.refusal.answer(scope, receive, send)
+            self.pending_bytes -= body.size
+        if body.refusal is not None:
+            await body.refusal.response(scope, receive, send)
 
 
-class _Taken:
-    """What was taken of one request."""
+class _LimitedBody:
+    """Received part of one request."""
 
-    def __init__(self, whole: Bounded, receive: Receive, most: int) -> None:
-        self.whole, self.receive, self.most = whole, receive, most
+    def __init__(self, limits: RequestLimits, receive: Receive, max_bytes: int) -> None:
+        self.limits, self.receive, self.max_bytes = limits, receive, max_bytes
         self.size = 0
-        self.refusal: _Refused | None = None
+        self.refusal: _Refusal | None = None
         self._start = time.monotonic()
         self._is_complete = False
 
-    async def next(self) -> Message:
-        """The next piece, or later that the client has gone.
+    async def receive_message(self) -> Message:
+        """Receive the next part of the body, or the disconnection after its end.
 
         Raises
         ------
-        _Refused
-            It is too much, or came too slowly.
+        _Refusal
+            If the body is too large or arrives too slowly.
         """
-        left_s = self._start + GRACE_S + self.size / SLOWEST - time.monotonic()
+        deadline_s = self._start + GRACE_PERIOD_S + self.size / MIN_RATE_BYTES_PER_S
+        timeout_s = None if self._is_complete else deadline_s - time.monotonic()
         try:
-            async with asyncio.timeout(None if self._is_complete else left_s):
+            async with asyncio.timeout(timeout_s):
                 message = await self.receive()
         except TimeoutError:
-            raise self._refuse(408, "what was sent came too slowly") from None
+            rate = MIN_RATE_BYTES_PER_S
+            raise self._refuse(408, f"the body must arrive at {rate:g} bytes/s or faster") from None
         self._is_complete = not message.get("more_body", False)
-        piece = len(message.get("body", b""))
-        self.size += piece
-        self.whole.held += piece
-        self.check(self.size)
-        if self.whole.held > MOST_HELD:
-            raise self._refuse(503, "the server is being handed too much at once just now; try again in a while")
+        part = len(message.get("body", b""))
+        self.size += part
+        self.limits.pending_bytes += part
+        self.check_size(self.size)
+        if self.limits.pending_bytes > MAX_PENDING_BYTES:
+            raise self._refuse(503, "the server is receiving too much data; try again later")
         return message
 
-    def check(self, size: int) -> None:
-        """Refuse so many bytes if they are too many."""
-        if size > self.most:
-            words = f"what was sent is larger than {self.most >> 20} MB, which is the most that is taken here"
-            raise self._refuse(413, words)
+    def check_size(self, size: int) -> None:
+        """Refuse a body of a size in bytes that is above the limit."""
+        if size > self.max_bytes:
+            sentence = f"the body must be at most {self.max_bytes >> 20} MB; got {size} bytes"
+            raise self._refuse(413, sentence)
 
-    def _refuse(self, status: int, sentence: str) -> _Refused:
-        self.refusal = _Refused(status, sentence)
+    def _refuse(self, status: int, sentence: str) -> _Refusal:
+        self.refusal = _Refusal(status, sentence)
         return self.refusal
 
 
-def _announced(scope: Scope) -> int:
+def _content_length(scope: Scope) -> int:
     for name, value in scope["headers"]:
         if name == b"content-length" and value.isdigit():
             return int(value)
     return 0
 
 
-class Turns:
-    """Heavy work, one piece after the other; what is equal is done once for all who ask."""
+class JobQueue:
+    """Queue that runs one job at a time; equal jobs are run once for all requests."""
 
     def __init__(self) -> None:
-        self._turn = asyncio.Semaphore(1)
-        self._under_way: dict[Hashable, asyncio.Task[Any]] = {}
+        self._slot = asyncio.Semaphore(1)
+        self._jobs: dict[Hashable, asyncio.Task[Any]] = {}
 
-    async def do(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What ``make`` gives, run in a thread; equal keys under way share one run.
+    async def run(self, key: Hashable, function: Callable[[], T]) -> T:
+        """Run a function in a thread and return its result.
+
+        Parameters
+        ----------
+        key
+            Identity of the job; pending jobs with equal keys share one run.
+        function
+            Function to run.
 
         Raises
         ------
-        Busy
-            Too many wait for their turn.
+        ServerBusy
+            If the queue is full.
         """
-        task = self._under_way.get(key)
-        if task is None:
-            if len(self._under_way) >= MOST_WAITING:
-                raise Busy("more is being worked on than can be waited for; try again in a while")
-            task = self._under_way[key] = asyncio.create_task(self._run(key, make))
-        found: T = await asyncio.shield(task)  # one who leaves takes it from nobody else
-        return found
+        job = self._jobs.get(key)
+        if job is None:
+            if len(self._jobs) >= MAX_QUEUED_JOBS:
+                raise ServerBusy("the server is busy; try again later")
+            job = self._jobs[key] = asyncio.create_task(self._run(key, function))
+        result: T = await asyncio.shield(job)  # a disconnected client does not cancel the job
+        return result
 
-    async def _run(self, key: Hashable, make: Callable[[], T]) -> T:
+    async def _run(self, key: Hashable, function: Callable[[], T]) -> T:
         try:
-            async with self._turn:
-                return await asyncio.to_thread(make)
+            async with self._slot:
+                return await asyncio.to_thread(function)
         finally:
-            del self._under_way[key]
+            del self._jobs[key]

@@ -1,6 +1,6 @@
-"""Sensors as differentiable operations of PyTorch: project, backproject and sample."""
+"""Differentiable cameras for PyTorch: projection, back-projection and image sampling on tensors."""
 
-from .cameras import TorchCamera, TorchProjection, TorchRays
-from .differentiable_camera import differentiable
+from ._camera import TorchCamera, TorchProjection, TorchRays
+from ._factory import differentiable
 
 __all__ = ["TorchCamera", "TorchProjection", "TorchRays", "differentiable"]

@@ -1,1 +1,1 @@
-"""Commands that write what other programs take."""
+"""Commands that export to other programs."""

@@ -1,4 +1,4 @@
-"""What commands that write for other programs share."""
+"""Options and output shared by the export commands."""
 
 from __future__ import annotations
 
@@ -9,39 +9,41 @@ from typing import Any, TypeVar
 import click
 from rich.console import Console
 
-from ....interop.formats import HandedOver, ProgramFormat
+from ....interop.export_formats import ExportedFiles, ExportFormat
 from ...outputs import plain_table, write_standard_output_as
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def formats_option(known: Mapping[str, ProgramFormat[Any]]) -> Callable[[F], F]:
-    """The option ``--format``: names of formats, with commas between them; of the first is what ``-`` writes."""
+def formats_option(known: Mapping[str, ExportFormat[Any]]) -> Callable[[F], F]:
+    """Return the option ``--format``; the first format also determines the format of ``-``."""
 
     def names(_: click.Context, __: click.Parameter, text: str | None) -> list[str] | None:
         if text is None:
             return None
-        found = [name.strip() for name in text.split(",")]
-        if unknown := [name for name in found if name not in known]:
-            raise click.BadParameter(f"{unknown[0]!r} is not a format; valid are {', '.join(known)}")
-        write_standard_output_as(known[found[0]].suffix.removeprefix("."))
-        return found
+        requested = [name.strip() for name in text.split(",")]
+        if unknown := [name for name in requested if name not in known]:
+            raise click.BadParameter(f"must be one of {', '.join(known)}; got {unknown[0]!r}")
+        write_standard_output_as(known[requested[0]].suffix.removeprefix("."))
+        return requested
 
     return click.option(
-        "--format", "--formats", "formats", is_eager=True, callback=names, metavar="NAME,..",
-        help=f"Of {', '.join(known)}.  [default: by the file's suffix]",
+        "--format", "--formats", "formats", is_eager=True, callback=names, metavar="NAME,...",
+        help=f"Formats: {', '.join(known)}.  [default: by the suffix of the file]",
     )  # fmt: skip
 
 
-def check_one_file(output: Path, formats: Sequence[str] | None, known: Mapping[str, ProgramFormat[Any]]) -> None:
-    """Refuse to write what are several files to standard output."""
+def check_one_file(output: Path, formats: Sequence[str] | None, known: Mapping[str, ExportFormat[Any]]) -> None:
+    """Raise UsageError if several files would be written to standard output."""
     if output.stem == "-" and formats and (len(formats) > 1 or len(known[formats[0]].endings) > 1):
-        raise click.UsageError(f"{', '.join(formats)} are several files, and standard output takes one; name a folder")
+        names = ", ".join(formats)
+        raise click.UsageError(f"standard output takes one file and {names} consists of several; give a folder")
 
 
-def say_handed_over(done: Iterable[HandedOver], console: Console) -> None:
-    """A table of the files, what they hold and what is lost."""
-    table = plain_table("file", "what", "deviation", words=("file", "what", "deviation"))
-    for format_ in done:
-        table.add_row("\n".join(map(str, format_.paths)), format_.what, str(format_.deviation))
+def print_exported_files(exported: Iterable[ExportedFiles], console: Console) -> None:
+    """Print a table of files, contents and deviations."""
+    columns = ("file", "contents", "deviation")
+    table = plain_table(*columns, words=columns)
+    for files in exported:
+        table.add_row("\n".join(map(str, files.paths)), files.description, str(files.deviation))
     console.print(table)

@@ -1,4 +1,4 @@
-"""``omnimirror maps``: where each pixel of a view lies in the picture, for programs that remap."""
+"""``omnimirror maps``: view maps for programs that resample images."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from ....interop.maps import MAP_FORMATS, write_maps
+from ....interop.view_maps import MAP_FORMATS, write_maps
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import SENSOR
 from ...options.declared import takes
 from ...options.view import ViewOptions
 from ...outputs import output_console, output_option
-from .common import check_one_file, formats_option, say_handed_over
+from .common import check_one_file, formats_option, print_exported_files
 
 
 @click.command(
@@ -27,20 +27,20 @@ from .common import check_one_file, formats_option, say_handed_over
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @output_option(
     "-o", "--output", required=True, formats=("npz", "exr"),
-    help="A file whose suffix says the format, or a folder.",
+    help="Output file, whose suffix selects the format, or folder.",
 )  # fmt: skip
 @formats_option(MAP_FORMATS)
 @takes(ViewOptions, "view")
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
-    """Write where in the camera's picture each pixel of a view lies.
+    """Write the map of a view, the source pixel of each of its pixels, for other programs.
 
-    Of a sensor file, a camera file or a bundled sensor; the view as of omnimirror dewarp.
+    SENSOR|CAMERA is a sensor file, a camera file or a bundled sensor. The view is specified as for omnimirror dewarp.
     """
     view.check()
-    seen_by = load_camera(camera)
-    shown = view.of(seen_by)
+    loaded_camera = load_camera(camera)
+    screen = view.of(loaded_camera)
     check_one_file(output, formats, MAP_FORMATS)
     console = output_console()
     with console.status("Mapping"):
-        done = write_maps(seen_by, shown, output, formats=formats, viewpoint=view.viewpoint or "exact")
-    say_handed_over(done, console)
+        exported = write_maps(loaded_camera, screen, output, formats=formats, viewpoint=view.viewpoint or "exact")
+    print_exported_files(exported, console)
