@@ -357,7 +357,13 @@ if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all 
 
     def __getattr__(name: str) -> Any:
         if name in _HOMES:
-            return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+            try:
+                return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+            except ImportError as error:
+                explained = import_module(".errors", __name__).explained_import_error(error)
+                if explained is error:
+                    raise
+                raise explained from None
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

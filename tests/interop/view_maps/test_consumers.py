@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import json
+import re
 import runpy
 import shutil
 import subprocess
 from dataclasses import replace
 from functools import reduce
 from itertools import accumulate
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -166,6 +169,82 @@ def test_vpi_map_has_one_control_point_per_pixel(image, dewarped, interior, tmp_
     warp = np.load(export("vpi", tmp_path).paths[0])
     assert warp.dtype == np.float32
     assert max_difference(dewarped, sample(image, warp[..., 0], warp[..., 1]), interior) <= 1
+
+
+# -- border of the image ------------------------------------------------------------------------------
+
+CROPPED = replace(SENSOR, imager=replace(SENSOR.imager, height_px=300))
+"""Sensor whose views reach all four borders of the image."""
+CROPPED_VIEWS = {
+    "plane": om.screens.Plane((320, 240), tilt_deg=-10.0, hfov_deg=100.0),
+    "panorama": om.screens.Cylinder((360, 120), -60.0, 30.0),
+}
+PAGE = Path(__file__).parents[3] / "docs" / "interoperability.md"
+
+
+@pytest.fixture(scope="module")
+def bright():
+    """Smooth bright image, for which blending with black at the border would be visible."""
+    noise = np.random.default_rng(0).integers(0, 256, (300, 512, 3), dtype=np.uint8)
+    return (cv2.GaussianBlur(noise, (0, 0), 3) // 4 + 150).astype(np.uint8)
+
+
+def documented_views(heading, folder, **names):
+    """Run the code below a heading of the documentation; yield the value of ``view`` after each line."""
+    section = PAGE.read_text(encoding="utf-8").split(f"\n### {heading}\n")[1].split("\n### ")[0]
+    (code,) = [text for kind, text in re.findall(r"(?ms)^```(\w*)\n(.*?)^```", section) if not kind]
+    with contextlib.chdir(folder):
+        for line in code.splitlines():
+            exec(line, names)
+            if line.startswith("view = "):
+                yield names["view"]
+
+
+def border_errors(view, result, image):
+    """Return the differences from the Dewarper at the border of the image and at all valid pixels."""
+    sources = om.view_map(CROPPED, view).dewarp_map
+    valid = np.isfinite(sources).all(-1)
+    with np.errstate(invalid="ignore"):
+        at_border = valid & ((sources < 0) | (sources > [511, 299])).any(-1)
+    assert at_border.sum() > 50
+    expected = om.Dewarper(CROPPED, view, "linear")(image).astype(float)
+    difference = np.abs(np.asarray(result, float) - expected)
+    assert (difference[~valid] == 0).all()
+    return difference[at_border].max(), difference[valid].max()
+
+
+@pytest.mark.parametrize("name", CROPPED_VIEWS)
+def test_documented_opencv_lines_at_the_border(bright, name, tmp_path):
+    view = CROPPED_VIEWS[name]
+    om.write_maps(CROPPED, view, tmp_path / "ahead", formats="opencv")
+    results = list(documented_views("OpenCV", tmp_path, np=np, cv2=cv2, image=bright))
+    assert len(results) == 2
+    for result in results:
+        assert max(border_errors(view, result, bright)) <= 1
+
+
+@pytest.mark.parametrize("name", CROPPED_VIEWS)
+def test_vpi_map_at_the_border(bright, name, tmp_path):
+    """Bilinear sampling with a constant border of 0, as in vpi.Border.ZERO."""
+    view = CROPPED_VIEWS[name]
+    (exported,) = om.write_maps(CROPPED, view, tmp_path / "ahead.npy")
+    x, y = np.moveaxis(np.load(exported.paths[0]), -1, 0)
+    padded = np.pad(bright, ((1, 1), (1, 1), (0, 0)))
+    inside = (x > -1) & (y > -1)
+    result = sample(padded, np.clip(x + 1, 0, 513), np.clip(y + 1, 0, 301)) * inside[..., None]
+    assert max(border_errors(view, result, bright)) <= 1
+
+
+@pytest.mark.parametrize("name", CROPPED_VIEWS)
+def test_documented_st_warp_line_at_the_border(bright, name, tmp_path):
+    oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
+    view = CROPPED_VIEWS[name]
+    om.write_maps(CROPPED, view, tmp_path / "room.exr", formats="stmap")
+    oiio.ImageBuf(bright.astype(np.float32)).write(str(tmp_path / "image.exr"))
+    (result,) = documented_views("Compositors", tmp_path, oiio=oiio)
+    values = result.get_pixels("float")[..., :3]
+    valid = np.isfinite(om.view_map(CROPPED, view).dewarp_map).all(-1)
+    assert max(border_errors(view, np.where(valid[..., None], values, 0.0), bright)) <= 1
 
 
 # -- shaders ------------------------------------------------------------------------------------------
