@@ -9,8 +9,8 @@ import pytest
 
 from tests.cross_validation import Compare, Compared, version_of, write
 
-TORCH = "src/omnimirror/torch"
-NEED_TORCH = ("cameras.py", "compiled.py", "differentiable_camera.py")
+TORCH = "src/omnimirror/interop/torch"
+NEED_TORCH = ("_camera.py", "_factory.py", "_tables.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
 LONG_EXAMPLES = {
     "omnimirror.calibrate.estimation.calibration.calibrate_camera",

@@ -30,15 +30,14 @@ import numpy as np
 import omnimirror as om
 from omnimirror.dewarp.frames import dewarp_frame
 from omnimirror.files import write_text
-from omnimirror.handoff.gateway import outlets
-from omnimirror.handoff.gateway.coders import JpegCoder, TransportCoder
-from omnimirror.handoff.gateway.gateway import Gateway
-from omnimirror.handoff.gateway.routes import create_app
+from omnimirror.interop.gateway.live_views import Gateway
+from omnimirror.interop.gateway.routes import create_app
+from omnimirror.interop.gateway.stream_outputs import JpegEncoder, StreamOutput, TransportEncoder
+from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.media.live.sources import TICKS
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.writer import VideoWriter
 from omnimirror.native import backend
-from omnimirror.serving.server import Server, configured, listen
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 25
 CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))
@@ -100,7 +99,7 @@ def steps(clip: Path, most: int) -> dict[str, float]:
     )
     for i, frame in enumerate(drawn):
         frame.time_base, frame.pts = TICKS, round(i / RATE / TICKS)
-    transport, jpeg = TransportCoder((640, 360), RATE), JpegCoder()
+    transport, jpeg = TransportEncoder((640, 360), RATE), JpegEncoder()
     found["H.264 in MPEG-TS, of a view"] = processor_ms(count, lambda: [transport(frame) for frame in drawn])
     found["JPEG, of a view"] = processor_ms(count, lambda: [jpeg(frame) for frame in drawn])
     return found
@@ -126,19 +125,19 @@ class Delays:
     def __init__(self, gateway: Gateway) -> None:
         self.seconds: list[float] = []
         for view in gateway.views.values():
-            for group in view.outlets.values():
-                for outlet in group:
-                    self._watch(gateway, outlet)
+            for group in view.outputs.values():
+                for output in group:
+                    self._watch(gateway, output)
 
-    def _watch(self, gateway: Gateway, outlet: outlets.Outlet) -> None:
-        take = outlet.take
+    def _watch(self, gateway: Gateway, output: StreamOutput) -> None:
+        take = output.take
 
         def timed(frame: av.VideoFrame) -> None:
             arrived = gateway._start + float(frame.pts * TICKS)
             take(frame)
             self.seconds.append(time.monotonic() - arrived)
 
-        outlet.take = timed  # type: ignore[method-assign]
+        output.take = timed  # type: ignore[method-assign]
 
 
 def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, float, float, float]:
@@ -148,22 +147,22 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
     words = [sys.executable, live_delay.__file__, "--send", clip, url, "HTTP", str(RATE), clip.with_name("sent.txt")]
     gateway = Gateway(url, True, CAMERA, VIEWS)
     delays = Delays(gateway)
-    server, listening = Server(configured(create_app(gateway, None), "error")), listen("127.0.0.1", 0)
+    server, listening = Server(server_config(create_app(gateway, None), "error")), listen("127.0.0.1", 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
     with subprocess.Popen(words) as sender, subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher:
-        while min(view.dewarped for view in gateway.views.values()) < RATE:  # the first second does not count
+        while min(view.frames_dewarped for view in gateway.views.values()) < RATE:  # the first second does not count
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
-        start, received = time.monotonic(), gateway.received
-        counted = sum(v.dewarped for v in gateway.views.values()), sum(v.dropped for v in gateway.views.values())
+        start, received = time.monotonic(), gateway.frames_received
+        counted = sum(v.frames_dewarped for v in gateway.views.values()), sum(v.dropped for v in gateway.views.values())
         first = len(delays.seconds)
         time.sleep(seconds)
         after, lasted = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
-        drawn = sum(v.dewarped for v in gateway.views.values()) - counted[0]
+        drawn = sum(v.frames_dewarped for v in gateway.views.values()) - counted[0]
         dropped = sum(v.dropped for v in gateway.views.values()) - counted[1]
-        came = gateway.received - received
+        came = gateway.frames_received - received
         watcher.terminate()
         server.should_exit = True
         thread.join()

@@ -26,7 +26,7 @@ from playwright.sync_api import sync_playwright
 
 import omnimirror as om
 from omnimirror.files import write_text
-from omnimirror.serving.server import Server, configured, listen
+from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.specs import tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer
@@ -74,7 +74,7 @@ TURN = f"""async (count) => {{
 @contextmanager
 def serving() -> Iterator[str]:
     """The address of a studio that runs."""
-    server, listening = Server(configured(create_app(Studio()), "error")), listen("127.0.0.1", 0)
+    server, listening = Server(server_config(create_app(Studio()), "error")), listen("127.0.0.1", 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     while not server.started:

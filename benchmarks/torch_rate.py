@@ -24,9 +24,9 @@ from circumstances import circumstances
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.interop.torch import TorchCamera, differentiable
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
-from omnimirror.torch import TorchCamera, differentiable
 
 RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
 RATES = {"cpu": "rays/s and core", "cuda": "rays/s"}

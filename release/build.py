@@ -32,10 +32,11 @@ EXTRAS = {
     "cluster": "import omnimirror.tolerancing.sweeps, distributed, pyarrow",
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.metrology, SurfaceTopography",
-    "handoff": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
-    "robots": "import omnimirror.handoff.bags, rosbags",
-    "webrtc": "import omnimirror.handoff.gateway.server, aiortc",
-    "torch": "import omnimirror as om, omnimirror.torch as t; t.differentiable(om.load_sensor('paper-spherical'))",
+    "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
+    "ros": "import omnimirror.interop.ros_bags.dewarping, rosbags",
+    "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
+    "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
+    "differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.studio.app import create_app; create_app()",
 }
 

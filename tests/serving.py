@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from starlette.types import ASGIApp
 
-from omnimirror.serving.server import Server, configured, listen
+from omnimirror.interop.http_server.server import Server, listen, server_config
 
 Result = TypeVar("Result")
 
@@ -26,7 +26,7 @@ def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
 @contextmanager
 def served(app: ASGIApp, port: int = 0) -> Iterator[str]:
     """The address of a running server."""
-    server, listening = Server(configured(app, "error")), listen("127.0.0.1", port)
+    server, listening = Server(server_config(app, "error")), listen("127.0.0.1", port)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     try:

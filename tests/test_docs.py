@@ -38,7 +38,7 @@ LONG_COMMANDS = {
     "aperture.md",
     "bought.md",
     "calibrate.md",
-    "handoff.md",
+    "interoperability.md",
     "manufacture.md",
     "optimisation.md",
     "restoration.md",

@@ -38,9 +38,9 @@ from omnimirror import escaping
 from omnimirror.calibrate.formats.registry import FORMATS as CAMERA_FORMATS
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES
-from omnimirror.handoff.formats import Deviation, ProgramFormat
-from omnimirror.handoff.maps import MAP_FORMATS
-from omnimirror.handoff.rays import RAY_FORMATS
+from omnimirror.interop.export_formats import Deviation, ExportFormat
+from omnimirror.interop.ray_tables import RAY_FORMATS
+from omnimirror.interop.view_maps import MAP_FORMATS
 from omnimirror.manufacture import FORMATS, Content, Format
 from omnimirror.mirrors import Sphere
 from tests.commands import omnimirror
@@ -417,7 +417,7 @@ def export_note(plan: Any, part: Any, path: Path) -> Content:
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_writers_of_other_packages_are_checked_alike(name, tmp_path):
     """A format that another package registers is among those that the tests above go through."""
-    plugin = ProgramFormat(note_of, (".py",), "Python")
+    plugin = ExportFormat(note_of, (".py",), "Python")
     for write, known, kind in (
         (rays, RAY_FORMATS, plugin),
         (maps, MAP_FORMATS, plugin),

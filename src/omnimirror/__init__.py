@@ -95,19 +95,19 @@ if TYPE_CHECKING:
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
     from .errors import OmnimirrorError as OmnimirrorError
-    from .handoff.bags.dewarping import DewarpedBag as DewarpedBag
-    from .handoff.bags.dewarping import dewarp_bag as dewarp_bag
-    from .handoff.colmap import ColmapProject as ColmapProject
-    from .handoff.colmap import write_colmap as write_colmap
-    from .handoff.gateway.server import serve_views as serve_views
-    from .handoff.maps import ViewMap as ViewMap
-    from .handoff.maps import view_map as view_map
-    from .handoff.maps import write_maps as write_maps
-    from .handoff.named_views import NamedView as NamedView
-    from .handoff.named_views import load_views as load_views
-    from .handoff.rays import RayTable as RayTable
-    from .handoff.rays import ray_table as ray_table
-    from .handoff.rays import write_rays as write_rays
+    from .interop.colmap import ColmapProject as ColmapProject
+    from .interop.colmap import write_colmap as write_colmap
+    from .interop.gateway.serving import serve_views as serve_views
+    from .interop.named_views import NamedView as NamedView
+    from .interop.named_views import load_views as load_views
+    from .interop.ray_tables import RayTable as RayTable
+    from .interop.ray_tables import ray_table as ray_table
+    from .interop.ray_tables import write_rays as write_rays
+    from .interop.ros_bags.dewarping import DewarpedBag as DewarpedBag
+    from .interop.ros_bags.dewarping import dewarp_bag as dewarp_bag
+    from .interop.view_maps import ViewMap as ViewMap
+    from .interop.view_maps import view_map as view_map
+    from .interop.view_maps import write_maps as write_maps
     from .manufacture import Body as Body
     from .manufacture import export as export
     from .manufacture import register_format as register_format
@@ -269,19 +269,19 @@ _HOMES = {
     "screens": "dewarp",
     "views": "dewarp",
     "register_view": "dewarp.views",
-    "dewarp_bag": "handoff.bags.dewarping",
-    "DewarpedBag": "handoff.bags.dewarping",
-    "write_colmap": "handoff.colmap",
-    "ColmapProject": "handoff.colmap",
-    "serve_views": "handoff.gateway.server",
-    "load_views": "handoff.named_views",
-    "NamedView": "handoff.named_views",
-    "ViewMap": "handoff.maps",
-    "view_map": "handoff.maps",
-    "write_maps": "handoff.maps",
-    "RayTable": "handoff.rays",
-    "ray_table": "handoff.rays",
-    "write_rays": "handoff.rays",
+    "dewarp_bag": "interop.ros_bags.dewarping",
+    "DewarpedBag": "interop.ros_bags.dewarping",
+    "write_colmap": "interop.colmap",
+    "ColmapProject": "interop.colmap",
+    "serve_views": "interop.gateway.serving",
+    "load_views": "interop.named_views",
+    "NamedView": "interop.named_views",
+    "ViewMap": "interop.view_maps",
+    "view_map": "interop.view_maps",
+    "write_maps": "interop.view_maps",
+    "RayTable": "interop.ray_tables",
+    "ray_table": "interop.ray_tables",
+    "write_rays": "interop.ray_tables",
     "Body": "manufacture",
     "export": "manufacture",
     "register_format": "manufacture",
@@ -357,7 +357,13 @@ if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all 
 
     def __getattr__(name: str) -> Any:
         if name in _HOMES:
-            return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+            try:
+                return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+            except ImportError as error:
+                explained = import_module(".errors", __name__).explained_import_error(error)
+                if explained is error:
+                    raise
+                raise explained from None
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

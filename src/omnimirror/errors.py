@@ -89,3 +89,25 @@ class MediaError(OmnimirrorError):
 
 class NotReproduced(OmnimirrorError):
     """A number of the paper does not get the verdict that is known to be right; the message names the row."""
+
+
+OPENCV_REMEDY = "pip install --force-reinstall --no-deps opencv-python-headless"
+
+
+def explained_import_error(error: ImportError) -> Exception:
+    """Return an error with a remedy if OpenCV cannot be imported, and other errors unchanged.
+
+    All OpenCV packages of PyPI install the same folder ``cv2``. Uninstalling one of several of them
+    removes the files of the others, although these remain registered as installed.
+
+    Examples
+    --------
+    >>> explained_import_error(ModuleNotFoundError("No module named 'cv2'", name="cv2"))
+    OmnimirrorError("OpenCV cannot be imported (No module named 'cv2'), for example because ...
+    """
+    if (error.name or "").partition(".")[0] != "cv2":
+        return error
+    return OmnimirrorError(
+        f"OpenCV cannot be imported ({error}), for example because another OpenCV package was "
+        f"uninstalled, which removes the common files; reinstall it: {OPENCV_REMEDY}"
+    )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -81,3 +84,21 @@ def test_what_is_not_there_or_not_seen(place, words):
     assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from omnimirror.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())",
+        "import omnimirror as om; om.read_image('a.png')",
+    ],
+)
+def test_missing_opencv_raises_with_remedy(statement, place):
+    """The folder cv2 is missing, as after uninstalling one of two OpenCV packages."""
+    code = f"import sys; sys.modules['cv2'] = None; {statement}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
+    assert run.returncode == 1
+    last = run.stderr.strip().splitlines()[-1]
+    assert "OpenCV cannot be imported" in last
+    assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")
+    assert "should not have happened" not in run.stderr

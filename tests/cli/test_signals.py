@@ -91,13 +91,13 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "init": (("init", "new.toml", "--force"), "cli.commands.design.init:write_text"),
     "judge": (("judge", "lens.toml", "paper-spherical"), "cli.commands.design.judge:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "cli.commands.handoff.rays:write_rays"),
+    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "cli.commands.interop.rays:write_rays"),
     "maps": (
         ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
-        "cli.commands.handoff.maps:write_maps",
+        "cli.commands.interop.maps:write_maps",
     ),
     "colmap": (
-        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "cli.commands.handoff.colmap:load_camera",
+        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "cli.commands.interop.colmap:load_camera",
     ),
     "spots": (("spots", "paper-spherical", "-o", "a.png"), "cli.commands.evaluation.spots:spots"),
     "psf": (("psf", "paper-spherical"), "cli.commands.evaluation.psf:psf"),

@@ -1,4 +1,4 @@
-"""COLMAP reconstructs a walk through the bundled room from the project that is written for it."""
+"""Reconstruction of a walk through the bundled room by COLMAP from an exported project."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.handoff.colmap import write_colmap
+from omnimirror.interop.colmap import write_colmap
 
 pytestmark = pytest.mark.full
 SENSOR = om.load_sensor("paper-equidistant")
@@ -16,7 +16,7 @@ STEPS = 16
 
 
 @pytest.mark.timeout(1500)
-def test_a_walk_through_the_room_is_reconstructed(tmp_path, beside):
+def test_reconstruction_of_a_walk(tmp_path, beside):
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
     poses, project = walked(tmp_path)
     model = reconstructed(pycolmap, project.folder)
@@ -38,11 +38,11 @@ def test_a_walk_through_the_room_is_reconstructed(tmp_path, beside):
 
 
 BASELINE = 0.5
-"""m, from the nearest picture to others that show the same: what an error of depth is in one of those, in px."""
+"""Distance between images of the same point, m, which converts depth errors to px."""
 
 
 def walked(folder):
-    """Where pictures were taken, and the project made of them."""
+    """Return the poses of the images and the exported project."""
     poses = [
         om.Pose(2600 * t - 1400, 500 * np.sin(2 * np.pi * t), 60 * np.sin(5 * t), 40 * np.sin(4 * t), 2 * np.sin(9 * t))
         for t in np.linspace(0, 1, STEPS)
@@ -54,7 +54,7 @@ def walked(folder):
 
 
 def in_the_room(model, poses, project):
-    """The path as it was found and as it was, and the points (n, 3) that were found; m."""
+    """Return the estimated and the true path and the points (n, 3), m."""
     places = {int(i.name[-7:-4]): i.projection_center() for i in model.images.values() if i.name.startswith("view-000")}
     found = np.array([places[k] for k in sorted(places)])
     truth = np.array([poses[k].to_scene(project.rig[0].position_mm) for k in sorted(places)]) / 1000

@@ -28,11 +28,11 @@ from omnimirror.errors import OmnimirrorError
 from omnimirror.files import MARK
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
+from omnimirror.interop.http_server.server import listen
 from omnimirror.media import keyframes
 from omnimirror.media.video.sequences import first_number
 from omnimirror.mirrors import TabulatedMapping
 from omnimirror.parameters import Uncertainty
-from omnimirror.serving.server import listen
 from omnimirror.simulate.datasets import video
 from omnimirror.simulate.rendering import samples
 from omnimirror.straighten.request import Recording

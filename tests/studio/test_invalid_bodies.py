@@ -15,7 +15,7 @@ from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
 from omnimirror.files import MOST_NESTED
-from omnimirror.serving import bodies
+from omnimirror.interop.http_server import request_bodies
 from omnimirror.specs import tables_of
 from omnimirror.studio import framing
 from omnimirror.studio.app import api, create_app
@@ -258,31 +258,31 @@ def nested(levels: int) -> str:
     ],
 )
 def test_json_is_parsed_as_python_parses_it(text):
-    assert bodies.parse_body(text) == bodies.parse_body(text.encode()) == json.loads(text)
+    assert request_bodies.parse_body(text) == request_bodies.parse_body(text.encode()) == json.loads(text)
 
 
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [
-        (b"\xff", "the body must be JSON in UTF-8; it holds other bytes"),
+        (b"\xff", "the body must be JSON in UTF-8"),
         (b'{"a": }', "the body must be JSON: Expecting value at character 6"),
         (b"", "the body must be JSON: Expecting value at character 0"),
         (nested(MOST_NESTED + 1), f"the body must have at most {MOST_NESTED} nested levels"),
         (nested(200_000), f"the body must have at most {MOST_NESTED} nested levels"),
-        ("9" * 5000, "the body must hold whole numbers of at most 64 bits"),
-        (f'{{"a": [{2**63}]}}', f"the body must hold whole numbers of at most 64 bits; got {2**63}"),
-        (f"[[{-(2**63) - 1}]]", f"the body must hold whole numbers of at most 64 bits; got {-(2**63) - 1}"),
+        ("9" * 5000, "the body must hold integers of at most 64 bits"),
+        (f'{{"a": [{2**63}]}}', f"the body must hold integers of at most 64 bits; got {2**63}"),
+        (f"[[{-(2**63) - 1}]]", f"the body must hold integers of at most 64 bits; got {-(2**63) - 1}"),
         ("[1e999]", "the body must hold finite numbers; got inf"),
         ('{"a": {"b": -Infinity}}', "the body must hold finite numbers; got -inf"),
         ('["\\ud800"]', "the body must hold whole characters; got the surrogate in '\\ud800'"),
         ('{"\\ud800": 1}', "the body must hold whole characters; got the surrogate in '\\ud800'"),
-        ('{"a": 1, "b": 2, "b": 3}', "the body must hold every name once; 'b' occurs more often"),
-        ('{"a": 1, "a": 1}', "the body must hold every name once; 'a' occurs more often"),
+        ('{"a": 1, "b": 2, "b": 3}', "the body must hold every name once; got 'b' again"),
+        ('{"a": 1, "a": 1}', "the body must hold every name once; got 'a' again"),
     ],
 )
 def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
-    with pytest.raises(bodies.InvalidMessage) as refused:
-        bodies.parse_body(body)
+    with pytest.raises(request_bodies.InvalidMessage) as refused:
+        request_bodies.parse_body(body)
     assert str(refused.value) == sentence
 
 
@@ -290,22 +290,22 @@ def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
     ("message", "sentence"),
     [
         ({"sentence": "no"}, "path must be given"),
-        ({"path": [], "sentence": "no", "more": 1}, "more is not known here; leave it out"),
+        ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"),
         ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"),
         ([], "the body must be a valid dictionary or instance of Trouble; got []"),
     ],
 )
 def test_an_entry_that_is_not_valid_is_named(message, sentence):
-    with pytest.raises(bodies.InvalidMessage) as refused:
-        bodies.message_from(json.dumps(message), Trouble)
+    with pytest.raises(request_bodies.InvalidMessage) as refused:
+        request_bodies.parse_message(json.dumps(message), Trouble)
     assert str(refused.value) == sentence
 
 
 def test_the_first_invalid_entry_is_named_without_the_part_of_the_request():
     entry = {"type": "value_error", "loc": ("body", "lens", 2, "kind"), "msg": "Value error, no lens", "input": "x"}
     other = {"type": "missing", "loc": ("query", "id"), "msg": "Field required", "input": None}
-    assert bodies.invalid_entry([entry, other]) == "lens.2.kind is not valid: value error, no lens; got 'x'"
-    assert bodies.invalid_entry([other, entry]) == "id must be given"
+    assert request_bodies.validation_message([entry, other]) == "lens.2.kind is invalid: value error, no lens; got 'x'"
+    assert request_bodies.validation_message([other, entry]) == "id must be given"
 
 
 class Socket:
@@ -323,20 +323,20 @@ class Socket:
 
 def test_a_message_of_a_socket_is_text_or_the_end():
     text = '{"path": [], "sentence": "no"}'
-    received = in_a_loop(bodies.received(Socket({"type": "websocket.receive", "text": text}), Trouble))
+    received = in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "text": text}), Trouble))
     assert received == Trouble(path=(), sentence="no")
-    with pytest.raises(bodies.InvalidMessage, match="must be JSON text; got a binary one"):
-        in_a_loop(bodies.received(Socket({"type": "websocket.receive", "bytes": b"{}"}), Trouble))
+    with pytest.raises(request_bodies.InvalidMessage, match="must be JSON text; got a binary one"):
+        in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "bytes": b"{}"}), Trouble))
     for message, code in (({}, 1005), ({"code": 1001, "reason": "gone"}, 1001)):
         with pytest.raises(WebSocketDisconnect) as ended:
-            in_a_loop(bodies.received(Socket({"type": "websocket.disconnect", **message}), Trouble))
+            in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.disconnect", **message}), Trouble))
         assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
 
 
 def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_character():
     """123 bytes: 61 letters of two bytes, and the half of the next left out."""
     socket = Socket({})
-    in_a_loop(bodies.close_refused(socket, bodies.InvalidMessage("ö" * 90)))
+    in_a_loop(request_bodies.close_invalid(socket, request_bodies.InvalidMessage("ö" * 90)))
     assert socket.closed == (1003, "ö" * 61)
 
 
@@ -354,5 +354,5 @@ def test_a_framed_message_is_read_by_the_documented_layout(sentence):
 
 @pytest.mark.parametrize("size", range(5))
 def test_a_frame_without_a_message_is_refused(size):
-    with pytest.raises(bodies.InvalidMessage, match="length of a JSON message" if size < 4 else "must be JSON"):
+    with pytest.raises(request_bodies.InvalidMessage, match="length of a JSON message" if size < 4 else "must be JSON"):
         framing.unframed(bytes(size), Trouble)

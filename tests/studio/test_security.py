@@ -32,11 +32,11 @@ from websockets.sync.client import connect
 import omnimirror as om
 from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
+from omnimirror.interop.http_server import limits, server
+from omnimirror.interop.http_server.auth import is_loopback
+from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
+from omnimirror.interop.http_server.server import server_addresses
 from omnimirror.mirrors import MIRRORS, SECONDARIES
-from omnimirror.serving import connections, limits
-from omnimirror.serving.access import Guard, is_loopback
-from omnimirror.serving.limits import LARGEST_MESSAGE
-from omnimirror.serving.server import names_of
 from omnimirror.specs import tables_of
 from omnimirror.studio import uploads
 from omnimirror.studio.app import create_app
@@ -136,13 +136,13 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
 
 def test_no_question_is_larger_than_what_is_taken(client):
     """By the length that is announced."""
-    huge = b" " * (LARGEST_MESSAGE + 1)
+    huge = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in ("/api/bench/change", "/api/bench/file", "/api/bench/requirements", "/api/sensor-file", "/api/sensors"):
         answer = client.post(path, content=huge, headers={"content-type": "application/json"})
         assert (answer.status_code, "larger than 1 MB" in answer.json()["detail"]) == (413, True)
 
 
-async def status_of(bounded: limits.Bounded, receive, name: str = "") -> int:
+async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> int:
     """The status of the answer to a request that announces no length."""
     said: list = []
 
@@ -155,9 +155,9 @@ async def status_of(bounded: limits.Bounded, receive, name: str = "") -> int:
 
 def test_the_bounds_are_those_of_the_documentation():
     """Bytes and seconds, written out."""
-    sizes = (limits.LARGEST_MESSAGE, limits.LARGEST_PICTURE, limits.LARGEST_SET, limits.MOST_HELD)
+    sizes = (limits.MAX_MESSAGE_BYTES, limits.MAX_IMAGE_BYTES, limits.MAX_DETECTIONS_BYTES, limits.MAX_PENDING_BYTES)
     assert sizes == (1_048_576, 134_217_728, 16_777_216, 536_870_912)
-    assert (limits.GRACE_S, limits.SLOWEST, limits.MOST_WAITING) == (30.0, 1024.0, 16)
+    assert (limits.GRACE_PERIOD_S, limits.MIN_RATE_BYTES_PER_S, limits.MAX_QUEUED_JOBS) == (30.0, 1024.0, 16)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_the_announced_length_is_refused_unread(headers, is_refused):
     async def send(message):
         said.append(message)
 
-    bounded = limits.Bounded(reads_and_answers, {"/large": 1000})
+    bounded = limits.RequestLimits(reads_and_answers, {"/large": 1000})
     in_a_loop(bounded({"type": "http", "path": "/large", "headers": headers}, receive, send))
     assert said[0]["status"] == (413 if is_refused else 200)
     assert bool(reads) != is_refused
@@ -198,24 +198,24 @@ def test_pieces_are_counted_to_the_byte(pieces, status):
         size = left.pop(0)
         return {"type": "http.request", "body": bytes(size), "more_body": bool(left)}
 
-    bounded = limits.Bounded(reads_and_answers, {"/": 1000})
+    bounded = limits.RequestLimits(reads_and_answers, {"/": 1000})
     assert in_a_loop(status_of(bounded, receive)) == status
     assert bounded.held == 0
 
 
 @pytest.mark.parametrize(("held", "status"), [(1000, 200), (999, 503)])
 def test_the_room_of_the_server_is_used_to_the_byte(held, status, monkeypatch):
-    monkeypatch.setattr(limits, "MOST_HELD", held)
+    monkeypatch.setattr(limits, "MAX_PENDING_BYTES", held)
 
     async def receive():
         return {"type": "http.request", "body": bytes(1000), "more_body": False}
 
-    assert in_a_loop(status_of(limits.Bounded(reads_and_answers, {}), receive)) == status
+    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == status
 
 
 def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
     """A client that has sent everything waits for its answer, and is not given up."""
-    monkeypatch.setattr(limits, "GRACE_S", 0.02)
+    monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.02)
     messages = [{"type": "http.request", "body": b"x"}, {"type": "http.disconnect"}]
 
     async def receive():
@@ -228,12 +228,12 @@ def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
         assert (await receive())["type"] == "http.disconnect"
         await Response("done")(scope, receive, send)
 
-    assert in_a_loop(status_of(limits.Bounded(app, {}), receive)) == 200
+    assert in_a_loop(status_of(limits.RequestLimits(app, {}), receive)) == 200
 
 
 def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
     """Bytes prolong the time: 0.05 s and 1 s for each 1024 bytes."""
-    monkeypatch.setattr(limits, "GRACE_S", 0.05)
+    monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
     pieces = [4096, 1, 1]
 
     async def receive():
@@ -242,7 +242,7 @@ def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
         size = pieces.pop(0)
         return {"type": "http.request", "body": bytes(size), "more_body": bool(pieces)}
 
-    assert in_a_loop(status_of(limits.Bounded(reads_and_answers, {}), receive)) == 200
+    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == 200
 
 
 def test_other_connections_than_requests_pass_untouched():
@@ -252,7 +252,7 @@ def test_other_connections_than_requests_pass_untouched():
         passed.append(connection)
 
     connection = ({"type": "websocket", "path": "/"}, object(), object())
-    in_a_loop(limits.Bounded(app, {})(*connection))
+    in_a_loop(limits.RequestLimits(app, {})(*connection))
     assert passed == [connection]
 
 
@@ -270,12 +270,12 @@ def test_pieces_without_end_are_stopped():
     async def endless():
         return {"type": "http.request", "body": bytes(1 << 16), "more_body": True}
 
-    assert in_a_loop(status_of(limits.Bounded(reads_all, {}), endless)) == 413
+    assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), endless)) == 413
 
 
 def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch):
     """Two pictures of which each is allowed, but not both at once; the first is taken when the second has gone."""
-    monkeypatch.setattr(limits, "MOST_HELD", 1500)
+    monkeypatch.setattr(limits, "MAX_PENDING_BYTES", 1500)
 
     async def both():
         first_came, go_on = asyncio.Event(), asyncio.Event()
@@ -290,7 +290,7 @@ def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch
         async def receive():
             return {"type": "http.request", "body": bytes(900), "more_body": False}
 
-        bounded = limits.Bounded(app, {"/": 1000})
+        bounded = limits.RequestLimits(app, {"/": 1000})
         first = asyncio.create_task(status_of(bounded, receive, "first"))
         await first_came.wait()
         refused = await status_of(bounded, receive)
@@ -301,13 +301,13 @@ def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch
 
 
 def test_what_comes_too_slowly_is_given_up(monkeypatch):
-    monkeypatch.setattr(limits, "GRACE_S", 0.05)
+    monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
 
     async def dribble():
         await asyncio.sleep(0.01)
         return {"type": "http.request", "body": b"x", "more_body": True}
 
-    assert in_a_loop(status_of(limits.Bounded(reads_all, {}), dribble)) == 408
+    assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), dribble)) == 408
 
 
 @pytest.mark.parametrize(
@@ -441,11 +441,11 @@ def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, clien
 
 
 def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
-    monkeypatch.setattr(limits, "MOST_WAITING", 2)
+    monkeypatch.setattr(limits, "MAX_QUEUED_JOBS", 2)
     runs: list[str] = []
 
     async def all_of_it():
-        turns, begun, go_on = limits.Turns(), asyncio.Event(), threading.Event()
+        queue, begun, go_on = limits.JobQueue(), asyncio.Event(), threading.Event()
         loop = asyncio.get_running_loop()
 
         def make(name: str) -> str:
@@ -454,11 +454,11 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
             runs.append(name)
             return name
 
-        many = [asyncio.create_task(turns.do("room", lambda: make("room"))) for _ in range(20)]
-        other = asyncio.create_task(turns.do("other", lambda: make("other")))
+        many = [asyncio.create_task(queue.run("room", lambda: make("room"))) for _ in range(20)]
+        other = asyncio.create_task(queue.run("other", lambda: make("other")))
         await begun.wait()
-        with pytest.raises(limits.Busy, match="more is being worked on than can be waited for"):
-            await turns.do("third", lambda: make("third"))
+        with pytest.raises(limits.ServerBusy, match="the server is busy"):
+            await queue.run("third", lambda: make("third"))
         many[0].cancel()  # one page that goes takes it from none of the others
         go_on.set()
         return await asyncio.gather(*many[1:], other)
@@ -477,13 +477,13 @@ def test_work_is_done_one_after_the_other_and_again_when_asked_again():
         return name
 
     async def twice():
-        turns = limits.Turns()
+        queue = limits.JobQueue()
         for _ in range(2):
-            found = await asyncio.gather(*(turns.do(name, lambda name=name: make(name)) for name in "ab"))
+            found = await asyncio.gather(*(queue.run(name, lambda name=name: make(name)) for name in "ab"))
             assert found == ["a", "b"]
         with pytest.raises(ZeroDivisionError):
-            await turns.do("a", lambda: 1 // 0)
-        return await turns.do("a", lambda: "again")
+            await queue.run("a", lambda: 1 // 0)
+        return await queue.run("a", lambda: "again")
 
     assert in_a_loop(twice()) == "again"
     assert runs == ["begin a", "end a", "begin b", "end b"] * 2
@@ -632,13 +632,13 @@ def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
 
 
 def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():
-    names = names_of("0.0.0.0")
+    names = server_addresses("0.0.0.0")
     assert names[-1] == "127.0.0.1"  # for the browser here
     assert all(not is_loopback(name) for name in names[:-1])
     for name in names[:-1]:
         with socket.socket() as probe:
             probe.bind((name, 0))  # it is this machine's
-    assert names_of("door.local") == ["door.local"]
+    assert server_addresses("door.local") == ["door.local"]
 
 
 def test_a_browser_is_led_to_an_address_without_the_token(browser):
@@ -687,8 +687,8 @@ def test_answers_are_not_kept(client):
 
 def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
     """As many as would fill the server; it answers all the same, and lets the oldest of them go."""
-    monkeypatch.setattr(connections, "most_connections", lambda: 20)
-    monkeypatch.setattr(connections, "HEAD_S", 3600)
+    monkeypatch.setattr(server, "connection_limit", lambda: 20)
+    monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 3600)
     with serving(Studio()) as address, ExitStack() as open_ones:
         port = urlsplit(address).port
         held = [open_ones.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(60)]
@@ -703,7 +703,7 @@ def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
 
 def test_idle_sockets_keep_nobody_out(monkeypatch):
     """More than the server takes: those that have been idle longest go, and the newest is still served."""
-    monkeypatch.setattr(connections, "most_connections", lambda: 20)
+    monkeypatch.setattr(server, "connection_limit", lambda: 20)
     with serving(Studio()) as address, ExitStack() as open_ones:
         where = address.replace("http", "ws") + "api/bench/ask"
         held = [open_ones.enter_context(connect(where, open_timeout=300)) for _ in range(30)]
@@ -718,11 +718,11 @@ def test_idle_sockets_keep_nobody_out(monkeypatch):
 
 
 def test_an_idle_socket_is_closed(monkeypatch):
-    monkeypatch.setattr(connections, "IDLE_S", 0.2)
+    monkeypatch.setattr(server, "IDLE_TIMEOUT_S", 0.2)
     with serving(Studio()) as address, connect(address.replace("http", "ws") + "api/bench/ask") as idle:
         with pytest.raises(ConnectionClosed) as closed:
             idle.recv()
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1001, "no message for long")
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1001, "idle timeout")
 
 
 @pytest.mark.parametrize("pieces", [[b"\xff{}"], [b'{"a": "\xc3', b'\x28"}']])
@@ -736,7 +736,7 @@ def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, capl
 
 
 def test_a_head_that_does_not_end_is_given_up(monkeypatch):
-    monkeypatch.setattr(connections, "HEAD_S", 0.2)
+    monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.2)
     with serving(Studio()) as address, socket.create_connection(("127.0.0.1", urlsplit(address).port)) as slow:
         request = f"GET /health HTTP/1.1\r\nHost: {urlsplit(address).netloc}\r\n".encode()
         slow.sendall(request + b"\r\n")
@@ -750,7 +750,7 @@ def test_a_head_that_does_not_end_is_given_up(monkeypatch):
 @pytest.mark.parametrize("files", [100, 1024, resource.RLIM_INFINITY])
 def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (files, files))
-    most = connections.most_connections.__wrapped__()
+    most = server.connection_limit.__wrapped__()
     assert 8 <= most <= 256
     assert most + 50 < files or files == resource.RLIM_INFINITY
 

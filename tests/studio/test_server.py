@@ -24,9 +24,9 @@ from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
 from omnimirror.calibrate import rim
-from omnimirror.serving.access import is_loopback
-from omnimirror.serving.limits import LARGEST_MESSAGE
-from omnimirror.serving.server import listen
+from omnimirror.interop.http_server.auth import is_loopback
+from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
+from omnimirror.interop.http_server.server import listen
 from omnimirror.studio.app import create_app
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
@@ -253,7 +253,7 @@ def test_a_truncated_picture_is_refused(client):
 
 
 def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
-    huge = LARGEST_MESSAGE + 1
+    huge = MAX_MESSAGE_BYTES + 1
     assert client.post("/api/sensors", content=b"#" * huge).status_code == 413
 
     def pieces():
@@ -262,7 +262,7 @@ def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
 
     answer = client.post("/api/sensors", content=pieces())  # chunked: no length is announced
     assert answer.status_code == 413
-    assert sentence(answer) == "what was sent is larger than 1 MB, which is the most that is taken here"
+    assert sentence(answer).startswith("the body must be at most 1 MB; got ")
 
 
 def test_sensor_files_cannot_name_files_of_the_server(client):

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from .. import __version__
-from ..errors import InvalidParameter, OmnimirrorError, one_line
+from ..errors import InvalidParameter, OmnimirrorError, explained_import_error, one_line
 from .process import Terminated, process_state, stopped_code
 from .streams import be_quiet, forget_output
 
@@ -58,7 +58,7 @@ ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
-    "handoff": {"colmap", "maps", "rays"},
+    "interop": {"colmap", "maps", "rays"},
     "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""
@@ -213,6 +213,8 @@ def explained(error: Exception) -> tuple[str, int]:
             return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
         case MemoryError():
             return "there is not enough memory for this", 1
+        case ImportError() if isinstance(explained_import_error(error), OmnimirrorError):
+            return str(explained_import_error(error)), 1
         case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
             return f"the name {error.object!r} is not UTF-8, which is needed here", 1
         case _:

@@ -12,9 +12,9 @@ from starlette.types import ASGIApp
 
 from .. import __version__
 from ..errors import OmnimirrorError
-from ..serving.access import Guard, policy_of
-from ..serving.bodies import refuse_invalid_bodies
-from ..serving.limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
+from ..interop.http_server.auth import AccessGuard, content_security_policy
+from ..interop.http_server.limits import MAX_DETECTIONS_BYTES, MAX_IMAGE_BYTES, RequestLimits, ServerBusy
+from ..interop.http_server.request_bodies import reject_invalid_bodies
 from .bench.routes import add_bench
 from .calibrate.routes import add_calibrate
 from .look.routes import add_look
@@ -30,8 +30,9 @@ PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/cal
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """The server as an ASGI application, guarded; :func:`api` is what stands behind the guard."""
     studio = studio or Studio()
-    taken = Bounded(api(studio), {**dict.fromkeys(PICTURES, LARGEST_PICTURE), "/api/calibrate/together": LARGEST_SET})
-    return Guard(taken, studio.hosts, studio.token, policy_of(page_text()))
+    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {"/api/calibrate/together": MAX_DETECTIONS_BYTES}
+    limited = RequestLimits(api(studio), larger)
+    return AccessGuard(limited, studio.hosts, studio.token, content_security_policy(page_text()))
 
 
 def api(studio: Studio) -> FastAPI:
@@ -48,11 +49,11 @@ def api(studio: Studio) -> FastAPI:
         responses=REFUSALS,
     )  # fmt: skip
 
-    refuse_invalid_bodies(app)
+    reject_invalid_bodies(app)
 
     @app.exception_handler(OmnimirrorError)
     async def refused(request: Request, error: OmnimirrorError) -> Response:
-        return _problem(503 if isinstance(error, Busy) else 400, str(error))
+        return _problem(503 if isinstance(error, ServerBusy) else 400, str(error))
 
     @app.exception_handler(OSError)
     async def no_room(request: Request, error: OSError) -> Response:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TypeVar
 
-from ..serving.bodies import InvalidMessage, message_from
+from ..interop.http_server.request_bodies import InvalidMessage, parse_message
 from .messages import Message
 
 M = TypeVar("M", bound=Message)
@@ -42,4 +42,4 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     if len(data) < 4:
         raise InvalidMessage("the body must be the length of a JSON message, the message and a file")
     (length,) = struct.unpack_from("<I", data)
-    return message_from(data[4 : 4 + length], kind), data[4 + length :]
+    return parse_message(data[4 : 4 + length], kind), data[4 + length :]

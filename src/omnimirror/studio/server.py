@@ -7,8 +7,8 @@ import threading
 import webbrowser
 from collections.abc import Callable
 
-from ..serving.access import is_loopback
-from ..serving.server import listen, names_of, run
+from ..interop.http_server.auth import is_loopback
+from ..interop.http_server.server import listen, run_server, server_addresses
 from .app import create_app
 from .studio import Studio
 
@@ -39,8 +39,8 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     listening = listen(host, port)
     bound = listening.getsockname()[1]
     query = f"?token={studio.token}" if studio.token else ""
-    addresses = [f"http://{name}:{bound}/{query}" for name in names_of(host)]
+    addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
     tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
-    run(create_app(studio), listening)
+    run_server(create_app(studio), listening)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..serving.limits import Turns
+from ..interop.http_server.limits import JobQueue
 from .calibrate.looking import Lookers
 from .look.cameras import Cameras, Known
 from .look.sources import Sources
@@ -36,5 +36,5 @@ class Studio:
         self.cameras = Cameras(self.given)
         self.streams = Streams()
         self.lookers = Lookers()
-        self.simulated, self.unpacked, self.reported = Turns(), Turns(), Turns()
-        self.built, self.toleranced, self.slid = Turns(), Turns(), Turns()
+        self.simulated, self.unpacked, self.reported = JobQueue(), JobQueue(), JobQueue()
+        self.built, self.toleranced, self.slid = JobQueue(), JobQueue(), JobQueue()

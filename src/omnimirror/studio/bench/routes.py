@@ -10,7 +10,7 @@ from fastapi.responses import PlainTextResponse, Response
 
 from ...errors import OmnimirrorError
 from ...escaping import http_attachment
-from ...serving.bodies import InvalidMessage, close_refused, received
+from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
@@ -67,7 +67,7 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/slides")
     async def slides(asked: SlidesAsk) -> SlidesOf:
         """By how much requirements are missed or kept, wherever sliders stand."""
-        return await studio.slid.do(asked.model_dump_json(), lambda: slid(asked))
+        return await studio.slid.run(asked.model_dump_json(), lambda: slid(asked))
 
     @app.post("/api/bench/change")
     def change(asked: Change) -> BenchSensor:
@@ -103,7 +103,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
         """A file of a design: its sensor file, tables, drawing or report."""
         if asked.kind in SLOW_KINDS:
             key = asked.model_dump_json()
-            made = await studio.reported.do(key, lambda: made_slowly(asked, key))
+            made = await studio.reported.run(key, lambda: made_slowly(asked, key))
         else:
             made = await asyncio.to_thread(downloaded, asked)
         headers = {"content-disposition": http_attachment(made.name)}
@@ -117,7 +117,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
     async def picture(ask: PictureAsk) -> Response:
         """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
-        pictures = await studio.simulated.do(ask.model_dump_json(), lambda: taken(ask))
+        pictures = await studio.simulated.run(ask.model_dump_json(), lambda: taken(ask))
         return Response(pictures, media_type="application/octet-stream")
 
 
@@ -134,7 +134,7 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
         """A sensor with errors: what moves in its picture, as numbers after a header."""
         from .tolerances import built
 
-        found = await studio.built.do(asked.model_dump_json(), lambda: built(asked))
+        found = await studio.built.run(asked.model_dump_json(), lambda: built(asked))
         return Response(found, media_type="application/octet-stream")
 
     @app.post("/api/bench/yield")
@@ -142,7 +142,7 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
         """How many sensors will be good, and what each error does alone."""
         from .tolerances import yielded
 
-        return await studio.toleranced.do(asked.model_dump_json(), lambda: yielded(asked))
+        return await studio.toleranced.run(asked.model_dump_json(), lambda: yielded(asked))
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
@@ -185,11 +185,11 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
     """Put questions where they wait, a newer one in the place of an older."""
     try:
         while True:
-            asked = await received(socket, Ask)
+            asked = await receive_message(socket, Ask)
             waiting[asked.slot] = asked
             news.set()
     except InvalidMessage as e:
-        await close_refused(socket, e)
+        await close_invalid(socket, e)
     except (WebSocketDisconnect, RuntimeError):
         pass
     finally:
@@ -198,12 +198,12 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        task = await received(socket, Task)
+        task = await receive_message(socket, Task)
         async with workers.one() as worker:
             worker.tell(task.model_dump_json())
             await relay(worker, socket, asyncio.create_task(socket.receive()))
     except InvalidMessage as e:
-        await close_refused(socket, e)
+        await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
         failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)

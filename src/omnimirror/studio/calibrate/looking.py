@@ -9,7 +9,7 @@ from contextlib import suppress
 from fastapi import Request
 
 from ...errors import InvalidParameter
-from ...serving.limits import MOST_WAITING, Busy
+from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
 from ..messages import Problem
 from ..workers import begun, ended
 from . import board_process
@@ -34,13 +34,13 @@ class Lookers:
 
         Raises
         ------
-        Busy
+        ServerBusy
             Too many wait for their turn.
         OmnimirrorError
             It is no picture, or there is no such board.
         """
-        if self._asked >= MOST_WAITING:
-            raise Busy("more pictures are looked at than can be waited for; try again in a while")
+        if self._asked >= MAX_QUEUED_JOBS:
+            raise ServerBusy("more pictures are looked at than can be waited for; try again in a while")
         self._asked += 1
         if self._letting_go is not None:
             self._letting_go.cancel()

@@ -9,7 +9,7 @@ from fastapi import FastAPI, Query, Request, WebSocket
 from fastapi.responses import Response
 
 from ...errors import OmnimirrorError
-from ...serving.bodies import InvalidMessage, close_refused, received
+from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ..framing import unframed
 from ..schema import BYTES, FILE_BODY
 from ..uploads import collected
@@ -71,7 +71,7 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
         from .straight import straightened  # brings the dewarper with it
 
         ask, picture = unframed(await collected(request), StraightAsk)
-        made = await studio.unpacked.do(request, lambda: straightened(ask, picture))
+        made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
         return Response(made, media_type="image/jpeg")
 
 
@@ -84,15 +84,15 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        ask = await received(socket, CalibrationAsk)
+        ask = await receive_message(socket, CalibrationAsk)
         async with workers.one() as worker:
             worker.tell(ask.model_dump_json())
             for _ in range(ask.pictures):
-                seen = await received(socket, BoardSeen)
+                seen = await receive_message(socket, BoardSeen)
                 await asyncio.to_thread(worker.tell, seen.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
     except InvalidMessage as e:
-        await close_refused(socket, e)
+        await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
         await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())

@@ -94,7 +94,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     async def room(id: str) -> Response:
         """The picture that a camera takes of a room, simulated."""
         known = _known(studio.cameras, id)
-        return _png(await studio.simulated.do(known, lambda: room_picture(known)))
+        return _png(await studio.simulated.run(known, lambda: room_picture(known)))
 
     @app.get("/api/picture", response_class=Response, responses={200: PNG})
     async def picture(id: str) -> Response:
@@ -106,19 +106,19 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} is no picture")
         path = Path(shown.place)
-        return _png(await studio.unpacked.do(path, lambda: shown_picture(path)))
+        return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
 
     @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def convert(request: Request, name: FileName = "picture") -> Response:
         """A picture that browsers do not read, as PNG of 8 bits."""
         data = await collected(request)
-        return _png(await studio.unpacked.do(request, lambda: browser_picture(data, safe_name(name))))
+        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name))))
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> RimFound:
         """The rim of the mirror in a picture, and how sure it is."""
         data = await collected(request)
-        return await studio.unpacked.do(request, lambda: rim_in(data, safe_name(name)))
+        return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> LevelFound | None:
@@ -126,7 +126,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         ask, picture = unframed(await collected(request), LevelAsk)
         _known(studio.cameras, ask.id)
         camera = studio.cameras.looking(ask)
-        return await studio.unpacked.do(request, lambda: level_of(camera, ask, picture))
+        return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
 
     @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def restore(request: Request) -> Response:
@@ -134,7 +134,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         ask, picture = unframed(await collected(request), RestoreAsk)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        return _png(await studio.simulated.do(request, lambda: restored_picture(sensor, ask, picture)))
+        return _png(await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture)))
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

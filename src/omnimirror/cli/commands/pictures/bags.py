@@ -1,4 +1,4 @@
-"""The part of ``omnimirror dewarp`` that straightens recordings of robots."""
+"""Dewarping of ROS bags by ``omnimirror dewarp``."""
 
 from __future__ import annotations
 
@@ -16,50 +16,47 @@ from ...outputs import frame_bar, notice, say
 
 @dataclass(frozen=True)
 class BagOptions(Options):
-    """What is asked of recordings alone."""
+    """Options for ROS bags."""
 
-    topic: str | None = option(metavar="TOPIC", help="Recordings: whose pictures.  [default: the only one's]")
-    views: Path | None = option(
-        type=click.Path(path_type=Path), help="Recordings: a TOML file of several views, each with its name."
-    )
+    topic: str | None = option(metavar="TOPIC", help="ROS bag: image topic.  [default: the only one]")
+    views: Path | None = option(type=click.Path(path_type=Path), help="ROS bag: TOML file of several named views.")
     keep_topics: tuple[str, ...] | None = option(
         "--keep-topic", multiple=True, metavar="PATTERN",
-        help="Recordings: pass another topic through, or all that fit, such as '/odom*'; '*' for all.",
+        help="ROS bag: topics to copy unchanged, such as '/odom*' or '*' (repeatable).",
     )  # fmt: skip
-    frame: str | None = option(
+    mirror_frame: str | None = option(
         metavar="NAME",
-        help="Recordings: the robot's frame that is the mirror's, x forward, y left, z up.  "
-        "[default: a new one, below that of the pictures]",
+        help="ROS bag: existing TF frame of the mirror, x forward, y left, z up.  [default: a new frame]",
     )
 
     def refuse(self, source: str) -> None:
-        """Refuse them of what is no recording."""
-        if asked := self.changed:
-            name = "keep_topic" if asked[0] == "keep_topics" else asked[0]
-            raise click.UsageError(f"{flag(name)} belongs to recordings of robots, and {source} is none")
+        """Raise UsageError if options for ROS bags are given for another source."""
+        if changed := self.changed:
+            name = "keep_topic" if changed[0] == "keep_topics" else changed[0]
+            raise click.UsageError(f"{flag(name)} requires a ROS bag; got {source}")
 
 
 def dewarp_recording(
     sources: tuple[str, ...], outputs: tuple[str, ...], how: Straightening, view: ViewOptions, bag: BagOptions
 ) -> None:
-    """Straighten a recording under a progress bar, and say what became of it."""
-    from ....handoff.bags.dewarping import Chosen, straighten_bag
-    from ....handoff.named_views import load_views
+    """Dewarp a ROS bag with a progress bar and print the written topics."""
+    from ....interop.named_views import load_views
+    from ....interop.ros_bags.dewarping import BagSelection, run_bag_dewarping
 
     if len(sources) > 1 or len(outputs) != 1:
-        raise click.UsageError("recordings are straightened one by one, each into one other")
+        raise click.UsageError("a ROS bag must be dewarped alone, into one output")
     if bag.views is not None and view.given:
-        raise click.UsageError(f"{flag(next(iter(view.given)))} is for one view, and --views says what is seen")
+        raise click.UsageError(f"{flag(next(iter(view.given)))} must not be given with --views")
     views = {view.preset or view.view or "panorama": how.view} if bag.views is None else load_views(bag.views)
-    chosen = Chosen(views, bag.topic, bag.keep_topics or (), bag.frame)
+    selection = BagSelection(views, bag.topic, bag.keep_topics or (), bag.mirror_frame)
     with frame_bar() as progress:
-        done = straighten_bag(Path(sources[0]), Path(outputs[0]), how, chosen, progress)
-    for note in done.notes:
+        result = run_bag_dewarping(Path(sources[0]), Path(outputs[0]), how, selection, progress)
+    for note in result.notes:
         notice(note)
-    passed = f", {done.passed} other messages" if done.passed else ""
-    say(f"{outputs[0]}: {done.pictures} pictures of {done.topic}{passed}")
-    for topic in done.topics:
+    copied = f", {result.copied} copied messages" if result.copied else ""
+    say(f"{outputs[0]}: {result.images} images of {result.topic}{copied}")
+    for topic in result.output_topics:
         say(f"  {topic}")
-    if done.exit_code:
-        notice(f"stopped; {outputs[0]} holds what was done")
-        sys.exit(done.exit_code)
+    if result.exit_code:
+        notice(f"stopped; {outputs[0]} contains the messages dewarped so far")
+        sys.exit(result.exit_code)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, get_args
 
 import click
 
-from ....handoff.bags.files import is_bag
+from ....interop.ros_bags.bag_files import is_bag
 from ....media.pictures.images import format_of
 from ....native import backend
 from ....straighten import Recording, Straightened, Straightening, is_video

@@ -1,4 +1,4 @@
-"""``omnimirror serve``: a camera's views as ordinary cameras on the network."""
+"""``omnimirror serve``: views of a camera as network cameras."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 
 from ....dewarp.contracts import INTERPOLATIONS, Interpolation
 from ....errors import OmnimirrorError
-from ....handoff.named_views import load_views
+from ....interop.named_views import load_views
 from ....native import MOST_THREADS
 from ...help_pages import DocumentedCommand
 from ...options.camera import CameraOptions
@@ -21,16 +21,16 @@ from .studio import ListenOptions
 
 @dataclass(frozen=True)
 class GatewayOptions(ListenOptions):
-    """How views are offered."""
+    """Options of the gateway."""
 
     token: str | None = option(
         envvar="OMNIMIRROR_TOKEN",
-        help="What who watches must know: a password with any name, or ?token=..; also from OMNIMIRROR_TOKEN.  "
-        "[default: made, beyond this machine]",
+        help="Access token: password of any user, or ?token=...; also from OMNIMIRROR_TOKEN.  "
+        "[default: random if reachable from other machines]",
     )
     publish: str | None = option(
         metavar="ADDRESS",
-        help="Push every view to a server too, always: 'rtsp://server:8554/{view}'; {view} stands for its name.",
+        help="Also push every view to a media server, such as 'rtsp://server:8554/{view}'.",
     )
 
 
@@ -42,17 +42,17 @@ class GatewayOptions(ListenOptions):
 @click.argument("source")
 @click.option(
     "--views", "views_file", required=True, type=click.Path(path_type=Path),
-    help="A TOML file of the views, each with its name.",
+    help="TOML file of named views.",
 )  # fmt: skip
 @takes(CameraOptions, "camera")
 @takes(GatewayOptions, "gateway")
 @click.option(
     "--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="auto", show_default=True,
-    help="auto: cubic, and averaged where the view shrinks the picture.",
+    help="Resampling; auto: cubic, with averaging for minification.",
 )  # fmt: skip
 @click.option(
     "--threads", type=WholeRange(1, MOST_THREADS), metavar="N",
-    help="How many threads draw.  [default: one per processor core]",
+    help="Number of dewarping threads.  [default: one per processor core]",
 )  # fmt: skip
 def command(
     source: str,
@@ -62,26 +62,26 @@ def command(
     interpolation: Interpolation,
     threads: int | None,
 ) -> None:
-    """Offer views of SOURCE as ordinary cameras: MJPEG, MPEG-TS, HLS and pictures over HTTP.
+    """Serve views of SOURCE as network cameras: MJPEG, MPEG-TS, HLS and JPEG images over HTTP.
 
-    SOURCE is a camera or stream (/dev/video0, rtsp://..), or a video file, which is played again and again. Each
-    view of the file is at /NAME.mjpg, /NAME.ts, /NAME.m3u8 and /NAME.jpg; /api/views lists them, and a POST to
-    /api/views/NAME steers one that is steered.
+    SOURCE is a camera or stream (/dev/video0, rtsp://...), or a video file, which is repeated. Each view of the file
+    is available at /NAME.mjpg, /NAME.ts, /NAME.m3u8 and /NAME.jpg; /api/views lists them, and a POST request to
+    /api/views/NAME steers a steerable view.
     """
     camera.check()
     try:
-        from ....handoff.gateway.server import check_source, serve_views
+        from ....interop.gateway.serving import check_source, serve_views
         from ....media.live.playing import size_of
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
             raise
-        raise OmnimirrorError("views are served by FastAPI and PyAV: pip install 'omnimirror[studio]'") from None
+        raise OmnimirrorError("serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'") from None
     check_source(source)
     views = load_views(views_file)
     size = (0, 0) if camera.ball is None else size_of(source, is_live=not Path(source).is_file())
     serve_views(
         source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation,
         host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish,
-        threads=threads, tell=click.echo,
-        report=notice,
+        threads=threads, on_start=click.echo,
+        on_status=notice,
     )  # fmt: skip

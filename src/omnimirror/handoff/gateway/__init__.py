@@ -1,1 +1,0 @@
-"""One camera or stream in, each of its virtual views out, as ordinary cameras on the network."""

@@ -1,0 +1,167 @@
+"""Limits on requests and background work: body sizes, transfer rates, and a queue of jobs."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any, TypeVar
+
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ...errors import OmnimirrorError
+
+T = TypeVar("T")
+
+MAX_MESSAGE_BYTES = 1 << 20
+"""Maximum size of a JSON message, a design or a calibration."""
+MAX_IMAGE_BYTES = 128 << 20
+MAX_DETECTIONS_BYTES = 16 << 20
+"""Maximum size of the detected corners in all images of a calibration."""
+MAX_PENDING_BYTES = 512 << 20
+"""Maximum size of all requests that are being received."""
+GRACE_PERIOD_S = 30.0
+MIN_RATE_BYTES_PER_S = 1024.0
+"""Minimum transfer rate of a request after the grace period."""
+MAX_QUEUED_JOBS = 16
+
+
+class ServerBusy(OmnimirrorError):
+    """Raised when the job queue is full."""
+
+
+class _Refusal(Exception):
+    """Response that ends the reception of a request."""
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.response = JSONResponse({"detail": sentence}, status, {"connection": "close"})
+
+
+class RequestLimits:
+    """ASGI middleware that refuses requests that are too large or too slow.
+
+    Parameters
+    ----------
+    app
+        Application to protect.
+    larger
+        Maximum body size in bytes of paths that accept more than :data:`MAX_MESSAGE_BYTES`.
+    """
+
+    def __init__(self, app: ASGIApp, larger: Mapping[str, int]) -> None:
+        self.app, self.larger = app, larger
+        self.pending_bytes = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        max_bytes = self.larger.get(scope["path"], MAX_MESSAGE_BYTES)
+        body = _LimitedBody(self, receive, max_bytes)
+
+        async def send_unless_refused(message: Message) -> None:
+            if body.refusal is None:  # otherwise the application reports an interrupted body
+                await send(message)
+
+        try:
+            body.check_size(_content_length(scope))
+            await self.app(scope, body.receive_message, send_unless_refused)
+        except _Refusal:
+            pass
+        finally:
+            self.pending_bytes -= body.size
+        if body.refusal is not None:
+            await body.refusal.response(scope, receive, send)
+
+
+class _LimitedBody:
+    """Received part of one request."""
+
+    def __init__(self, limits: RequestLimits, receive: Receive, max_bytes: int) -> None:
+        self.limits, self.receive, self.max_bytes = limits, receive, max_bytes
+        self.size = 0
+        self.refusal: _Refusal | None = None
+        self._start = time.monotonic()
+        self._is_complete = False
+
+    async def receive_message(self) -> Message:
+        """Receive the next part of the body, or the disconnection after its end.
+
+        Raises
+        ------
+        _Refusal
+            If the body is too large or arrives too slowly.
+        """
+        deadline_s = self._start + GRACE_PERIOD_S + self.size / MIN_RATE_BYTES_PER_S
+        timeout_s = None if self._is_complete else deadline_s - time.monotonic()
+        try:
+            async with asyncio.timeout(timeout_s):
+                message = await self.receive()
+        except TimeoutError:
+            rate = MIN_RATE_BYTES_PER_S
+            raise self._refuse(408, f"the body must arrive at {rate:g} bytes/s or faster") from None
+        self._is_complete = not message.get("more_body", False)
+        part = len(message.get("body", b""))
+        self.size += part
+        self.limits.pending_bytes += part
+        self.check_size(self.size)
+        if self.limits.pending_bytes > MAX_PENDING_BYTES:
+            raise self._refuse(503, "the server is receiving too much data; try again later")
+        return message
+
+    def check_size(self, size: int) -> None:
+        """Refuse a body of a size in bytes that is above the limit."""
+        if size > self.max_bytes:
+            sentence = f"the body must be at most {self.max_bytes >> 20} MB; got {size} bytes"
+            raise self._refuse(413, sentence)
+
+    def _refuse(self, status: int, sentence: str) -> _Refusal:
+        self.refusal = _Refusal(status, sentence)
+        return self.refusal
+
+
+def _content_length(scope: Scope) -> int:
+    for name, value in scope["headers"]:
+        if name == b"content-length" and value.isdigit():
+            return int(value)
+    return 0
+
+
+class JobQueue:
+    """Queue that runs one job at a time; equal jobs are run once for all requests."""
+
+    def __init__(self) -> None:
+        self._slot = asyncio.Semaphore(1)
+        self._jobs: dict[Hashable, asyncio.Task[Any]] = {}
+
+    async def run(self, key: Hashable, function: Callable[[], T]) -> T:
+        """Run a function in a thread and return its result.
+
+        Parameters
+        ----------
+        key
+            Identity of the job; pending jobs with equal keys share one run.
+        function
+            Function to run.
+
+        Raises
+        ------
+        ServerBusy
+            If the queue is full.
+        """
+        job = self._jobs.get(key)
+        if job is None:
+            if len(self._jobs) >= MAX_QUEUED_JOBS:
+                raise ServerBusy("the server is busy; try again later")
+            job = self._jobs[key] = asyncio.create_task(self._run(key, function))
+        result: T = await asyncio.shield(job)  # a disconnected client does not cancel the job
+        return result
+
+    async def _run(self, key: Hashable, function: Callable[[], T]) -> T:
+        try:
+            async with self._slot:
+                return await asyncio.to_thread(function)
+        finally:
+            del self._jobs[key]

@@ -1,0 +1,430 @@
+"""Dewarping of ROS bags: the images of one topic become those of virtual cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+from ...arguments import checked, file_name
+from ...cameras import Camera
+from ...dewarp import Dewarper
+from ...dewarp import views as view_functions
+from ...dewarp.contracts import Interpolation
+from ...dewarp.screens import Plane, View
+from ...errors import InvalidParameter, MediaError
+from ...files import is_same_file
+from ...media import interrupts
+from ...media.progress import FrameProgress, Meter
+from ...straighten import Straightening
+from ...straighten.border import AskedBorder, BorderColour
+from ...straighten.request import Size
+from ..named_views import check_view_name
+from ..pinholes import EquivalentPinhole, equivalent_pinhole
+from ._messages import (
+    COMPRESSED_IMAGE,
+    IMAGE_TYPES,
+    TF_MESSAGE,
+    TF_STATIC,
+    MessageFactory,
+    MessageImage,
+    decode_image,
+    encode_compressed,
+    encode_raw,
+    mirror_in_optical_frame,
+)
+from .bag_files import create_bag, is_ros1, open_bag, read_errors, rosbags
+
+Views: TypeAlias = Mapping[str, View | Callable[[Camera], View]]
+"""Views, or functions of the camera that return them, by name."""
+
+PANORAMA: Views = {"panorama": view_functions.panorama}
+PARALLAX_DISTANCE_MM = 1000.0
+"""Object distance at which the camera_info error of a distant view is reported."""
+EXACT_PX = 0.005
+"""Error below which a view is reported as exact."""
+
+
+@dataclass(frozen=True)
+class DewarpedBag:
+    """Result of :func:`dewarp_bag`.
+
+    Examples
+    --------
+    >>> result = DewarpedBag("/camera/image_raw", ("/camera/front/image_rect",), images=900, copied=0)
+    >>> result.exit_code
+    0
+    """
+
+    topic: str
+    """Topic of the dewarped images."""
+    output_topics: tuple[str, ...]
+    """Topics in the output bag."""
+    images: int
+    """Number of dewarped images."""
+    copied: int
+    """Number of messages copied from other topics."""
+    notes: tuple[str, ...] = ()
+    """Accuracy of camera_info, one sentence per view."""
+    exit_code: int = 0
+    """0 after the end of the bag; 130 or 143 after SIGINT or SIGTERM, with a valid partial bag."""
+
+
+@dataclass(frozen=True)
+class BagSelection:
+    """Views and topics of the output bag; parameters as for :func:`dewarp_bag`."""
+
+    views: Views
+    topic: str | None = None
+    keep_topics: tuple[str, ...] = ()
+    mirror_frame: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in self.views:
+            check_view_name(name)
+
+
+@checked
+def dewarp_bag(
+    source: str | Path,
+    output: str | Path,
+    *,
+    camera: Camera | Callable[[Size], Camera],
+    views: Views = PANORAMA,
+    topic: str | None = None,
+    keep_topics: Sequence[str] = (),
+    mirror_frame: str | None = None,
+    interpolation: Interpolation = "auto",
+    border: AskedBorder | None = None,
+    keep_lean: bool = False,
+    on_progress: Callable[[FrameProgress], None] | None = None,
+) -> DewarpedBag:
+    """Dewarp the images of a rosbag2, MCAP or ROS 1 bag without a ROS installation.
+
+    A view ``front`` of images on ``/camera/image_raw`` is written to ``/camera/front/image_rect``.
+    A perspective view also has ``/camera/front/camera_info`` and a frame in ``/tf_static``. Time
+    stamps are preserved to the nanosecond. Encodings are preserved (Bayer and YUV become rgb8), as
+    is compression.
+
+    Parameters
+    ----------
+    source
+        File .mcap, .db3 or .bag, or rosbag2 folder.
+    output
+        File .mcap or .db3 (ROS 2), file .bag (ROS 1), or new folder (ROS 2).
+    camera
+        Sensor or calibrated camera of the images, or a function of the image size (width, height)
+        in px that returns it.
+    views
+        Views by name: screens of :mod:`omnimirror.screens`, or functions of the camera, such as
+        the result of :func:`omnimirror.load_views`; default: a panorama.
+    topic
+        Topic of the images; may be omitted if the bag has only one image topic.
+    keep_topics
+        Names or patterns such as ``"/odom*"`` of other topics to copy unchanged; requires that
+        source and output are of the same ROS version.
+    mirror_frame
+        Existing TF frame of the mirror (x forward, y left, z up, origin at the vertex); default: a
+        new frame below the optical frame of the images.
+    interpolation
+        As for :class:`omnimirror.Dewarper`.
+    border
+        Colour outside the field; default: black.
+    keep_lean
+        Keep the tilt of the camera instead of levelling the views.
+    on_progress
+        Called several times per second.
+
+    Returns
+    -------
+    DewarpedBag
+        Written topics and number of messages.
+
+    Raises
+    ------
+    InvalidParameter
+        If the topic does not exist or is ambiguous, or the images do not have the size of the
+        camera.
+    MediaError
+        If the bag cannot be read or an image encoding is unknown.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.dewarp_bag("missing.mcap", "views.mcap", camera=om.load_sensor("paper-spherical"))
+    Traceback (most recent call last):
+    ...
+    omnimirror.errors.MediaError: cannot read missing.mcap: no such file or folder
+    """
+    colour = None if border is None else BorderColour.of(border)
+    dewarping = Straightening(camera, interpolation=interpolation, border=colour, keep_lean=keep_lean)
+    selection = BagSelection(views, topic, tuple(keep_topics), mirror_frame)
+    source, output = file_name("source", source), file_name("output", output)
+    return run_bag_dewarping(source, output, dewarping, selection, on_progress)
+
+
+def run_bag_dewarping(
+    source: Path,
+    output: Path,
+    dewarping: Straightening,
+    selection: BagSelection,
+    on_progress: Callable[[FrameProgress], None] | None = None,
+) -> DewarpedBag:
+    """Dewarp a bag as specified by a selection; the view of ``dewarping`` is not used."""
+    if is_same_file(source, output):
+        raise InvalidParameter(f"output must differ from source; got {output}")
+    with open_bag(source) as reader:
+        connection = _image_connection(reader, selection.topic, source)
+        others = _copied_connections(reader, selection.keep_topics, source, output)
+        meter = Meter(on_progress, connection.msgcount or None)
+        with interrupts.deferred(), create_bag(output, source) as writer:
+            recorder = _Recorder(writer, is_ros1(output))
+            rig = _VirtualRig(dewarping, selection, connection, recorder)
+            copied = _process_messages(reader, connection, others, rig, meter, source)
+            exit_code = interrupts.exit_code()
+    meter.report()
+    topics = tuple(rig.recorder.connections)
+    return DewarpedBag(connection.topic, topics, meter.done, copied, tuple(rig.notes), exit_code)
+
+
+def _image_connection(reader: Any, topic: str | None, source: Path) -> Any:
+    """Return the connection of the images to dewarp."""
+    candidates = {c.topic: c for c in reader.connections if c.msgtype in IMAGE_TYPES}
+    available = ", ".join(sorted(candidates))
+    known = f"image topics: {available}" if candidates else "it has no image topics"
+    if topic is not None:
+        if topic not in candidates:
+            raise InvalidParameter(f"topic must be an image topic of {source} ({known}); got {topic}")
+        return candidates[topic]
+    if len(candidates) != 1:
+        raise InvalidParameter(f"topic must be given for {source} ({known})")
+    return next(iter(candidates.values()))
+
+
+def _copied_connections(reader: Any, patterns: Iterable[str], source: Path, output: Path) -> list[Any]:
+    """Return the connections to copy; messages are not converted between ROS 1 and ROS 2."""
+    selected: dict[tuple[str, str], Any] = {}
+    for pattern in patterns:
+        matches = [c for c in reader.connections if fnmatchcase(c.topic, pattern)]
+        if not matches:
+            available = ", ".join(sorted({c.topic for c in reader.connections}))
+            raise InvalidParameter(f"keep_topics must match a topic of {source} ({available}); got {pattern}")
+        selected |= {_key(c): c for c in matches}
+    if selected and reader.is2 == is_ros1(output):
+        written, kept, suffix = "ROS 2", "ROS 1", ".bag"
+        if is_ros1(output):
+            written, kept, suffix = "ROS 1", "ROS 2", ".mcap or .db3"
+        raise InvalidParameter(
+            f"topics to keep must be of the ROS version of the output; {output} is a {written} bag "
+            f"and the topics are {kept} messages; write {suffix}, keep no topics, or convert "
+            f"{source} with rosbags-convert"
+        )
+    return list(selected.values())
+
+
+def _process_messages(reader: Any, images: Any, others: list[Any], rig: _VirtualRig, meter: Meter, source: Path) -> int:
+    """Dewarp all images and copy other messages; return the number of copied messages."""
+    keys, image_key, copied = set(map(_key, others)), _key(images), 0
+    connections = [c for c in reader.connections if _key(c) in keys | {image_key}]
+    for connection, timestamp, data in _messages(reader, connections, source):
+        if _key(connection) in keys:
+            rig.recorder.copy(reader, connection, timestamp, data)
+            copied += 1
+        if _key(connection) == image_key:
+            with read_errors(source):
+                message = reader.deserialize(data, connection.msgtype)
+            rig.dewarp(message, timestamp)
+            meter.step()
+        if interrupts.is_pending():
+            return copied
+    if not meter.done:
+        raise MediaError(f"the topic {images.topic} of {source} has no messages")
+    return copied
+
+
+def _key(connection: Any) -> tuple[str, str]:
+    return connection.topic, connection.msgtype
+
+
+def _messages(reader: Any, connections: list[Any], source: Path) -> Any:
+    """Yield the messages of connections; read errors become MediaError."""
+    messages = reader.messages(connections=connections)
+    while True:
+        with read_errors(source):
+            message = next(messages, None)
+        if message is None:
+            return
+        yield message
+
+
+class _Recorder:
+    """Writer of messages to a bag of ROS 1 or ROS 2 with one connection per topic."""
+
+    def __init__(self, writer: Any, ros1: bool) -> None:
+        self.factory = MessageFactory(_type_store(ros1), ros1)
+        self.connections: dict[str, Any] = {}
+        self._writer = writer
+
+    def write(self, topic: str, message: Any, timestamp: int, *, latched: bool = False) -> None:
+        """Write a message of :attr:`factory`."""
+        if topic not in self.connections:
+            if self.factory.ros1:
+                delivery: dict[str, Any] = {"latching": int(latched)}
+            else:
+                delivery = {"offered_qos_profiles": [_latched_qos()] if latched else ()}
+            self.connections[topic] = self._writer.add_connection(
+                topic, message.__msgtype__, typestore=self.factory.store, **delivery
+            )
+        elif self.connections[topic].msgtype != message.__msgtype__:
+            raise InvalidParameter(
+                f"keep_topics must not include the topic {topic} of a view; it has the type "
+                f"{self.connections[topic].msgtype}"
+            )
+        self._writer.write(self.connections[topic], timestamp, self.factory.serialize(message))
+
+    def copy(self, reader: Any, connection: Any, timestamp: int, data: bytes) -> None:
+        """Write a message of the source unchanged; both bags are of the same ROS version."""
+        if connection.topic not in self.connections:
+            ext = connection.ext
+            if self.factory.ros1:
+                options = {
+                    "msgdef": connection.msgdef.data,
+                    "md5sum": connection.digest,
+                    "callerid": ext.callerid,
+                    "latching": ext.latching,
+                }
+            else:
+                options = {
+                    "typestore": reader.typestore,
+                    "offered_qos_profiles": ext.offered_qos_profiles,
+                }
+            self.connections[connection.topic] = self._writer.add_connection(
+                connection.topic, connection.msgtype, **options
+            )
+        self._writer.write(self.connections[connection.topic], timestamp, data)
+
+
+def _type_store(ros1: bool) -> Any:
+    """Return the message types of ROS 1 Noetic, with those of TF, or of ROS 2 Humble."""
+    types = rosbags().typesys
+    store = types.get_typestore(types.Stores.ROS1_NOETIC if ros1 else types.Stores.ROS2_HUMBLE)
+    if TF_MESSAGE not in store.types:
+        definition = "geometry_msgs/TransformStamped[] transforms"
+        store.register(types.get_types_from_msg(definition, TF_MESSAGE))
+    return store
+
+
+def _latched_qos() -> Any:
+    """Return the quality of service of /tf_static: transient local, so late subscribers get it."""
+    from rosbags import interfaces as ros
+
+    infinite = ros.QosTime(9223372036, 854775807)
+    return ros.Qos(
+        ros.QosHistory.KEEP_LAST,
+        1,
+        ros.QosReliability.RELIABLE,
+        ros.QosDurability.TRANSIENT_LOCAL,
+        infinite,
+        infinite,
+        ros.QosLiveliness.AUTOMATIC,
+        infinite,
+        False,
+    )
+
+
+class _VirtualCamera(NamedTuple):
+    """One view of the bag."""
+
+    name: str
+    dewarper: Dewarper
+    pinhole: EquivalentPinhole | None
+    """None for views that are not perspective."""
+
+
+class _VirtualRig:
+    """Virtual cameras of a bag, created with the first image."""
+
+    def __init__(
+        self,
+        dewarping: Straightening,
+        selection: BagSelection,
+        connection: Any,
+        recorder: _Recorder,
+    ) -> None:
+        self.dewarping, self.selection, self.recorder = dewarping, selection, recorder
+        self.topic = connection.topic
+        self.notes: list[str] = []
+        base = self.topic
+        if connection.msgtype == COMPRESSED_IMAGE:
+            base = base.removesuffix("/compressed")
+        self._namespace = base.rpartition("/")[0]
+        self._cameras: list[_VirtualCamera] = []
+
+    def dewarp(self, message: Any, timestamp: int) -> None:
+        """Write every view of the image in a message."""
+        source = decode_image(message, self.topic)
+        stamp, optical_frame = message.header.stamp, message.header.frame_id
+        if not self._cameras:
+            self._create_cameras(source, stamp, optical_frame, timestamp)
+        factory = self.recorder.factory
+        for camera in self._cameras:
+            header = factory.header(stamp, _optical_frame(optical_frame, camera.name))
+            view = camera.dewarper(source.image)
+            namespace = f"{self._namespace}/{camera.name}"
+            if source.is_compressed:
+                content = encode_compressed(view, source.encoding)
+                image = factory.compressed_image(header, *content)
+                self.recorder.write(f"{namespace}/image_rect/compressed", image, timestamp)
+            else:
+                image = factory.image(header, *encode_raw(view, source.encoding))
+                self.recorder.write(f"{namespace}/image_rect", image, timestamp)
+            if camera.pinhole is not None:
+                info = factory.camera_info(header, camera.pinhole)
+                self.recorder.write(f"{namespace}/camera_info", info, timestamp)
+
+    def _create_cameras(self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int) -> None:
+        """Create the views for the size of the first image and write their frames."""
+        height, width = source.image.shape[:2]
+        camera = self.dewarping.drawing(self.dewarping.camera_of((width, height)))
+        border = self.dewarping.border.of_picture(source.image) if self.dewarping.border else 0
+        factory, transforms = self.recorder.factory, []
+        parent = optical_frame or "camera"
+        mirror_frame = self.selection.mirror_frame or f"{parent}_mirror"
+        pose = mirror_in_optical_frame(camera)
+        if self.selection.mirror_frame is None and pose is not None:
+            transforms.append(factory.transform(stamp, parent, mirror_frame, *pose))
+        for name, view in self.selection.views.items():
+            screen = view(camera) if callable(view) else view
+            dewarper = self.dewarping.dewarper(camera, screen, border, keep_map=True)
+            pinhole = None
+            if isinstance(screen, Plane):
+                pinhole = equivalent_pinhole(camera, screen, self.dewarping.viewpoint)
+            self._cameras.append(_VirtualCamera(name, dewarper, pinhole))
+            if pinhole is None:
+                self.notes.append(f"{name}: no camera_info, because the {screen} is no pinhole image")
+                continue
+            self.notes.append(_accuracy_note(name, screen, pinhole))
+            child = _optical_frame(optical_frame, name)
+            transforms.append(factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm))
+        if any(camera.pinhole for camera in self._cameras):
+            message = factory.tf_message(transforms)
+            self.recorder.write(TF_STATIC, message, timestamp, latched=True)
+
+
+def _optical_frame(optical_frame: str, name: str) -> str:
+    """Return the frame of a view with the suffix of REP 103."""
+    base = optical_frame.removesuffix("_optical_frame") or "camera"
+    return f"{base}_{name}_optical_frame"
+
+
+def _accuracy_note(name: str, view: Any, pinhole: EquivalentPinhole) -> str:
+    """Return the accuracy of the camera_info of a view as a sentence."""
+    if view.is_distant:
+        error = pinhole.error_px(PARALLAX_DISTANCE_MM)
+        return f"{name}: camera_info is exact at infinity, error up to {error:.2g} px at 1 m"
+    near, far = view.distance_mm, 2 * view.distance_mm
+    error = pinhole.error_px(near)
+    accuracy = "exact" if error < EXACT_PX else f"within {error:.2g} px"
+    return f"{name}: camera_info is {accuracy} at {near:g} mm, error up to {pinhole.error_px(far):.2g} px at {far:g} mm"

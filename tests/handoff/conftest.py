@@ -1,3 +1,0 @@
-"""What other programs' Pythons run is no test of ours."""
-
-collect_ignore_glob = ["*/in_*.py"]

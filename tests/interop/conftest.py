@@ -1,0 +1,3 @@
+"""Exclude scripts that run in other interpreters."""
+
+collect_ignore_glob = ["*/in_*.py"]

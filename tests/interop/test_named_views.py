@@ -1,0 +1,63 @@
+"""View files: parsing and error messages."""
+
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, SpecError
+
+
+def load(tmp_path, text):
+    (tmp_path / "views.toml").write_text(text)
+    return om.load_views(tmp_path / "views.toml")
+
+
+def test_views_equal_those_of_the_view_functions(tmp_path):
+    sensor = om.load_sensor("paper-spherical")
+    text = """
+[front]
+pan_deg = 10
+hfov_deg = 60
+size = [320, 240]
+steerable = true
+[around]
+view = "panorama"
+elevation_deg = [-40, 20]
+[floor]
+view = "ground"
+height_mm = 1200
+mm_per_px = 10
+offset_mm = [100, 0, 0]
+"""
+    views = load(tmp_path, text)
+    assert {name: view.steerable for name, view in views.items()} == {"front": True, "around": False, "floor": False}
+    assert views["front"](sensor) == om.screens.Plane((320, 240), 10.0, hfov_deg=60.0)
+    assert views["around"](sensor) == om.views.panorama(sensor, elevation_deg=(-40.0, 20.0))
+    assert views["floor"](sensor) == om.views.ground(sensor, 1200.0, mm_per_px=10.0, offset_mm=(100.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "holds 0 views; it is valid with 1 to 64"),
+        ("front = 3", "front = 3 is no view; valid are tables such as \\[front\\]"),
+        ("['a b']", "must consist of letters, digits and underscores and begin with a letter; got 'a b'"),
+        ("[a]\nview = 'fan'", "\\[a\\]: view must be one of panorama, perspective.*; got 'fan'"),
+        ("[a]\nview = 7", "view must be a string; got 7"),
+        ("[a]\nsteerable = 1", "steerable must be true or false; got 1"),
+        ("[a]\nheight_mm = 7", "options of a perspective view must be from size, pan_deg.*; got 'height_mm'"),
+        ("[a]\nview = 'panorama'\nsteerable = true", "a steerable view must be perspective; 'a' is a panorama view"),
+    ],
+)
+def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):
+    with pytest.raises(SpecError, match=sentence):
+        load(tmp_path, text)
+
+
+def test_missing_file_raises():
+    with pytest.raises(SpecError, match=r"there are no views 'nowhere\.toml'"):
+        om.load_views("nowhere.toml")
+
+
+def test_option_values_are_checked_on_construction():
+    with pytest.raises(InvalidParameter, match="hfov_deg"):
+        om.NamedView("a", options={"hfov_deg": 190.0})(om.load_sensor("paper-spherical"))
