@@ -28,11 +28,11 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.manufacturing.tolerancing.trials.compensation import POSE
+from omnimirror.manufacturing.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.trials.states import states_of
+from omnimirror.manufacturing.tolerancing.trials.tracing import seen
 from omnimirror.native import backend
-from omnimirror.tolerancing.trials.compensation import POSE
-from omnimirror.tolerancing.trials.judge import Judge
-from omnimirror.tolerancing.trials.states import states_of
-from omnimirror.tolerancing.trials.tracing import seen
 
 RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3
 SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))

@@ -21,9 +21,9 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.manufacturing.tolerancing.trials.compensation import POSE
+from omnimirror.manufacturing.tolerancing.trials.judge import Judge
 from omnimirror.native import backend
-from omnimirror.tolerancing.trials.compensation import POSE
-from omnimirror.tolerancing.trials.judge import Judge
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
 TRIALS, FEW, RUNS = 8192, 256, 9

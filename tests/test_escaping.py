@@ -41,7 +41,7 @@ from omnimirror.figures import FIGURES
 from omnimirror.handoff.formats import Deviation, ProgramFormat
 from omnimirror.handoff.maps import MAP_FORMATS
 from omnimirror.handoff.rays import RAY_FORMATS
-from omnimirror.manufacture import FORMATS, Content, Format
+from omnimirror.manufacturing import FORMATS, Content, Format
 from omnimirror.mirrors import Sphere
 from tests.commands import omnimirror
 from tests.everyday import few

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.manufacture import asphere_of
-from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
-from omnimirror.manufacture.forms import EXACT_UM
+from omnimirror.manufacturing import asphere_of
+from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
+from omnimirror.manufacturing.forms import EXACT_UM
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 

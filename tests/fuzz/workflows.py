@@ -17,7 +17,7 @@ from omnimirror.frames import Mount
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.manufacture import Tool, tool_path
+from omnimirror.manufacturing import Tool, tool_path
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.mirrors import Sphere
 from omnimirror.simulate.datasets.truth import ground_truth

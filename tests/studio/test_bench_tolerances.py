@@ -12,14 +12,14 @@ from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.housing import Dome, Housing
+from omnimirror.manufacturing.tolerancing.errors import errors_of, perturbed
+from omnimirror.manufacturing.tolerancing.trials.compensation import CALIBRATIONS
+from omnimirror.manufacturing.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.trials.merits import after
 from omnimirror.specs import parse_sensor, tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.tolerance_messages import Built
 from omnimirror.studio.framing import unframed
-from omnimirror.tolerancing.errors import errors_of, perturbed
-from omnimirror.tolerancing.trials.compensation import CALIBRATIONS
-from omnimirror.tolerancing.trials.judge import Judge
-from omnimirror.tolerancing.trials.merits import after
 
 from .browser import PATIENCE_MS
 from .test_bench_page import AXE, WITHOUT_PICTURES, bench  # noqa: F401 - a fixture

@@ -11,16 +11,16 @@ from ..errors import InvalidParameter
 from ..escaping import html_text, shell_word
 from ..figures.style import render, styled
 from ..files import write_text
-from ..manufacture.drawings.tables import centring_code, form_code
-from ..manufacture.workshop import Making
-from ..tolerancing.analysis import ToleranceReport
-from ..tolerancing.errors import MEASURED, errors_of, group_of
-from ..tolerancing.figures import curves, tornado
-from ..tolerancing.sensitivity import ErrorEffect, sensitivities
-from ..tolerancing.tolerances import Tolerances
-from ..tolerancing.trials.judge import Judge
-from ..tolerancing.trials.required.names import required_of
-from ..tolerancing.yields import Share, Tally, monte_carlo, motion_words, told
+from ..manufacturing.drawings.tables import centring_code, form_code
+from ..manufacturing.tolerancing.analysis import ToleranceReport
+from ..manufacturing.tolerancing.errors import MEASURED, errors_of, group_of
+from ..manufacturing.tolerancing.figures import curves, tornado
+from ..manufacturing.tolerancing.sensitivity import ErrorEffect, sensitivities
+from ..manufacturing.tolerancing.tolerances import Tolerances
+from ..manufacturing.tolerancing.trials.judge import Judge
+from ..manufacturing.tolerancing.trials.required.names import required_of
+from ..manufacturing.tolerancing.yields import Share, Tally, monte_carlo, motion_words, told
+from ..manufacturing.workshop import Making
 from .pages import figure_html, page_html
 
 DISTRIBUTED = {

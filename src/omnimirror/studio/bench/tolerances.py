@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
+from ...manufacturing.tolerancing.errors import check_built_with, errors_of, group_of, perturbed
+from ...manufacturing.tolerancing.tolerances import ErrorBound, Tolerances
+from ...manufacturing.tolerancing.trials.compensation import CALIBRATIONS
+from ...manufacturing.tolerancing.trials.judge import Judge
+from ...manufacturing.tolerancing.trials.merits import after
+from ...manufacturing.tolerancing.trials.picture import Refocus
+from ...manufacturing.tolerancing.trials.required.names import is_least, required_of
+from ...manufacturing.tolerancing.trials.states import are_traced_together
+from ...manufacturing.tolerancing.yields import Tally, check_limits, monte_carlo
 from ...sensor import Sensor
 from ...specs import tables_of
-from ...tolerancing.errors import check_built_with, errors_of, group_of, perturbed
-from ...tolerancing.tolerances import ErrorBound, Tolerances
-from ...tolerancing.trials.compensation import CALIBRATIONS
-from ...tolerancing.trials.judge import Judge
-from ...tolerancing.trials.merits import after
-from ...tolerancing.trials.picture import Refocus
-from ...tolerancing.trials.required.names import is_least, required_of
-from ...tolerancing.trials.states import are_traced_together
-from ...tolerancing.yields import Tally, check_limits, monte_carlo
 from ..framing import framed
 from .answers import finite
 from .designs.sensors import in_place, sensor_on_bench

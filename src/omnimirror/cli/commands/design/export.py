@@ -10,14 +10,14 @@ import click
 
 from ....arguments import float_of
 from ....files import write_json
-from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool, Workshop, load_workshop
-from ....manufacture.body import TAP_DRILLS_MM
-from ....manufacture.drawings.sheet import SHEETS
-from ....manufacture.exporter import export
+from ....manufacturing import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool, Workshop, load_workshop
+from ....manufacturing.body import TAP_DRILLS_MM
+from ....manufacturing.drawings.sheet import SHEETS
+from ....manufacturing.exporter import export
+from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
+from ....manufacturing.tolerancing.tolerance_file import allocated_tolerances
 from ....sensor import Sensor
 from ....specs import load_sensor
-from ....tolerancing.drawing_conflicts import tolerance_conflicts
-from ....tolerancing.tolerance_file import allocated_tolerances
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes

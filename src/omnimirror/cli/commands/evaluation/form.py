@@ -12,15 +12,15 @@ from rich.console import Console
 
 from ....errors import InvalidParameter
 from ....files import write_json
-from ....metrology.forbes import ForbesAsphere, forbes_asphere
-from ....metrology.form_errors import FormError, form_error
-from ....metrology.readers import MM, Unit, read_points
+from ....manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
+from ....manufacturing.metrology.form_errors import FormError, form_error
+from ....manufacturing.metrology.readers import MM, Unit, read_points
+from ....manufacturing.tolerancing.forms.effects import FormEffect, as_made, form_effect
+from ....manufacturing.tolerancing.trials.compensation import CALIBRATIONS
+from ....manufacturing.tolerancing.trials.merits import after
 from ....mirrors import Mirror
 from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
-from ....tolerancing.forms.effects import FormEffect, as_made, form_effect
-from ....tolerancing.trials.compensation import CALIBRATIONS
-from ....tolerancing.trials.merits import after
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes
@@ -98,7 +98,7 @@ def command(
         written.append(output)
     if figure is not None:
         from ....figures.style import save_figure, styled
-        from ....metrology.figures import form_figure
+        from ....manufacturing.metrology.figures import form_figure
 
         with styled():
             save_figure(form_figure(form), figure)

@@ -1,0 +1,520 @@
+"""Position of a measured mirror in the machine: the rigid motion that aligns its points with the nominal mirror.
+
+Distances along the normal are minimised by least squares with outlier rejection. Rotationally symmetric departures of
+the mirror are estimated beside the motion, so that a mirror with another radius is neither tilted nor shifted by them.
+A sphere has no axis: its rotation stays that of the machine, or follows the outline of the points, and its radius is
+estimated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import OmnimirrorError
+from ...mirrors import Mirror
+from ...mirrors.measured.smoothing import NORMAL
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ROUNDS = 60
+LEAST_WIDE = 0.2  # of the rim radius, across
+CENTRINGS = 3  # of what no distance tells, by the outline
+DONE = 1e-10  # of the rim radius, a step that is none
+UNDETERMINED = 1e-4  # of the best determined motion: a motion that changes distances less is left alone
+FAR = 3.0  # scatters from which on a point counts less
+OUTLIER = 6.0  # scatters from which on a point belongs to no outline
+UNLIKE = 0.02  # of the rim radius, rms distance from which on the points are of something else
+SPHERICAL = 1e-7  # of the radius, departure up to which a mirror is a sphere
+SAME_RADIUS = 0.05  # relative difference of radii up to which a sphere is the nominal one
+INSIDE = 0.15  # weight of corners of the outline inside of its circle, against those outside
+CERTAIN = 4.0  # standard deviations that an outline must be off the axis to replace the machine's axis
+STRAIGHT = 1e-4  # of the length of a profile, across
+BOTH_SIDES = 0.05  # of the rim radius, on either side of the axis, that a profile covers at least
+UNITS = {1e3: "um", 1e-3: "m", 1 / 25.4: "inch"}  # true unit by the factor of sizes read as mm
+UNIT_SLACK = 0.35  # relative; the points may leave out a part of the mirror
+FOOT_POINTS = 4001  # of the table of probe centres over the mirror
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Points in the frame of the mirror, and the motion that brings them there.
+
+    Attributes
+    ----------
+    points : (n, 3)
+        mm, vertex at the origin, z away from the lens.
+    distance_mm : (n,)
+        From the mirror along its normal, positive away from the lens; NaN past the rim.
+    turned_over
+        Whether the machine's z grows towards the tool: its axes were turned about x.
+    vertex_mm : (3,)
+        In the machine's axes, or these turned over.
+    tilt_deg : (2,)
+        Of the mirror's axis about the same x and y.
+    free : (k, 5)
+        Motions that the points do not determine, such as the rotation of a sphere about its centre; they were left out.
+    radius_mm, radius_sigma_mm
+        Of the sphere that fits the points, with its standard uncertainty; None of mirrors that are no sphere.
+    is_profile
+        Whether the points lie in one plane through the axis.
+    is_centred_by_outline
+        Whether the outline of the points gave the axis, because distances do not determine it.
+    """
+
+    points: Array = field(repr=False)
+    distance_mm: Array = field(repr=False)
+    turned_over: bool
+    vertex_mm: Array
+    tilt_deg: Array
+    free: Array = field(repr=False)
+    radius_mm: float | None = None
+    radius_sigma_mm: float | None = None
+    is_profile: bool = False
+    is_centred_by_outline: bool = False
+
+
+def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radius_mm: float = 0.0) -> Alignment:
+    """Align points (n, 3) mm with a mirror by least squares of their distances, with outlier rejection.
+
+    Points of one plane through the axis are a profile; only its motions in that plane are estimated.
+
+    Parameters
+    ----------
+    mirror
+        Nominal mirror.
+    points : (n, 3)
+        In the machine's axes; centres of the probe where that has a radius.
+    source
+        Name of the points in messages.
+    probe_radius_mm
+        Radius of the probe's ball, which touches the mirror from the side of the lens.
+
+    Raises
+    ------
+    OmnimirrorError
+        Points that are not of this mirror; the message states the cause.
+    """
+    rim = mirror.rim_radius_mm
+    line = _Line.through(points)
+    if line is not None:
+        points = line.flattened(points)
+    _check_extent(mirror, points, source, is_profile=line is not None)
+    middle = np.median(points, axis=0)
+    p, turned_over, start = _upright(mirror, points - middle, source)
+    upright = p + middle * ([1.0, -1.0, -1.0] if turned_over else 1.0)
+    vertex = start + middle * ([1.0, -1.0, -1.0] if turned_over else 1.0)
+    allowed = [0, 2, 4] if line is not None else [0, 1, 2, 3, 4]
+    fit = _Sphere if _is_spherical(mirror) else _General
+    pose, found = fit.aligned(mirror, _Pose(upright - vertex, np.eye(3), vertex), allowed, source, probe_radius_mm)
+    for _ in range(CENTRINGS if probe_radius_mm else 0):
+        centres = (upright - pose.vertex) @ pose.turn.T
+        touched = fit.touched(mirror, centres, probe_radius_mm, found)
+        pose, found = fit.aligned(mirror, pose._replace(points=touched), allowed, source)
+    p = pose.points
+    distance, _, seen = distances(mirror, p)
+    _check_likeness(mirror, points, distance, seen, source, is_profile=line is not None)
+    if line is not None and not (p[:, 0].min() < -BOTH_SIDES * rim and p[:, 0].max() > BOTH_SIDES * rim):
+        raise OmnimirrorError(
+            f"{source} is a profile from {p[:, 0].min():.4g} to {p[:, 0].max():.4g} mm beside the axis; a profile must "
+            "cover both sides of the axis"
+        )
+    axis = pose.turn.T @ [0.0, 0.0, 1.0]  # of the mirror, as the machine sees it
+    tilt = np.degrees([-np.arctan2(axis[1], axis[2]), np.arctan2(axis[0], axis[2])])
+    vertex = pose.vertex
+    if line is not None:
+        vertex, tilt = line.unflattened(vertex, tilt, turned_over)
+    return Alignment(
+        p, np.where(seen, distance, np.nan), turned_over, vertex, tilt, found.free, found.radius, found.sigma,
+        line is not None, found.by_outline,
+    )  # fmt: skip
+
+
+def is_line(points: Array) -> bool:
+    """Return whether points (n, 3) were measured along a line of the x-y plane: a profile."""
+    return _Line.through(points) is not None
+
+
+class _Line(NamedTuple):
+    """Line in the machine's x-y plane along which a profile was measured: a point, and a unit vector (2,)."""
+
+    origin: Array
+    along: Array
+
+    @classmethod
+    def through(cls, points: Array) -> _Line | None:
+        """Return the line of a profile, or None for points all over a surface."""
+        middle = np.median(points[:, :2], axis=0)
+        _, size, v = np.linalg.svd(points[:, :2] - middle, full_matrices=False)
+        if not size[1] <= STRAIGHT * size[0]:
+            return None
+        along = v[0] if v[0][np.argmax(np.abs(v[0]))] > 0 else -v[0]
+        return cls(middle - along * (middle @ along), along)
+
+    def flattened(self, points: Array) -> Array:
+        """Return points (n, 3) with x along the profile and y = 0."""
+        x = points[:, :2] @ self.along
+        return np.column_stack([x, np.zeros(len(x)), points[:, 2]])
+
+    def unflattened(self, vertex: Array, tilt_deg: Array, turned_over: bool) -> tuple[Array, Array]:
+        """Return vertex (3,) and tilt (2,) in the machine's axes, or these turned over about x."""
+        flip = np.array([1.0, -1.0 if turned_over else 1.0])
+        (ux, uy), place = self.along * flip, (self.origin + vertex[0] * self.along) * flip
+        return np.append(place, vertex[2]), tilt_deg[1] * np.array([-uy, ux])
+
+
+class _Pose(NamedTuple):
+    """Points (n, 3) as they lie now, how they were turned from the machine's axes, and where the vertex is in these."""
+
+    points: Array
+    turn: Array
+    vertex: Array
+
+    def moved(self, step: Array, rim: float) -> _Pose:
+        """Turned about x, y, z by the last three of a step (6,) mm at the rim, and then shifted by the others."""
+        return self.turned(_rotation(step[3:] / rim)).shifted(step[:3])
+
+    def turned(self, about: Array) -> _Pose:
+        """Turned about the origin by a rotation (3, 3)."""
+        return _Pose(self.points @ about.T, about @ self.turn, self.vertex)
+
+    def shifted(self, by: Array) -> _Pose:
+        """Shifted by (3,) mm."""
+        return _Pose(self.points + by, self.turn, self.vertex - self.turn.T @ by)
+
+
+class _Found(NamedTuple):
+    """Result of an alignment beside the pose."""
+
+    free: Array
+    radius: float | None = None
+    sigma: float | None = None
+    by_outline: bool = False
+
+
+class _General:
+    """Alignment of mirrors that have an axis, or are flat."""
+
+    @staticmethod
+    def aligned(
+        mirror: Mirror, pose: _Pose, allowed: list[int], source: str, probe_radius_mm: float = 0.0
+    ) -> tuple[_Pose, _Found]:
+        """Align by the distances, and by the outline where they do not determine the motion."""
+        rim = mirror.rim_radius_mm
+        pose, free = _settled(mirror, pose, allowed)
+        for _ in range(CENTRINGS if len(free) and len(allowed) == 5 else 0):
+            pose = pose.moved(_centring(_inliers(mirror, pose.points), free, rim), rim)
+            pose, free = _settled(mirror, pose, allowed)
+        return pose, _Found(free, by_outline=bool(len(free)) and len(allowed) == 5)
+
+    @staticmethod
+    def touched(mirror: Mirror, centres: Array, radius: float, found: _Found) -> Array:
+        """Return the points (n, 3) that a ball touches from the side of the lens, by its centres (n, 3).
+
+        The normal is that of the nominal mirror at the foot of the centre. An error of it by a small angle e changes
+        the result by ``radius e^2 / 2`` along the normal.
+        """
+        x = np.linspace(0.0, mirror.rim_radius_mm, FOOT_POINTS)
+        _, slope, _ = mirror.profile(x)
+        out = x + radius * slope / np.sqrt(1 + slope**2)
+        if not np.all(np.diff(out) > 0):
+            raise OmnimirrorError(
+                f"probe_radius_mm = {radius:g} is larger than the mirror's smallest hollow; such a ball does not touch "
+                "all of it"
+            )
+        r = np.hypot(centres[:, 0], centres[:, 1])
+        foot = np.interp(r, out, x)
+        _, slope, _ = mirror.profile(foot)
+        up = 1 / np.sqrt(1 + slope**2)
+        outwards = centres[:, :2] / np.maximum(r, 1e-300)[:, None]
+        return centres + radius * np.concatenate([-(slope * up)[:, None] * outwards, up[:, None]], axis=1)
+
+
+class _Sphere:
+    """Alignment of a sphere, whose rotation distances do not determine, and whose radius is estimated."""
+
+    @staticmethod
+    def aligned(
+        mirror: Mirror, pose: _Pose, allowed: list[int], source: str, probe_radius_mm: float = 0.0
+    ) -> tuple[_Pose, _Found]:
+        """Bring the vertex of the fitted sphere to the origin; keep the axes unless the outline is off."""
+        nominal = float(mirror.radius_t(0.0)) + probe_radius_mm  # of the centres of a ball in front of the mirror
+        centre, radius, sigma, near = _fitted_sphere(pose.points, nominal)
+        if abs(radius / nominal - 1) > SAME_RADIUS and abs(radius - nominal) > CERTAIN * sigma:
+            raise OmnimirrorError(
+                f"{source} lies on a sphere of radius {radius:.5g} mm, and the mirror has {nominal:.5g} mm; "
+                f"{_unit_advice(radius / nominal) or 'check that the points belong to this mirror'}"
+            )
+        pose = pose.shifted(-(centre - [0.0, 0.0, radius]))
+        by_outline = False
+        for i in range(CENTRINGS):
+            if len(allowed) < 5:
+                break
+            about = _axis_turn(pose.points[near], radius, is_first=i == 0)
+            if about is None:
+                break
+            by_outline, middle = True, np.array([0.0, 0.0, radius])
+            pose = pose.shifted(-middle).turned(about).shifted(middle)
+        free = np.array([[-radius, 0, 0, 0, mirror.rim_radius_mm], [0, radius, 0, mirror.rim_radius_mm, 0]])
+        free = free / np.linalg.norm(free, axis=1)[:, None]
+        return pose, _Found(free, radius, sigma, by_outline)
+
+    @staticmethod
+    def touched(mirror: Mirror, centres: Array, radius: float, found: _Found) -> Array:
+        """Return the points (n, 3) that a ball touches, on the way from its centres to that of the sphere."""
+        centre, *_ = _fitted_sphere(centres, float(mirror.radius_t(0.0)) + radius)
+        inwards = centre - centres
+        return np.asarray(centres + radius * inwards / np.linalg.norm(inwards, axis=1)[:, None])
+
+
+def _is_spherical(mirror: Mirror) -> bool:
+    """Return whether a mirror is a convex or concave sphere up to rounding."""
+    radius = float(mirror.radius_t(0.0)) if not mirror.is_pointed else np.inf
+    if not np.isfinite(radius) or abs(radius) <= mirror.rim_radius_mm:
+        return False
+    x = np.linspace(0.0, mirror.rim_radius_mm, 65)
+    sphere = x**2 / (radius * (1 + np.sqrt(1 - (x / radius) ** 2)))
+    return bool(np.abs(mirror.sag(x) - sphere).max() < SPHERICAL * abs(radius))
+
+
+def _fitted_sphere(points: Array, nominal: float) -> tuple[Array, float, float, Mask]:
+    """Fit a sphere to points (n, 3) by iteratively reweighted least squares of their distances.
+
+    Returns
+    -------
+    centre (3,), radius with the sign of the nominal one, its standard deviation, and which points are no outliers
+    """
+    sign = np.sign(nominal)
+    middle = np.median(points, axis=0)
+    p = points - middle
+    centre = np.array([0.0, 0.0, abs(nominal)]) * sign + [0, 0, np.quantile(sign * p[:, 2], 0.02) * sign]
+    radius, away, size = abs(nominal), np.zeros(len(p)), 1.0
+    weight = np.ones(len(p))
+    for _ in range(ROUNDS):
+        to = p - centre
+        size = np.linalg.norm(to, axis=1)
+        rows = np.column_stack([-to / size[:, None], -np.ones(len(p))])
+        away = size - radius
+        step = np.linalg.lstsq(weight[:, None] * rows, -weight * away, rcond=1e-10)[0]
+        centre, radius = centre + step[:3], radius + step[3]
+        away = np.linalg.norm(p - centre, axis=1) - radius
+        weight = _weights(away, 1e-12 * abs(nominal))
+        if np.abs(step).max() < DONE * abs(nominal):
+            break
+    scatter = max(_scatter(away), 1e-12 * abs(nominal))
+    near = np.abs(away) < OUTLIER * scatter
+    rows = rows[near]
+    covariance = np.linalg.pinv(rows.T @ rows, rcond=1e-14)
+    return centre + middle, float(sign * radius), float(scatter * np.sqrt(covariance[3, 3])), near
+
+
+def _axis_turn(points: Array, radius: float, is_first: bool) -> Array | None:
+    """Return the rotation (3, 3) about a sphere's centre that brings the outline of points (n, 3) about the axis.
+
+    None where the outline is about the axis within its own uncertainty: the machine's axis is the better one then.
+    """
+    edge = points[_edge(points)]
+    x, y = outline_centre(points)
+    distance = np.hypot(edge[:, 0] - x, edge[:, 1] - y)
+    sigma = float(distance.std()) * np.sqrt(2 / len(edge))
+    if is_first and np.hypot(x, y) < max(CERTAIN * sigma, 1e-9 * abs(radius)):
+        return None
+    height = float(edge[:, 2].mean()) - radius
+    length = float(np.sqrt(x * x + y * y + height * height))
+    angle = np.arctan2(np.hypot(x, y), abs(height))
+    turn = np.cross([x, y, height], [0.0, 0.0, np.sign(height) * length])
+    return _rotation(turn / max(float(np.linalg.norm(turn)), 1e-300) * angle)
+
+
+def _scatter(residuals: Array) -> float:
+    """Return the robust standard deviation of residuals (n,)."""
+    return NORMAL * float(np.median(np.abs(residuals - np.median(residuals))))
+
+
+def _weights(residuals: Array, least: float) -> Array:
+    """Return square roots of weights (n,) that fall for points far off."""
+    return 1 / np.sqrt(1 + (residuals / (FAR * max(_scatter(residuals), least))) ** 2)
+
+
+def _settled(mirror: Mirror, pose: _Pose, allowed: list[int]) -> tuple[_Pose, Array]:
+    """Return the pose of least distances, and the motions (k, 5) that they do not determine."""
+    rim, free = mirror.rim_radius_mm, np.zeros((0, 5))
+    weight = np.ones(len(pose.points))
+    for _ in range(ROUNDS):
+        distance, normal, seen = distances(mirror, pose.points)
+        if not seen.any():
+            break
+        on_mirror = pose.points - (distance / normal[:, 2])[:, None] * [0.0, 0.0, 1.0]
+        step, free, weight[seen] = _step(
+            on_mirror[seen], distance[seen], normal[seen], weight[seen], rim, allowed, mirror.is_pointed
+        )
+        pose = pose.moved(step, rim)
+        if np.abs(step).max() < DONE * rim:
+            break
+    return pose, free
+
+
+def _inliers(mirror: Mirror, points: Array) -> Array:
+    """Return the points (m, 3) near the mirror, those past its rim included."""
+    distance, _, seen = distances(mirror, points)
+    away = np.abs(distance - np.median(distance[seen]))
+    return points[away < OUTLIER * max(_scatter(distance[seen]), 1e-9 * mirror.rim_radius_mm) + 1e-3]
+
+
+def _centring(points: Array, free: Array, rim: float) -> Array:
+    """The motion (6,) of those that distances do not determine which brings the points' outline about the axis."""
+    z = float(points[_edge(points), 2].mean()) / rim
+    shifts = np.stack([free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]])  # of the edge, by each motion
+    step = np.zeros(6)
+    step[:5] = -np.linalg.lstsq(shifts, outline_centre(points), rcond=None)[0] @ free
+    return step
+
+
+def outline_centre(points: Array) -> Array:
+    """Return the centre (2,) of the circle about the outline of points (n, 3), seen along z.
+
+    Points end somewhere within the rim: corners of the convex hull outside of the circle count more than those inside.
+    """
+    edge = points[_edge(points), :2]
+    a = np.column_stack([2 * edge, np.ones(len(edge))])
+    weight = np.ones(len(edge))
+    for _ in range(ROUNDS):
+        x, y, power = np.linalg.lstsq(weight[:, None] * a, weight * (edge**2).sum(axis=1), rcond=None)[0]
+        outside = np.hypot(*(edge - [x, y]).T) > np.sqrt(max(power + x * x + y * y, 0.0))
+        weight = np.where(outside, 1.0, INSIDE)
+    return np.array([x, y])
+
+
+def _edge(points: Array) -> NDArray[np.intp]:
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(ConvexHull(points[:, :2]).vertices)
+
+
+def distances(mirror: Mirror, points: Array) -> tuple[Array, Array, Mask]:
+    """Signed distance (n,) mm along the normal, to first order; the normals (n, 3); which lie within the rim."""
+    r = np.hypot(points[:, 0], points[:, 1])
+    seen = r <= mirror.rim_radius_mm
+    sag, slope, _ = mirror.profile(np.minimum(r, mirror.rim_radius_mm))
+    up = 1 / np.sqrt(1 + slope**2)
+    outwards = points[:, :2] / np.maximum(r, 1e-300)[:, None]
+    normal = np.concatenate([-(slope * up)[:, None] * outwards, up[:, None]], axis=1)
+    return (points[:, 2] - sag) * up, normal, seen
+
+
+def tangents(points: Array, normal: Array, rim: float) -> Array:
+    """How distances (n,) change with motions of the points: along x, y, z, and turns about x, y, per mm of rim."""
+    return np.concatenate([normal, np.cross(points, normal)[:, :2] / rim], axis=1)
+
+
+def _step(
+    p: Array, distance: Array, normal: Array, weight: Array, rim: float, allowed: list[int], is_pointed: bool
+) -> tuple[Array, Array, Array]:
+    """Return the motion (x, y, z, turns about x, y, z) mm that reduces distances, motions that change nothing, weights.
+
+    Departures about the axis in low powers of r, orthogonal to a motion along the axis, are estimated with it: the
+    step is that of least squares without them, but weights and uneven coverage do not feel them.
+    """
+    rho = np.hypot(p[:, 0], p[:, 1]) / rim
+    powers = (1, 2, 3, 4) if is_pointed else (2, 4, 6)
+    along = weight * normal[:, 2]
+    columns = along[:, None] * rho[:, None] ** np.array(powers)
+    columns = columns - np.outer(along, along @ columns / (along @ along))
+    symmetric, _ = np.linalg.qr(columns)
+
+    def without(values: Array) -> Array:
+        return values - symmetric @ (symmetric.T @ values)
+
+    left, basis = without(weight * distance), without(weight[:, None] * tangents(p, normal, rim)[:, allowed])
+    u, size, v = np.linalg.svd(basis, full_matrices=False)
+    known = size > UNDETERMINED * size[0]
+    amount = v[known].T @ ((u[:, known].T @ left) / size[known])
+    step, free = np.zeros(6), np.zeros((int((~known).sum()), 5))
+    step[allowed] = -amount
+    free[:, allowed] = v[~known]
+    return step, free, _weights((left - basis @ amount) / weight, 1e-12 * rim)
+
+
+def _rotation(vector: Array) -> Array:
+    """The rotation by a vector, radians."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, Array]:
+    """Return points with z growing away from the lens, whether they were turned over, and about where their vertex is.
+
+    A bowl is fitted by iteratively reweighted least squares; of a flat mirror it is a plane.
+    """
+    rim = mirror.rim_radius_mm
+    deep = float(mirror.sag(rim))
+    a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
+    a = a if deep else a[:, :3]
+    weight = np.ones(len(points))
+    for _ in range(ROUNDS // 4):
+        bowl = np.linalg.lstsq(weight[:, None] * a, weight * points[:, 2], rcond=None)[0]
+        left = points[:, 2] - a @ bowl
+        weight = _weights(left, 1e-12 * rim)
+    if not deep:
+        return points, False, np.array([0.0, 0.0, float(bowl[0])])
+    turned_over = bool(bowl[3] * np.sign(deep) < 0)
+    if turned_over:
+        points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
+    if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(left) / (np.sqrt(len(points)) * rim**2):
+        raise OmnimirrorError(
+            f"{source} is flat, and the mirror is {abs(deep):.4g} mm deep; check the column of heights"
+        )
+    x, y = np.clip(-bowl[1:3] / (2 * bowl[3]), -rim, rim)
+    away = np.hypot(points[:, 0] - x, points[:, 1] - y)
+    near = away < max(0.1 * rim, float(np.partition(away, min(9, len(away) - 1))[min(9, len(away) - 1)]))
+    return points, turned_over, np.array([x, y, float(np.median(points[near, 2]))])
+
+
+def _check_extent(mirror: Mirror, points: Array, source: str, is_profile: bool) -> None:
+    """Refuse points that are too narrow or too wide for the mirror, by their unit or their coverage."""
+    size = np.ptp(points[:, :2], axis=0)
+    if not np.ptp(points, axis=0).any():
+        raise OmnimirrorError(f"{source} is one and the same point; the points must lie all over the mirror")
+    low, high = (np.quantile(points[:, :2], q, axis=0) for q in (0.01, 0.99))
+    width, deepness = float((high - low).max()), float(abs(mirror.sag(mirror.rim_radius_mm)))
+    sizes = (
+        f"{source} is {width:.4g} mm wide and {float(np.ptp(np.quantile(points[:, 2], (0.01, 0.99)))):.4g} mm deep, "
+        f"and the mirror {2 * mirror.rim_radius_mm:.4g} and {deepness:.4g} mm"
+    )
+    if advice := _unit_advice(width / (2 * mirror.rim_radius_mm)):
+        raise OmnimirrorError(f"{sizes}: {advice}")
+    if size[0 if is_profile else slice(None)].min() <= LEAST_WIDE * mirror.rim_radius_mm:
+        raise OmnimirrorError(
+            f"{sizes}: the points cover too little of it; at least {LEAST_WIDE * mirror.rim_radius_mm:.3g} mm across "
+            "are valid"
+        )
+
+
+def _unit_advice(ratio: float) -> str:
+    """Return the likely unit of points whose size has a ratio to that of the mirror; empty if mm is plausible."""
+    for factor, unit in UNITS.items():
+        if factor * (1 - UNIT_SLACK) < ratio < factor * (1 + UNIT_SLACK):
+            return f"the unit seems to be {unit}; give the unit of the points (--unit {unit})"
+    return ""
+
+
+def _check_likeness(mirror: Mirror, points: Array, distance: Array, seen: Mask, source: str, is_profile: bool) -> None:
+    """Refuse points that do not follow the mirror, or mostly lie past its rim."""
+    rim = mirror.rim_radius_mm
+    width = float(np.ptp(points[:, :2], axis=0).max())
+    if seen.sum() < len(points) / 2:
+        raise OmnimirrorError(
+            f"{source} is not of this mirror: {100 * (1 - seen.mean()):.0f} % of its points lie past the rim; it is "
+            f"{width:.4g} mm wide, the mirror {2 * rim:.4g} mm; check unit and sensor"
+        )
+    away = float(np.sqrt(np.median(distance[seen] ** 2)))
+    if not away < UNLIKE * rim:
+        raise OmnimirrorError(
+            f"{source} is not of this mirror: after alignment half of its points are more than {away:.3g} mm off, and "
+            f"up to {UNLIKE * rim:.3g} mm are valid; check sensor, unit and order of the columns"
+        )

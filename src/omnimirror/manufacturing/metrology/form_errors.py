@@ -1,0 +1,540 @@
+"""What a measured mirror is, beside the one that was meant: its error of form, apart from its place and from noise.
+
+Heights along the axis over the mirror that was meant are fitted by Zernike terms over the disk of the rim: those about
+the axis as far as they explain anything, the others up to an order. What neighbouring points do not share is noise;
+what they share and the terms do not hold is said too. A shift or a tilt of the mirror is its place in the machine:
+what a motion explains as well as a form error is counted as the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import checked, number, row, vectors, whole
+from ...errors import InvalidParameter, OmnimirrorError
+from ...mirrors import Mirror, SampledProfile
+from ...mirrors.measured.clouds import check_distance, check_spread
+from ...mirrors.measured.smoothing import NORMAL
+from ...numerics.lazy import cached_property
+from ...numerics.zernike import noll, terms_of, zernike_values
+from .alignment import Alignment, aligned, distances, is_line, outline_centre
+
+Array = NDArray[np.float64]
+
+FEWEST = 200  # points
+FEWEST_OF_PROFILE = 50
+PER_TERM = 5  # points, at least
+ORDERS = (2, 4, 6, 8, 10, 12)
+ABOUT_AXIS = tuple(range(2, 42, 2))  # orders of rotational terms that are tried
+PATIENCE = 3  # orders that bring nothing end the search
+STEADY = 30.0  # condition of the terms at the points up to which they are told apart
+STEADY_OF_PROFILE = 1e4  # the same of a profile, whose terms are few
+WRONG = 6.0  # scatters that a point must be off to be wrong
+LEAST_WRONG_MM = 1e-6  # off, to be wrong: no machine measures that
+ROUNDING = 1e-14  # of sums of squares
+CELLS = 12  # sectors, and half as many rings, of points whose errors may go together
+AT_A_TIME = 8192  # points
+PROFILE_POINTS = 401
+LEAST_TERM_UM = 1e-6  # of a radius that is off, to be listed
+UM = 1e3
+
+
+@dataclass(frozen=True)
+class FormTerm:
+    """One Zernike term of a form error.
+
+    Attributes
+    ----------
+    noll : number, by Noll
+    um : rms over the disk, along the axis
+    sigma_um : standard uncertainty
+    """
+
+    noll: int
+    um: float
+    sigma_um: float
+
+    @property
+    def name(self) -> str:
+        """What opticians call it, or its order and frequency."""
+        n, m = noll(self.noll)
+        return NAMES.get((n, abs(m)), f"order {n}, {f'{abs(m)}-fold' if m else 'about the axis'}")
+
+
+NAMES = {
+    (0, 0): "piston", (1, 1): "tilt", (2, 0): "power", (2, 2): "astigmatism", (3, 1): "coma", (3, 3): "trefoil",
+    (4, 0): "spherical", (4, 2): "secondary astigmatism", (4, 4): "tetrafoil", (5, 1): "secondary coma",
+    (6, 0): "secondary spherical",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FormError:
+    """The form error of a measured mirror.
+
+    Attributes
+    ----------
+    mirror
+        That was meant.
+    place
+        Where it stood in the machine.
+    terms : tuple of FormTerm
+        Those about the axis, and all others up to :attr:`order`.
+    order
+        Of the terms that are not about the axis.
+    wrong
+        How many points were left out as wrong.
+    noise_um
+        Standard deviation of what neighbouring points do not share, along the normal.
+    unexplained_um
+        Of what they share and the terms do not hold.
+    x_mm, y_mm, height_um, residual_um : (n,)
+        Of the points that were used: where, how far above the mirror that was meant (away from the lens, along the
+        axis), and how far above the terms.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> mirror = om.load_sensor("paper-spherical").mirror
+    >>> x, y = (v.ravel() for v in np.meshgrid(np.linspace(-30, 30, 31), np.linspace(-30, 30, 31)))
+    >>> form = om.form_error(mirror, np.stack([x, y, mirror.sag(np.hypot(x, y))], axis=-1))
+    >>> form.rms_um < 1e-6, form.wrong
+    (True, 0)
+    """
+
+    mirror: Mirror
+    place: Alignment
+    terms: tuple[FormTerm, ...]
+    order: int
+    wrong: int
+    noise_um: float
+    unexplained_um: float
+    x_mm: Array = field(repr=False)
+    y_mm: Array = field(repr=False)
+    height_um: Array = field(repr=False)
+    residual_um: Array = field(repr=False)
+
+    def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+        """Form error along the axis at places of the mirror, by the terms.
+
+        Parameters
+        ----------
+        x_mm, y_mm : (n,)
+            Where, in the mirror's frame.
+
+        Returns
+        -------
+        (n,) array
+            um, positive away from the lens; NaN past the rim.
+
+        Raises
+        ------
+        InvalidParameter
+            Rows of different lengths.
+        """
+        rim = self.mirror.rim_radius_mm
+        x, y = (row(name, value) / rim for name, value in (("x_mm", x_mm), ("y_mm", y_mm)))
+        if len(x) != len(y):
+            raise InvalidParameter(f"x_mm has {len(x)} places and y_mm {len(y)}; they need the same number")
+        inside = np.hypot(x, y) <= 1 + 1e-9
+        values = zernike_values(x[inside], y[inside], [term.noll for term in self.terms])
+        form = np.full(len(x), np.nan)
+        form[inside] = values @ np.array([term.um for term in self.terms])
+        return form
+
+    @cached_property
+    def _map(self) -> tuple[Array, Array]:
+        """The form on a grid over the mirror, all of it and its part about the axis."""
+        axis = np.linspace(-1.0, 1.0, 201)
+        x, y = np.meshgrid(axis, axis)
+        inside = x**2 + y**2 <= 1
+        terms = [term.noll for term in self.terms]
+        values = zernike_values(x[inside], y[inside], terms) * np.array([term.um for term in self.terms])
+        about = np.array([noll(j)[1] == 0 for j in terms])
+        return values.sum(axis=1), values[:, about].sum(axis=1)
+
+    @property
+    def radius_mm(self) -> float | None:
+        """Radius of the sphere that fits the points; None of mirrors that are no sphere."""
+        return self.place.radius_mm
+
+    @property
+    def rms_um(self) -> float:
+        """Of the terms over the disk, less their mean."""
+        return float(self._map[0].std())
+
+    @property
+    def peak_to_valley_um(self) -> float:
+        """Of the terms over the disk."""
+        return float(np.ptp(self._map[0]))
+
+    @property
+    def rotational_rms_um(self) -> float:
+        """Of the terms about the axis."""
+        return float(self._map[1].std())
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """Least and largest distance of a point from the axis."""
+        r = np.hypot(self.x_mm, self.y_mm)
+        return float(r.min()), float(r.max())
+
+    @property
+    def vertex_um(self) -> float:
+        """How far the vertex is from where it was meant, by the terms about the axis."""
+        about = [term for term in self.terms if noll(term.noll)[1] == 0]
+        return float((zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0])
+
+    def corrected(self) -> SampledProfile:
+        """The mirror as it is about its axis: the one that was meant and the rotational terms, as a sampled profile.
+
+        Its heights count from its own vertex, :attr:`vertex_um` from the one that was meant.
+
+        Returns
+        -------
+        SampledProfile
+            That meets its points exactly.
+        """
+        mirror, about = self.mirror, [term for term in self.terms if noll(term.noll)[1] == 0]
+        x = np.linspace(0.0, mirror.rim_radius_mm, PROFILE_POINTS)
+        values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [t.um for t in about]
+        z = mirror.sag(x) + (values - self.vertex_um) / UM
+        apex = "pointed" if mirror.is_pointed else "smooth"
+        return SampledProfile(tuple(map(float, x)), tuple(map(float, z)), apex=apex, uncertainty_um=0.0)
+
+
+@checked
+def form_error(
+    mirror: Mirror,
+    points_mm: ArrayLike,
+    *,
+    order: int | None = None,
+    are_departures: bool = False,
+    probe_radius_mm: float = 0.0,
+) -> FormError:
+    """Estimate the form error of a mirror from measured points.
+
+    The rotation of a sphere about its centre is not determined by points: the axes of the machine are kept, or the
+    outline of the points is centred where it is off the axis. The radius of a sphere is estimated.
+
+    Parameters
+    ----------
+    mirror
+        Nominal mirror.
+    points_mm : (n, 3) or (n, 2)
+        Points of its surface, in the axes of the machine; x and z of a profile through the axis. Points along a line
+        of the x-y plane are a profile too. Of a profile only the form about the axis is estimated.
+    order : optional
+        Largest order of the Zernike terms that are not about the axis; by default what the points ask for, by
+        Schwarz's criterion, up to 12.
+    are_departures
+        Whether the third numbers are no heights but departures from the mirror that was meant along its normal, away
+        from the lens, as an interferometer's null test gives them; the middle of the points' outline is the axis then.
+    probe_radius_mm
+        Radius of the probe's ball, of machines that give the centres of the ball; 0 for points of the surface.
+
+    Returns
+    -------
+    FormError
+        Terms with their uncertainties, noise, and what is left.
+
+    Raises
+    ------
+    OmnimirrorError
+        Fewer than 200 points (50 of a profile), points of something else, or holes that leave terms undetermined.
+
+    Examples
+    --------
+    Half a micrometre of astigmatism on a sphere, measured 2 mm off the machine's axis:
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> rng, ball = np.random.default_rng(1), Sphere(50.0, 40.0)
+    >>> r, phi = 40 * np.sqrt(rng.uniform(0, 1, 4000)), rng.uniform(0, 2 * np.pi, 4000)
+    >>> x, y = r * np.cos(phi), r * np.sin(phi)
+    >>> bump = 0.5e-3 * np.sqrt(6) * (x**2 - y**2) / 40**2
+    >>> found = form_error(ball, np.stack([x + 2, y, ball.sag(r) + bump + 1e-4 * rng.normal(size=4000)], axis=-1))
+    >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
+    [('astigmatism', 0.5)]
+    """
+    try:
+        is_profile = np.shape(points_mm)[1:] == (2,)
+    except ValueError:  # rows of different lengths, which `vectors` rejects
+        is_profile = False
+    points = vectors("points_mm", points_mm, 2 if is_profile else 3, is_list=True)
+    points = points[np.isfinite(points).all(axis=-1)]
+    probe_radius_mm = number("probe_radius_mm", probe_radius_mm, low=0.0, unit="mm")
+    if order is not None:
+        order = whole("order", order, 2, ORDERS[-1])
+    if are_departures and (is_profile or probe_radius_mm):
+        what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
+        raise InvalidParameter(f"are_departures needs departures (x, y, departure) of the surface itself; got {what}")
+    if is_profile:
+        points = np.insert(points, 1, 0.0, axis=1)
+    if not is_profile:
+        check_distance(points, "the cloud")
+        is_profile = len(points) > 1 and is_line(points)
+    fewest, what = (FEWEST_OF_PROFILE, "profile") if is_profile else (FEWEST, "cloud")
+    if len(points) < fewest:
+        raise OmnimirrorError(f"the {what} has {len(points)} points; at least {fewest} are valid")
+    if is_profile and order is not None:
+        raise InvalidParameter(f"order = {order} needs points all over the mirror; got a profile")
+    if not is_profile:
+        check_spread(points, "the cloud")
+    if are_departures:
+        points = _risen(mirror, points)
+        check_spread(points, "the cloud within the rim")
+    place = aligned(mirror, points, f"the {what}", probe_radius_mm)
+    everything = _Heights.of(mirror, place)
+    sphere = None if place.radius_mm is None else _Sphere.of(mirror, place)
+    if sphere is not None:
+        everything = sphere.less(everything)
+    part = everything.those(np.isfinite(place.distance_mm))
+    inside, equations = len(part.x), _Gram.of(part)
+    while True:
+        fit = equations.of_profile() if place.is_profile else equations.chosen(order)
+        left = part.distance - part.modelled(fit.terms, fit.values)
+        far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), LEAST_WRONG_MM)
+        if not far.any():
+            break
+        equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
+    noise, shared = _noise(part, left, len(fit.terms))
+    sigmas = _sigmas(part, fit, left, noise)
+    amounts = {j: (UM * v, UM * s) for j, v, s in zip(fit.terms, fit.values.tolist(), sigmas.tolist(), strict=True)}
+    rim, heights = mirror.rim_radius_mm, UM * part.distance / part.up
+    if sphere is not None:
+        amounts = sphere.added_to(amounts)
+        heights = heights + UM * sphere.departure(np.hypot(part.x, part.y))
+    terms = tuple(FormTerm(j, *amounts[j]) for j in sorted(amounts))
+    return FormError(
+        mirror, place, terms, fit.order, inside - len(part.x), UM * noise, UM * shared,
+        part.x * rim, part.y * rim, heights, UM * left / part.up,
+    )  # fmt: skip
+
+
+def _risen(mirror: Mirror, departures: Array) -> Array:
+    """Points on the mirror, moved along its normal; a null test does not tell how far all of them have moved."""
+    points = departures - np.append(outline_centre(departures), np.median(departures[:, 2]))
+    r = np.hypot(points[:, 0], points[:, 1])
+    points = points[r <= mirror.rim_radius_mm]
+    sag, slope, _ = mirror.profile(np.hypot(points[:, 0], points[:, 1]))
+    heights = sag + points[:, 2] * np.sqrt(1 + slope**2)
+    return np.column_stack([points[:, :2], heights])
+
+
+class _Sphere(NamedTuple):
+    """Sphere that fits the points of a spherical mirror; terms describe what it leaves, and its radius exactly."""
+
+    radius: float
+    sigma: float
+    nominal: float
+    rim: float
+
+    @classmethod
+    def of(cls, mirror: Mirror, place: Alignment) -> _Sphere | None:
+        """Return the fitted sphere, or None if it ends before the rim."""
+        assert place.radius_mm is not None
+        assert place.radius_sigma_mm is not None
+        rim = mirror.rim_radius_mm
+        if abs(place.radius_mm) <= rim * (1 + 1e-6):
+            return None
+        return cls(place.radius_mm, place.radius_sigma_mm, float(mirror.radius_t(0.0)), rim)
+
+    def departure(self, rho: Array, more: float = 0.0) -> Array:
+        """Return the height (n,) mm over the nominal sphere at distances (n,) in rim radii; ``more`` adds to R."""
+        return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(rho * self.rim, self.nominal)
+
+    def less(self, heights: _Heights) -> _Heights:
+        """Return distances from the fitted sphere in place of those from the nominal one."""
+        rho = np.hypot(heights.x, heights.y)
+        up = np.sqrt(np.maximum(1 - (rho * self.rim / self.radius) ** 2, 0.0))
+        distance = (heights.distance / heights.up - self.departure(np.minimum(rho, 1.0))) * up
+        return _Heights(heights.x, heights.y, distance, up)
+
+    def added_to(self, amounts: dict[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
+        """Return amounts and uncertainties (um) of terms with those of the departure of the fitted sphere."""
+        terms = _terms(0, ABOUT_AXIS[-1])
+        rho = np.sin(np.linspace(0.0, np.pi / 2, PROFILE_POINTS))
+        values = zernike_values(rho, 0 * rho, terms)
+        right = np.stack([self.departure(rho), self.departure(rho, self.sigma) - self.departure(rho)], axis=1)
+        found = UM * np.linalg.lstsq(values, right, rcond=None)[0]
+        found[0] -= found[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
+        added = dict(amounts)
+        for j, (um, sigma) in zip(terms, found.tolist(), strict=True):
+            before, spread = added.get(j, (0.0, 0.0))
+            if j in added or abs(um) > LEAST_TERM_UM:
+                added[j] = before + um, float(np.hypot(spread, sigma))
+        return added
+
+
+def _sphere_sag(x: Array, radius: float) -> Array:
+    square = x**2 / radius
+    sag: Array = square / (1 + np.sqrt(1 - square / radius))
+    return sag
+
+
+# -- the fit ---------------------------------------------------------------------------------------------
+
+
+class _Heights(NamedTuple):
+    """Places (n,) in rim radii, distances along the normal mm, and the cosine of the surface's slope."""
+
+    x: Array
+    y: Array
+    distance: Array
+    up: Array
+
+    @classmethod
+    def of(cls, mirror: Mirror, place: Alignment) -> _Heights:
+        rim = mirror.rim_radius_mm
+        _, normal, _ = distances(mirror, place.points)
+        return cls(place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2])
+
+    def those(self, kept: NDArray[np.bool_]) -> _Heights:
+        return _Heights(*(column[kept] for column in self))
+
+    def bases(self, terms: list[int]) -> Iterator[tuple[slice, Array]]:
+        """What each term does to the distances, (m, t), of so many points at a time that they fit into the cache."""
+        for start in range(0, len(self.x), AT_A_TIME):
+            some = slice(start, start + AT_A_TIME)
+            yield some, self.up[some, None] * zernike_values(self.x[some], self.y[some], terms)
+
+    def modelled(self, terms: list[int], values: Array) -> Array:
+        """Distances (n,) that terms make."""
+        return np.concatenate([basis @ values for _, basis in self.bases(terms)])
+
+
+class _Fit(NamedTuple):
+    order: int
+    terms: list[int]
+    values: Array
+    inverse: Array
+    """Of the normal equations, (t, t)."""
+
+
+@dataclass(frozen=True)
+class _Gram:
+    """Normal equations of all terms that are tried; those of fewer terms are a part of them."""
+
+    terms: list[int]
+    matrix: Array
+    right: Array
+    squares: float
+    count: int
+
+    @classmethod
+    def of(cls, part: _Heights) -> _Gram:
+        terms = _terms(ORDERS[-1], ABOUT_AXIS[-1])
+        matrix, right = np.zeros((len(terms), len(terms))), np.zeros(len(terms))
+        for some, basis in part.bases(terms):
+            matrix += basis.T @ basis
+            right += basis.T @ part.distance[some]
+        return cls(terms, matrix, right, float(part.distance @ part.distance), len(part.x))
+
+    def less(self, other: _Gram) -> _Gram:
+        """Without some of the points."""
+        return _Gram(
+            self.terms,
+            self.matrix - other.matrix,
+            self.right - other.right,
+            self.squares - other.squares,
+            self.count - other.count,
+        )
+
+    def chosen(self, order: int | None) -> _Fit:
+        """The fit that Schwarz's criterion chooses, or that of an order with the terms about the axis that it chooses.
+
+        Raises
+        ------
+        OmnimirrorError
+            Terms that the points do not tell apart.
+        """
+        best = self._best((n, n) for n in (ORDERS if order is None else (order,)))
+        if best is None:
+            valid = [n for n in ORDERS if self._fit(n, n) is not None]
+            words = f"; order {valid[-1]} is valid" if valid else ", which leave too large holes"
+            raise OmnimirrorError(f"terms up to order {order or ORDERS[0]} are not told apart by the points{words}")
+        again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
+        return again or best
+
+    def of_profile(self) -> _Fit:
+        """Return the fit of terms about the axis alone.
+
+        Raises
+        ------
+        OmnimirrorError
+            Terms that the points do not tell apart.
+        """
+        best = self._best(((0, n) for n in ABOUT_AXIS), STEADY_OF_PROFILE)
+        if best is None:
+            raise OmnimirrorError("the profile covers too little of the mirror to determine its form")
+        return best
+
+    def _best(self, orders: Iterable[tuple[int, int]], steady: float = STEADY) -> _Fit | None:
+        found: list[tuple[float, _Fit]] = []
+        for order, about_axis in orders:
+            fit = self._fit(order, about_axis, steady)
+            if fit is None:
+                break
+            found.append((self._price(fit), fit))
+            if len(found) - int(np.argmin([price for price, _ in found])) > PATIENCE:
+                break
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def _fit(self, order: int, about_axis: int, steady: float = STEADY) -> _Fit | None:
+        """None if the points do not tell the terms apart."""
+        terms = _terms(order, about_axis)
+        if PER_TERM * len(terms) > self.count:
+            return None
+        at = np.searchsorted(self.terms, terms)
+        matrix = self.matrix[np.ix_(at, at)]
+        sizes = np.linalg.eigvalsh(matrix)
+        if sizes[-1] > steady**2 * sizes[0]:
+            return None
+        inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
+        return _Fit(order, terms, inverse @ self.right[at], inverse)
+
+    def _price(self, fit: _Fit) -> float:
+        at = np.searchsorted(self.terms, fit.terms)
+        left = max(self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300)
+        return self.count * float(np.log(left)) + len(fit.terms) * float(np.log(self.count))
+
+
+def _terms(order: int, about_axis: int) -> list[int]:
+    """Noll's numbers of all terms up to an order, and of those about the axis up to another.
+
+    >>> _terms(2, 4)
+    [1, 2, 3, 4, 5, 6, 11]
+    """
+    return sorted({*range(1, terms_of(order) + 1), *(terms_of(n - 1) + 1 for n in range(2, about_axis + 1, 2))})
+
+
+def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
+    """Standard deviations (mm) of what neighbouring points do not share of what is left, and of what they do."""
+    from scipy.spatial import KDTree
+
+    places = np.stack([part.x, part.y], axis=-1)
+    beside = KDTree(places).query(places, k=2)[1][:, 1]
+    noise = NORMAL * float(np.median(np.abs(left - left[beside]))) / np.sqrt(2)
+    whole_variance = float((left**2).sum()) / max(len(left) - terms, 1)
+    return float(noise), float(np.sqrt(max(whole_variance - noise**2, 0.0)))
+
+
+def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
+    """Standard uncertainties (t,) mm of the terms.
+
+    Not all that is left is noise: errors of one cell of the mirror may go together, those of different ones do
+    not. A term is at least as uncertain as the noise makes it.
+    """
+    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # of equal areas
+    sector = (np.floor((np.arctan2(part.y, part.x) / (2 * np.pi)) * CELLS) % CELLS).astype(int)
+    cell = ring * CELLS + sector
+    scores = np.zeros((CELLS * CELLS // 2, len(fit.terms)))
+    for some, basis in part.bases(fit.terms):
+        np.add.at(scores, cell[some], basis * left[some, None])
+    together = (((scores @ fit.inverse) ** 2).sum(axis=0)) * len(scores) / (len(scores) - 1)
+    return np.asarray(np.sqrt(np.maximum(together, noise**2 * np.diag(fit.inverse))))
