@@ -13,7 +13,7 @@ from omnimirror.manufacturing.drawings.sheet import SHEETS
 from omnimirror.manufacturing.parts import Part, parts_of
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
-from tests.manufacture.test_step import BODIES
+from tests.manufacturing.test_step import BODIES
 
 
 def surface_points(entity):

@@ -17,8 +17,8 @@ from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
 from omnimirror.manufacturing.parts import parts_of
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
-from tests.manufacture.test_lens_files import parse_zmx, sag_of
-from tests.manufacture.test_step import read, volume
+from tests.manufacturing.test_lens_files import parse_zmx, sag_of
+from tests.manufacturing.test_step import read, volume
 
 QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 

@@ -187,8 +187,8 @@ def test_a_manifest_of_others_is_left_alone(plan, tmp_path):
 RUN = """
 import sys, pickle
 from pathlib import Path
-import tests.tolerancing.gate
-from tests.tolerancing.test_sweeps import counted
+import tests.manufacturing.tolerancing.gate
+from tests.manufacturing.tolerancing.test_sweeps import counted
 counted(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
 """
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ...arguments import checked
 from ...mirrors import Mirror
 from ...sensor import Sensor
-from .. import Body, Making, Workshop
+from ..body import Body
+from ..workshop import Making, Workshop
 from ..drawings.tables import form_rms_um
 from .errors import perturbed
 

@@ -9,7 +9,7 @@ from scipy.special import eval_legendre
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from tests.metrology.clouds import on
+from tests.manufacturing.metrology.clouds import on
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
