@@ -23,7 +23,7 @@ from pathlib import Path
 from circumstances import other_load, processor
 
 from omnimirror.files import write_text
-from omnimirror.manufacturing.tolerancing.sweeps import SHARD_TRIALS
+from omnimirror.manufacturing.tolerancing.sweep import SHARD_TRIALS
 
 IDLE_S = 20.0
 SHARDS, WORKERS = 20, os.cpu_count() or 1  # ten million sensors

@@ -28,10 +28,10 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
-from omnimirror.manufacturing.tolerancing.trials.compensation import POSE
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.states import states_of
-from omnimirror.manufacturing.tolerancing.trials.tracing import seen
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
+from omnimirror.manufacturing.tolerancing.trial_images import seen
 from omnimirror.native import backend
 
 RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3

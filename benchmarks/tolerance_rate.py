@@ -21,8 +21,8 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
-from omnimirror.manufacturing.tolerancing.trials.compensation import POSE
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
 from omnimirror.native import backend
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")

@@ -29,7 +29,7 @@ EXTRAS = {
     "video": "import omnimirror.media.video, av",
     "exr": COMMAND.format("simulate paper-spherical --samples 1 -o picture.exr"),
     "design": "import omnimirror.design.optimise, pymoo, pyarrow",
-    "cluster": "import omnimirror.manufacturing.tolerancing.sweeps, distributed, pyarrow",
+    "cluster": "import omnimirror.manufacturing.tolerancing.sweep, distributed, pyarrow",
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.manufacturing.metrology, SurfaceTopography",
     "handoff": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),

@@ -14,7 +14,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
 from omnimirror.housing.base import Envelope
 from omnimirror.imagers import Imager
-from omnimirror.manufacturing.parts import housed, parts_of
+from omnimirror.manufacturing.body import housed, parts_of
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.rendering.exposure import expose

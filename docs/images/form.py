@@ -10,7 +10,7 @@ import numpy as np
 
 import omnimirror as om
 from omnimirror.figures.style import save_figure, styled
-from omnimirror.manufacturing.metrology.figures import form_figure
+from omnimirror.manufacturing.metrology.form_map import form_figure
 
 mirror, rng = om.load_sensor("paper-hyperboloidal").mirror, np.random.default_rng(0)
 r = mirror.rim_radius_mm * np.sqrt(rng.uniform(0, 1, 15_000))

@@ -111,23 +111,23 @@ if TYPE_CHECKING:
     from .manufacturing import Body as Body
     from .manufacturing import export as export
     from .manufacturing import register_format as register_format
-    from .manufacturing.metrology.form_errors import FormError as FormError
-    from .manufacturing.metrology.form_errors import form_error as form_error
+    from .manufacturing.metrology.form_error import FormError as FormError
+    from .manufacturing.metrology.form_error import form_error as form_error
     from .manufacturing.metrology.readers import read_points as read_points
-    from .manufacturing.tolerancing.analysis import ToleranceReport as ToleranceReport
-    from .manufacturing.tolerancing.analysis import tolerance as tolerance
     from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
-    from .manufacturing.tolerancing.errors import perturbed as perturbed
-    from .manufacturing.tolerancing.forms.effects import as_made as as_made
-    from .manufacturing.tolerancing.forms.effects import form_effect as form_effect
-    from .manufacturing.tolerancing.sweeps import Sweep as Sweep
+    from .manufacturing.tolerancing.mirror_form import as_made as as_made
+    from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
+    from .manufacturing.tolerancing.perturbation import perturbed as perturbed
+    from .manufacturing.tolerancing.sweep import Sweep as Sweep
+    from .manufacturing.tolerancing.tolerance_analysis import ToleranceReport as ToleranceReport
+    from .manufacturing.tolerancing.tolerance_analysis import TypicalSensor as TypicalSensor
+    from .manufacturing.tolerancing.tolerance_analysis import tolerance as tolerance
+    from .manufacturing.tolerancing.tolerance_analysis import typical_sensors as typical_sensors
     from .manufacturing.tolerancing.tolerance_file import TolerancePlan as TolerancePlan
     from .manufacturing.tolerancing.tolerance_file import load_tolerances as load_tolerances
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import ErrorBound as ErrorBound
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
-    from .manufacturing.tolerancing.typical import TypicalSensor as TypicalSensor
-    from .manufacturing.tolerancing.typical import typical_sensors as typical_sensors
     from .media import read_image as read_image
     from .media import write_image as write_image
     from .mirrors import register_mirror as register_mirror
@@ -287,10 +287,10 @@ _HOMES = {
     "register_format": "manufacturing",
     "read_image": "media",
     "write_image": "media",
-    "as_made": "manufacturing.tolerancing.forms.effects",
-    "form_effect": "manufacturing.tolerancing.forms.effects",
-    "form_error": "manufacturing.metrology.form_errors",
-    "FormError": "manufacturing.metrology.form_errors",
+    "as_made": "manufacturing.tolerancing.mirror_form",
+    "form_effect": "manufacturing.tolerancing.mirror_form",
+    "form_error": "manufacturing.metrology.form_error",
+    "FormError": "manufacturing.metrology.form_error",
     "read_points": "manufacturing.metrology.readers",
     "register_mirror": "mirrors",
     "write_calibration_figures": "report.calibration",
@@ -339,16 +339,16 @@ _HOMES = {
     "show": "studio.notebook",
     "ErrorBound": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
-    "perturbed": "manufacturing.tolerancing.errors",
-    "tolerance": "manufacturing.tolerancing.analysis",
+    "perturbed": "manufacturing.tolerancing.perturbation",
+    "tolerance": "manufacturing.tolerancing.tolerance_analysis",
     "tolerance_conflicts": "manufacturing.tolerancing.drawing_conflicts",
     "tolerance_template": "manufacturing.tolerancing.tolerance_file",
     "TolerancePlan": "manufacturing.tolerancing.tolerance_file",
-    "Sweep": "manufacturing.tolerancing.sweeps",
-    "ToleranceReport": "manufacturing.tolerancing.analysis",
+    "Sweep": "manufacturing.tolerancing.sweep",
+    "ToleranceReport": "manufacturing.tolerancing.tolerance_analysis",
     "Tolerances": "manufacturing.tolerancing.tolerances",
-    "typical_sensors": "manufacturing.tolerancing.typical",
-    "TypicalSensor": "manufacturing.tolerancing.typical",
+    "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
+    "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -10,7 +10,7 @@ import pytest
 
 from omnimirror.manufacturing import asphere_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
-from omnimirror.manufacturing.forms import EXACT_UM
+from omnimirror.manufacturing.surface_approximation import EXACT_UM
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.manufacturing.tolerancing.trials.compensation import POSE
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
 
 pytestmark = pytest.mark.full
 CLOSE_RAD = 1e-12

@@ -15,10 +15,10 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
 from omnimirror.manufacturing import Body, Making, TitleBlock, Workshop, draw_sheets
+from omnimirror.manufacturing.body import Part
 from omnimirror.manufacturing.drawings.mirror_view import fixed_words
 from omnimirror.manufacturing.drawings.sheet import SHEETS, Sheet, fitting_scale, scale_words
 from omnimirror.manufacturing.drawings.tables import mirror_rows, sag_rows
-from omnimirror.manufacturing.parts import Part
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.specs import bundled_sensors
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED

@@ -8,9 +8,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.manufacturing import Body, Making, TitleBlock, Workshop, draw_sheets
+from omnimirror.manufacturing.body import Part, parts_of
 from omnimirror.manufacturing.drawings.dxf import LAYERS, write_dxf
 from omnimirror.manufacturing.drawings.sheet import SHEETS
-from omnimirror.manufacturing.parts import Part, parts_of
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 from tests.manufacturing.test_step import BODIES

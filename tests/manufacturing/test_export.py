@@ -18,9 +18,9 @@ from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.housing import Dome, Housing, Rod
 from omnimirror.manufacturing import DEFAULT_FORMATS, FORMATS, Body
-from omnimirror.manufacturing.changes import changes_of
-from omnimirror.manufacturing.forms import asphere_of
-from omnimirror.manufacturing.parts import housed, parts_of
+from omnimirror.manufacturing.body import housed, parts_of
+from omnimirror.manufacturing.exporter import changes_of
+from omnimirror.manufacturing.surface_approximation import asphere_of
 from omnimirror.mirrors import SlopeSpline
 from omnimirror.specs import bundled_sensors, save_sensor
 from tests.commands import omnimirror

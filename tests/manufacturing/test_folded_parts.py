@@ -12,9 +12,8 @@ from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Housing, Rod, Tube
 from omnimirror.manufacturing import Body, sag_table, sensitivities
-from omnimirror.manufacturing.body import LEAST_WALL_MM
+from omnimirror.manufacturing.body import LEAST_WALL_MM, parts_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
-from omnimirror.manufacturing.parts import parts_of
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
 from tests.manufacturing.test_lens_files import parse_zmx, sag_of

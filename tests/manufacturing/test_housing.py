@@ -13,9 +13,9 @@ from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Perspective
 from omnimirror.manufacturing import Body, sensitivities
+from omnimirror.manufacturing.body import housed, parts_of
+from omnimirror.manufacturing.drawings.sensor_view import Assembly, shell_end_mm
 from omnimirror.manufacturing.drawings.tables import hidden_rows
-from omnimirror.manufacturing.drawings.views import Assembly, shell_end_mm
-from omnimirror.manufacturing.parts import housed, parts_of
 from omnimirror.mirrors import Sphere
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.tracing.walls import wall_transmission

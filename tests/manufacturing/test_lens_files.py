@@ -13,7 +13,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.housing import Housing
 from omnimirror.lenses import Perspective
 from omnimirror.manufacturing import asphere_of, format_grid_sag
-from omnimirror.manufacturing.formats.gridsag import grid_deviation_um, write_grid_sag
+from omnimirror.manufacturing.formats.sag import grid_deviation_um, write_grid_sag
 from omnimirror.manufacturing.formats.zmx import field_angles, format_zmx, write_zmx
 from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of

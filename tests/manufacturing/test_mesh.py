@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from omnimirror.errors import InvalidParameter
 from omnimirror.manufacturing import Body
 from omnimirror.manufacturing.formats.mesh import mesh_of, write_mesh
-from omnimirror.manufacturing.forms import chords
+from omnimirror.manufacturing.surface_approximation import chords
 from omnimirror.mirrors import ConicAsphere
 from tests.conftest import MIRRORS
 from tests.everyday import few

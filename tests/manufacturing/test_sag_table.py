@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.manufacturing import format_table, sag_table, table_points
-from omnimirror.manufacturing.reference_sphere import best_sphere
+from omnimirror.manufacturing.surface_approximation import best_sphere
 from omnimirror.mirrors import EvenPolynomial, Flat, SampledProfile
 from tests.conftest import MIRRORS, sensor_of
 

@@ -12,10 +12,9 @@ from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.housing import Dome, Housing
-from omnimirror.manufacturing.tolerancing.errors import errors_of, perturbed
-from omnimirror.manufacturing.tolerancing.trials.compensation import CALIBRATIONS
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import after
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.perturbation import errors_of, perturbed
 from omnimirror.specs import parse_sensor, tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.tolerance_messages import Built

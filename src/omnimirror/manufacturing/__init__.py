@@ -2,14 +2,12 @@
 
 from .body import Body
 from .drawings.drawing import Drawing, draw_sheets
+from .drawings.image_shift import Sensitivity, sensitivities
 from .exporter import DEFAULT_FORMATS, FORMATS, Content, Exported, Format, export, register_format
-from .formats.gridsag import format_grid_sag
-from .formats.sag_tables import format_table, sag_table, table_points
+from .formats.sag import format_grid_sag, format_table, sag_table, table_points
+from .formats.tool_path import Tool, ToolPath, format_gcode, format_points, tool_path
 from .formats.zmx import format_zmx
-from .forms import Asphere, ProfileCurve, asphere_of, curve_of
-from .lathe import Tool, ToolPath, format_gcode, format_points, tool_path
-from .reference_sphere import BestSphere, best_sphere
-from .sensitivity import Sensitivity, sensitivities
+from .surface_approximation import Asphere, BestSphere, ProfileCurve, asphere_of, best_sphere, curve_of
 from .workshop import Making, TitleBlock, Workshop, load_workshop
 
 __all__ = [

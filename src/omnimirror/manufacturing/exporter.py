@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from ..analysis.comparison import compare
 from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..escaping import file_stem
@@ -18,16 +19,14 @@ from ..files import replacing
 from ..housing import Housing
 from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
-from .body import Body
-from .changes import changes_of
+from ..tracing.obscuration import Obscuration
+from .body import Body, Part, housed, parts_of
 from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words
 from .drawings.tables import DataFile, sag_text
-from .formats.gridsag import write_grid_sag
-from .formats.sag_tables import table_points
+from .formats.sag import table_points, write_grid_sag
+from .formats.tool_path import Tool, write_tool_path
 from .formats.zmx import write_zmx
-from .lathe import Tool, write_tool_path
-from .parts import Part, housed, parts_of
 from .workshop import Workshop
 
 SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # in names of files
@@ -422,3 +421,69 @@ def register_format(name: str, kind: Format) -> None:
     >>> om.manufacturing.FORMATS.withdraw("docs-rim")
     """
     FORMATS.register(name, kind)
+
+
+def changes_of(evaluated: Sensor, exported: Sensor) -> list[str]:
+    """List the quantities that differ between a sensor and the one that is drawn and exported, with both values.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.manufacturing import Body
+    >>> from omnimirror.manufacturing.body import housed, parts_of
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> changes_of(sensor, housed(parts_of(sensor, Body(thickness_mm=8.0))))
+    []
+    >>> changes_of(sensor, housed(parts_of(sensor, Body(flange_width_mm=5.0))))[0]
+    'rim hides nothing -> 129.3 to 135 deg'
+    """
+    evaluated, exported = evaluated.aligned(), exported.aligned()
+    found = [*_cover_changes(evaluated, exported), *_ring_changes(evaluated.obscurations, exported.obscurations)]
+    if not found and _rounded(evaluated.field_deg) == _rounded(exported.field_deg):
+        return []
+    pair = compare([evaluated, exported])
+    rows = [f"{row.name} {row.texts[0]} -> {row.texts[1]} {row.quantity.unit}".rstrip()
+            for row in pair.rows if row.texts[0] != row.texts[1]]  # fmt: skip
+    return [*found, *rows]
+
+
+def _rounded(numbers: tuple[float, ...]) -> tuple[str, ...]:
+    return tuple(f"{number:.6g}" for number in numbers)
+
+
+def _cover_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
+    """List the differing fields of tube, dome or window, fitted to either sensor."""
+    before, after = evaluated.obstructions.housing.shell, exported.obstructions.housing.shell
+    if type(before) is not type(after):
+        kinds = ["none" if shell is None else shell.KIND for shell in (before, after)]
+        return [f"cover {kinds[0]} -> {kinds[1]}"]
+    if before is None or after is None:
+        return []
+    values = [(f.name, getattr(before, f.name), getattr(after, f.name)) for f in fields(before)]
+    return [
+        f"{before.KIND} {name} {_words(old)} -> {_words(new)}"
+        for name, old, new in values if _words(old) != _words(new)
+    ]  # fmt: skip
+
+
+def _ring_changes(before: tuple[Obscuration, ...], after: tuple[Obscuration, ...]) -> list[str]:
+    """List the parts that hide another part of the field."""
+    rings = [
+        {part: " and ".join(_ring_words(ring) for ring in found if ring.part == part) for part in _parts(found)}
+        for found in (before, after)
+    ]
+    names = list(dict.fromkeys([*rings[0], *rings[1]]))
+    pairs = [(name, *(found.get(name, "nothing") for found in rings)) for name in names]
+    return [f"{name} hides {old} -> {new}" for name, old, new in pairs if old != new]
+
+
+def _parts(rings: tuple[Obscuration, ...]) -> list[str]:
+    return list(dict.fromkeys(ring.part for ring in rings))
+
+
+def _ring_words(ring: Obscuration) -> str:
+    return f"{ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg"
+
+
+def _words(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -12,14 +12,14 @@ from ..escaping import html_text, shell_word
 from ..figures.style import render, styled
 from ..files import write_text
 from ..manufacturing.drawings.tables import centring_code, form_code
-from ..manufacturing.tolerancing.analysis import ToleranceReport
-from ..manufacturing.tolerancing.errors import MEASURED, errors_of, group_of
-from ..manufacturing.tolerancing.figures import curves, tornado
+from ..manufacturing.tolerancing.charts import curves, tornado
+from ..manufacturing.tolerancing.evaluator import Judge
+from ..manufacturing.tolerancing.monte_carlo import Share, Tally, monte_carlo, motion_words, told
+from ..manufacturing.tolerancing.perturbation import MEASURED, errors_of, group_of
+from ..manufacturing.tolerancing.requirement_merits import required_of
 from ..manufacturing.tolerancing.sensitivity import ErrorEffect, sensitivities
+from ..manufacturing.tolerancing.tolerance_analysis import ToleranceReport
 from ..manufacturing.tolerancing.tolerances import Tolerances
-from ..manufacturing.tolerancing.trials.judge import Judge
-from ..manufacturing.tolerancing.trials.required.names import required_of
-from ..manufacturing.tolerancing.yields import Share, Tally, monte_carlo, motion_words, told
 from ..manufacturing.workshop import Making
 from .pages import figure_html, page_html
 

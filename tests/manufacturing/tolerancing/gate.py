@@ -8,7 +8,7 @@ import os
 import time
 from pathlib import Path
 
-from omnimirror.manufacturing.tolerancing.sweeps.shards import Shard
+from omnimirror.manufacturing.tolerancing.sweep import Shard
 
 
 def merits(shard):

@@ -9,13 +9,12 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter, SelfObstruction
 from omnimirror.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.imagers import ImagerPose
-from omnimirror.manufacturing.tolerancing.errors import errors_of, perturbed
-from omnimirror.manufacturing.tolerancing.trials.field import field_of
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import merit_names
-from omnimirror.manufacturing.tolerancing.trials.ordinary import pictured_one_by_one
-from omnimirror.manufacturing.tolerancing.trials.picture import REFOCUS
-from omnimirror.manufacturing.tolerancing.trials.states import are_traced_together
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.object_field import field_of, pictured_one_by_one
+from omnimirror.manufacturing.tolerancing.perturbation import errors_of, perturbed
+from omnimirror.manufacturing.tolerancing.perturbed_states import are_traced_together
+from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
 from omnimirror.mirrors.form import MirrorForm
 from omnimirror.tracing.reflection import Ends
 

@@ -11,11 +11,10 @@ import pytest
 from scipy.special import eval_jacobi
 
 import omnimirror as om
-from omnimirror.manufacturing.tolerancing.derivatives import merit_rates
-from omnimirror.manufacturing.tolerancing.errors import errors_of
-from omnimirror.manufacturing.tolerancing.trials.compensation import CALIBRATIONS, POSE
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import after, merit_names
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.perturbation import errors_of
+from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.numerics.zernike import terms_of
 

@@ -11,16 +11,20 @@ from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.design.criteria.merits import OF_THE_WHOLE, values_of_evaluation
 from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.housing import Dome, Housing, Rod
-from omnimirror.manufacturing.tolerancing.derivatives import merit_rates
-from omnimirror.manufacturing.tolerancing.errors import perturbed
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.object_field import directions_of, field_of
+from omnimirror.manufacturing.tolerancing.perturbation import perturbed
+from omnimirror.manufacturing.tolerancing.requirement_merits import MeritName, named
+from omnimirror.manufacturing.tolerancing.requirement_values import (
+    LINE_POINTS,
+    lines_over,
+    rims_one_by_one,
+    rims_together,
+    views_one_by_one,
+    views_together,
+)
+from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.manufacturing.tolerancing.trials.field import directions_of, field_of
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.required.names import MeritName, named
-from omnimirror.manufacturing.tolerancing.trials.required.one_by_one import views_one_by_one
-from omnimirror.manufacturing.tolerancing.trials.required.rim import rims_one_by_one, rims_together
-from omnimirror.manufacturing.tolerancing.trials.required.straightness import POINTS, lines_over
-from omnimirror.manufacturing.tolerancing.trials.required.values import views_together
 from omnimirror.quantities import QUANTITIES
 from tests.everyday import few
 
@@ -149,7 +153,7 @@ def test_lines_are_as_crooked_as_those_that_are_straightened_by_the_sensor_that_
     field = field_of(sensor)
     omega, azimuth, _ = lines_over(field.omega_deg.min(), field.omega_deg.max())
     towards, _ = directions_of(omega.ravel(), azimuth.ravel())
-    lines = towards.reshape(-1, POINTS, 3)
+    lines = towards.reshape(-1, LINE_POINTS, 3)
     assert np.linalg.svd(lines, compute_uv=False)[:, 2].max() < 1e-12  # great circles
     pixels = perturbed(sensor, values).project_directions(towards @ sensor._axes.T).pixels
     seen = (sensor.backproject(pixels).directions @ sensor._axes).reshape(lines.shape)

@@ -22,11 +22,10 @@ from click.testing import CliRunner
 import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.manufacturing.tolerancing.sweeps import Sweep, pools
-from omnimirror.manufacturing.tolerancing.sweeps.shards import Shard
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep, pools
 from omnimirror.manufacturing.tolerancing.tolerances import BLOCK
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import merit_names
 from tests.everyday import few
 
 TRIALS = 4 * BLOCK + 100  # five shards, the last a small one

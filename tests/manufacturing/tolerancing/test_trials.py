@@ -8,18 +8,14 @@ from scipy.optimize import least_squares
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacturing.tolerancing.errors import errors_of, perturbed
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, evaluate_numpy, merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge, evaluate_compiled
+from omnimirror.manufacturing.tolerancing.object_field import field_of
+from omnimirror.manufacturing.tolerancing.perturbation import errors_of, perturbed
+from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
 from omnimirror.manufacturing.tolerancing.tolerances import ErrorBound, Tolerances
-from omnimirror.manufacturing.tolerancing.trials import compiled
-from omnimirror.manufacturing.tolerancing.trials import merits as merits_in_numpy
-from omnimirror.manufacturing.tolerancing.trials.compensation import CALIBRATIONS, POSE
-from omnimirror.manufacturing.tolerancing.trials.field import field_of
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import after, merit_names
-from omnimirror.manufacturing.tolerancing.trials.picture import REFOCUS, largest_diameter
-from omnimirror.manufacturing.tolerancing.trials.states import states_of
-from omnimirror.manufacturing.tolerancing.trials.tracing import seen
+from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, largest_diameter, seen
 from omnimirror.native import backend
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
@@ -195,8 +191,8 @@ def test_kernels_judge_as_numpy_does(sensor, refocus, distance):
         values = {name: rng.normal(size=20) * 0.3 for name in (*POSE, "imager.tilt_x_deg")}
         values |= {name: rng.normal(size=20) * size for name, size in LENS.items()}
         values |= {f"mirror.zernike_{j}_um": rng.normal(size=20) for j in more}
-        merits, moved = compiled.judged(judge, states_of(sensor, values))
-        expected, motions = merits_in_numpy.judged(judge, values)
+        merits, moved = evaluate_compiled(judge, states_of(sensor, values))
+        expected, motions = evaluate_numpy(judge, values)
         close = 1e-4 if refocus == "worst" else 1e-8  # where the golden section ends
         np.testing.assert_allclose(moved, motions, atol=close / 10)
         np.testing.assert_allclose(merits, expected, atol=close, rtol=close)

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import merit_names
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import MERITS, merit_names
-from omnimirror.manufacturing.tolerancing.variance import variance_shares
+from omnimirror.manufacturing.tolerancing.compensation import MERITS, merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.sensitivity import variance_shares
 
 NAMES = ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1", "imager.shift_x_px")
 VARIANCES = {"uniform": 1 / 3, "normal": 1 / 4, "end-heavy": 1 / 2}

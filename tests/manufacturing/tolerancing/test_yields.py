@@ -14,14 +14,13 @@ import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.manufacturing.tolerancing.allocation import allocate
-from omnimirror.manufacturing.tolerancing.distributions import DISTRIBUTIONS, drawn, sigma_of
-from omnimirror.manufacturing.tolerancing.errors import perturbed
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.monte_carlo import Tally, monte_carlo, share_of, within
+from omnimirror.manufacturing.tolerancing.perturbation import perturbed
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.manufacturing.tolerancing.tolerances import BLOCK
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import merit_names
-from omnimirror.manufacturing.tolerancing.yields import Tally, monte_carlo, share_of, within
+from omnimirror.manufacturing.tolerancing.tolerances import BLOCK, DISTRIBUTIONS, drawn, sigma_of
 
 SHIFTS = ("imager.shift_x_px", "imager.shift_y_px")
 

@@ -14,11 +14,11 @@ from ...errors import InvalidParameter
 from ...figures.style import render, styled
 from ...housing import Housing
 from ...sensor import Sensor
-from ..body import Body
-from ..parts import Part, housed, parts_of
+from ..body import Body, Part, housed, parts_of
 from ..workshop import Making, TitleBlock, Workshop
 from .mirror_view import draw_mirror
-from .sheet import SCALES, TABLE_ROW, Region, Sheet, scale_words
+from .sensor_view import Assembly, draw_sensor
+from .sheet import SCALES, TABLE_ROW, Region, Sheet, SheetFacts, draw_frame, draw_title, scale_words
 from .tables import (
     DataFile,
     Rows,
@@ -32,8 +32,6 @@ from .tables import (
     sensor_rows,
     tolerance_rows,
 )
-from .title import SheetFacts, draw_frame, draw_title
-from .views import Assembly, draw_sensor
 
 LEAST_SCALE, LARGEST_SCALE = SCALES[-1], SCALES[0]
 GAP = 5.0

@@ -7,10 +7,24 @@ from numpy.typing import NDArray
 
 from ...mirrors import Mirror
 from ..body import Body
-from ..forms import chords, conic_of, is_straight
+from ..surface_approximation import chords, conic_of, is_straight
 from ..workshop import Making
-from .sheet import CHAIN, LETTERS, THICK, THIN, Region, Sheet, View, fitting_scale, scale_words
-from .symbols import FRAME_HEIGHT, datum, frame_width, surface_sign, tolerance_frame
+from .sheet import (
+    CHAIN,
+    FRAME_HEIGHT,
+    LETTERS,
+    THICK,
+    THIN,
+    Region,
+    Sheet,
+    View,
+    datum,
+    fitting_scale,
+    frame_width,
+    scale_words,
+    surface_sign,
+    tolerance_frame,
+)
 
 Array = NDArray[np.float64]
 

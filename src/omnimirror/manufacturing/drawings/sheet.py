@@ -6,6 +6,7 @@ sheet: A4 stands upright and A3 lies, so that both are as high and the title blo
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -18,9 +19,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike, NDArray
 
+from ... import __version__
 from ...errors import InvalidParameter
 from ...escaping import label
 from ...figures.style import INK
+from ..workshop import TitleBlock
 
 Array = NDArray[np.float64]
 
@@ -324,3 +327,163 @@ class Sheet:
             y -= TABLE_ROW
             self.line([(x, y), (x + width, y)], FINE, color="#B0B0B0")
         return y
+
+
+FRAME_HEIGHT = 2 * LETTERS
+"""Of a frame of a tolerance."""
+PAD = 1.2
+
+
+def _circle(radius: float, start: float = 0.0, end: float = 360.0) -> Array:
+    angle = np.radians(np.linspace(start, end, 49))
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+CHARACTERISTICS: dict[str, list[Array]] = {
+    "flatness": [np.array([(-1.9, -0.9), (0.7, -0.9), (1.9, 0.9), (-0.7, 0.9), (-1.9, -0.9)])],
+    "perpendicularity": [np.array([(-1.5, -1.2), (1.5, -1.2)]), np.array([(0.0, -1.2), (0.0, 1.5)])],
+    "coaxiality": [_circle(0.8), _circle(1.6)],
+    "surface profile": [np.concatenate([_circle(1.6, 0.0, 180.0) - [0.0, 0.7], [(1.6, -0.7)]])],
+}
+"""Lines of each sign about its middle."""
+
+
+def tolerance_frame(sheet: Sheet, x: float, y: float, characteristic: str, cells: Sequence[str]) -> float:
+    """A frame from its lower left corner: the sign, the width of the zone, and the datums; its right edge."""
+    for line in CHARACTERISTICS[characteristic]:
+        sheet.line(np.add(line, [x + FRAME_HEIGHT / 2, y + FRAME_HEIGHT / 2]), THIN)
+    edges = [x, x + FRAME_HEIGHT]
+    for cell in cells:
+        edges.append(max(edges[-1] + sheet.text_width(cell) + 2 * PAD, edges[-1] + FRAME_HEIGHT))
+        sheet.text((edges[-2] + edges[-1]) / 2, y + (FRAME_HEIGHT - LETTERS) / 2, cell, ha="center")
+    for edge in edges:
+        sheet.line([(edge, y), (edge, y + FRAME_HEIGHT)], THIN)
+    for height in (y, y + FRAME_HEIGHT):
+        sheet.line([(x, height), (edges[-1], height)], THIN)
+    return edges[-1]
+
+
+def frame_width(sheet: Sheet, cells: Sequence[str]) -> float:
+    """How long a frame becomes."""
+    return FRAME_HEIGHT + sum(max(sheet.text_width(cell) + 2 * PAD, FRAME_HEIGHT) for cell in cells)
+
+
+def datum(sheet: Sheet, foot: ArrayLike, direction: ArrayLike, letter: str, reach: float = 6.0) -> None:
+    """A datum: a filled triangle that stands on an edge, and its letter in a box so far along a direction."""
+    at, along = np.asarray(foot, dtype=float), np.asarray(direction, dtype=float)
+    across = np.array([-along[1], along[0]])
+    sheet.fill([at + 1.25 * across, at - 1.25 * across, at + 2.2 * along])
+    middle = at + (reach + FRAME_HEIGHT / 2) * along
+    sheet.line([at + 2.2 * along, at + reach * along], THIN)
+    half = FRAME_HEIGHT / 2
+    box = np.array([(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)])
+    sheet.line(box + middle, THIN)
+    sheet.text(middle[0], middle[1] - LETTERS / 2, letter, ha="center")
+
+
+def surface_sign(sheet: Sheet, x: float, y: float, words: str, removed: bool = True) -> float:
+    """The sign of a surface's texture with its tip at (x, y), words beneath its arm; its right edge."""
+    low, high = np.array([-2.2, 3.8]), np.array([4.4, 7.6])
+    width = sheet.text_width(words)
+    at = np.array([x, y])
+    sheet.line([at + low, at, at + high, at + high + [width + 2.0, 0.0]], THIN)
+    if removed:
+        sheet.line([at + low, at + low * [-1.0, 1.0]], THIN)
+    sheet.text(x + high[0] + 0.8, y + high[1] - LETTERS - 1.0, words)
+    return float(x + high[0] + width + 2.0)
+
+
+def first_angle(sheet: Sheet, x: float, y: float) -> None:
+    """The sign of first-angle projection about (x, y): a cone, and behind it what its left side shows."""
+    cone = [(-9.0, -1.5), (-9.0, 1.5), (-2.0, 3.0), (-2.0, -3.0), (-9.0, -1.5)]
+    sheet.line(np.add(cone, [x, y]), THIN)
+    for radius in (1.5, 3.0):
+        sheet.line(np.add(_circle(radius), [x + 5.0, y]), THIN)
+    for ends in ([(-10.5, 0.0), (-0.5, 0.0)], [(1.0, 0.0), (9.0, 0.0)], [(5.0, -4.0), (5.0, 4.0)]):
+        sheet.line(np.add(ends, [x, y]), FINE, (8, 2, 1, 2))
+
+
+WIDTH, ROW = 180.0, 10.0
+"""Of the title block and of its rows, mm."""
+HEIGHT = 4 * ROW
+BOTTOM = MARGINS[1]
+
+
+@dataclass(frozen=True)
+class SheetFacts:
+    """What the title block says of one sheet.
+
+    Attributes
+    ----------
+    title, kind
+        Of the sheet, and what kind of drawing it is.
+    scale
+        Of its main view, in words.
+    place
+        Which sheet of how many.
+    material, mass
+        Of the part; empty on that of the sensor.
+    """
+
+    title: str
+    kind: str
+    scale: str
+    place: tuple[int, int]
+    material: str = ""
+    mass: str = ""
+
+
+def draw_frame(sheet: Sheet) -> None:
+    """The frame, and the centring marks by which a sheet is copied."""
+    wide, narrow = MARGINS
+    left, bottom, right, top = wide, narrow, sheet.width - narrow, sheet.height - narrow
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
+    sheet.line(corners, FRAME, solid_joinstyle="miter")
+    across, along = sheet.height / 2, (left + right) / 2
+    for edge, out in ((left, left - 5), (right, right + 5)):
+        sheet.line([(out, across), (edge, across)], FRAME)
+    for edge, out in ((bottom, bottom - 5), (top, top + 5)):
+        sheet.line([(along, out), (along, edge)], FRAME)
+
+
+def draw_title(sheet: Sheet, block: TitleBlock, facts: SheetFacts) -> None:
+    """The title block, at the right lower corner of the frame."""
+    left, right = sheet.width - MARGINS[1] - WIDTH, sheet.width - MARGINS[1]
+    sheet.line([(left, BOTTOM), (left, BOTTOM + HEIGHT), (right, BOTTOM + HEIGHT)], FRAME)
+    name = block.title or " ".join(facts.title.split())
+    rows: list[list[tuple[str, str, float]]] = [
+        [
+            ("NUMBER", block.number or "-", 60), ("REVISION", block.revision, 24), ("DATE", block.date or "-", 30),
+            ("SHEET", f"{facts.place[0]}/{facts.place[1]}", 18), ("SIZE", sheet.size, 16), ("SCALE", facts.scale, 32),
+        ],
+        [
+            ("OWNER", block.owner or "-", 60), ("CREATED BY", block.created_by or f"omnimirror {__version__}", 60),
+            ("APPROVED BY", block.approved_by or "-", 60),
+        ],
+        [("TITLE", name, 130), ("DOCUMENT", facts.kind, 50)],
+        [
+            ("MATERIAL", facts.material or "-", 60), ("GENERAL TOLERANCES", block.general_tolerances, 60),
+            ("MASS", facts.mass or "-", 34), ("", "", 26),
+        ],
+    ]  # fmt: skip
+    for i, cells in enumerate(rows):
+        y, x = BOTTOM + ROW * i, left
+        if i:
+            sheet.line([(left, y), (right, y)], THIN)
+        for heading, value, width in cells:
+            if x > left:
+                sheet.line([(x, y), (x, y + ROW)], THIN)
+            sheet.text(x + 1.5, y + ROW - LETTERS - 1.2, heading, color="#555555")
+            height = 3.5 if heading == "TITLE" else LETTERS
+            sheet.text(x + 1.5, y + 1.6, shortened(sheet, value, width - 3, height), height)
+            x += width
+    first_angle(sheet, right - 12.5, BOTTOM + 3.5 * ROW)
+
+
+def shortened(sheet: Sheet, words: str, room: float, height: float = LETTERS) -> str:
+    """As many letters of the words as fit the room, mm."""
+    if sheet.text_width(words, height) <= room:
+        return words
+    cuts = [words[:n].rstrip() + " .." for n in range(1, len(words))]
+    fitting = bisect_right(cuts, room, key=lambda cut: sheet.text_width(cut, height))
+    return cuts[fitting - 1] if fitting else ""

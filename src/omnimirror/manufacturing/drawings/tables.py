@@ -14,12 +14,11 @@ from ...lenses import GaussianLens, Orthographic
 from ...mirrors import Mirror
 from ...sensor import Sensor
 from ...tracing.walls import passage
-from ..formats.sag_tables import format_table, table_points
-from ..forms import conic_of
-from ..parts import Part, omega_of
-from ..reference_sphere import best_sphere
-from ..sensitivity import sensitivities
+from ..body import Part, omega_of
+from ..formats.sag import format_table, table_points
+from ..surface_approximation import best_sphere, conic_of
 from ..workshop import Making, TitleBlock
+from .image_shift import sensitivities
 from .mirror_view import fixed_words, length_words, plus_minus
 
 Rows = list[tuple[str, ...]]

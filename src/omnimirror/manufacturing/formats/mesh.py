@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...errors import InvalidParameter
 from ...mirrors import Mirror
 from ..body import Body
-from ..forms import chords, deviation_um
+from ..surface_approximation import chords, deviation_um
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -14,7 +14,7 @@ from ... import __version__
 from ...escaping import step_string
 from ...mirrors import Mirror
 from ..body import Body
-from ..forms import ProfileCurve, curve_of
+from ..surface_approximation import ProfileCurve, curve_of
 
 
 def solid_of(mirror: Mirror, body: Body) -> tuple[Any, ProfileCurve]:

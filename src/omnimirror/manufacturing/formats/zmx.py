@@ -24,7 +24,7 @@ from ...housing import wall_words
 from ...lenses import GaussianLens, Orthographic
 from ...sensor import Sensor
 from ...tracing.meridian import ChiefRays
-from ..forms import Asphere, asphere_of
+from ..surface_approximation import Asphere, asphere_of
 
 Array = NDArray[np.float64]
 

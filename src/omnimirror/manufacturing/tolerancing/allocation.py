@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from ...sensor import Sensor
-from .errors import GRADES, errors_of
+from .evaluator import Judge
+from .monte_carlo import Share, check_limits, monte_carlo, told
+from .perturbation import GRADES, errors_of
+from .requirement_merits import is_least
 from .tolerances import BLOCK, Tolerances
-from .trials.judge import Judge
-from .trials.required.names import is_least
-from .yields import Share, check_limits, monte_carlo, told
 
 Array = NDArray[np.float64]
 

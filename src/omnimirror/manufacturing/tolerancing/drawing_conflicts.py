@@ -17,9 +17,9 @@ from ...arguments import checked
 from ...mirrors import Mirror
 from ...sensor import Sensor
 from ..body import Body
-from ..workshop import Making, Workshop
 from ..drawings.tables import form_rms_um
-from .errors import perturbed
+from ..workshop import Making, Workshop
+from .perturbation import perturbed
 
 Array = NDArray[np.float64]
 

@@ -21,17 +21,14 @@ from ...mirrors.form import LARGEST_ORDER, MirrorForm
 from ...sensor import Sensor
 from ...specs import Places, Table, check_entries, validated
 from ..metrology.readers import Unit
-from .distributions import Distribution
-from .errors import GRADES, MEASURED, check_name, errors_of, measured
-from .forms.measured import measured_form
-from .forms.spectra import LOWEST_ORDER, RandomFigure, figure_of
-from .tolerances import ErrorBound, Tolerances
-from .trials.compensation import Calibration
-from .trials.judge import Judge
-from .trials.merits import merit_names
-from .trials.picture import REFOCUS, Refocus
-from .trials.required.names import MeritName, names_of
-from .yields import check_limits
+from .compensation import Calibration, merit_names
+from .evaluator import Judge
+from .mirror_form import LOWEST_ORDER, RandomFigure, figure_of, measured_form
+from .monte_carlo import check_limits
+from .perturbation import GRADES, MEASURED, check_name, errors_of, measured
+from .requirement_merits import MeritName, names_of
+from .tolerances import Distribution, ErrorBound, Tolerances
+from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
 
@@ -106,7 +103,7 @@ class TolerancePlan:
     refocus
         Whether each sensor is focused.
     judged
-        Field and number of objects, as :func:`omnimirror.manufacturing.tolerancing.trials.field.field_of` takes them.
+        Field and number of objects, as :func:`omnimirror.manufacturing.tolerancing.object_field.field_of` takes them.
     widest
         How wide tolerances may become where a yield is wanted, by the names of errors; as a coarse shop holds them by
         default.
@@ -364,7 +361,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     sensor
         Whose it is.
     grade
-        Of the shop: one of :data:`~omnimirror.manufacturing.tolerancing.errors.GRADES`.
+        Of the shop: one of :data:`~omnimirror.manufacturing.tolerancing.perturbation.GRADES`.
 
     Returns
     -------

@@ -1,22 +1,81 @@
-"""The tolerances of a sensor: which errors, within what, how distributed; and the trials that follow from a seed."""
+"""How errors are distributed within their tolerances, and how trials draw them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from ...arguments import check_fields, choice, number, shown
 from ...errors import InvalidParameter
 from ...mirrors.form import MirrorForm
 from ...sensor import Sensor
-from .distributions import DISTRIBUTIONS, Distribution, drawn
-from .errors import MEASURED, check_name, errors_of, measured
+from .perturbation import MEASURED, check_name, errors_of, measured
 
 Array = NDArray[np.float64]
+
+Distribution = Literal["uniform", "normal", "truncated", "end-heavy", "always"]
+DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
+"""Within plus and minus the tolerance: all alike; normal, the tolerance two sigma; the same and nothing beyond it; and
+as parts come that were machined until they just pass, most at the ends; and always the tolerance itself."""
+
+SIGMAS = 2.0  # that a tolerance is of a normal distribution
+UNLIKELY = float(ndtr(-SIGMAS))
+
+
+def drawn(distribution: Distribution, share: Array) -> Array:
+    """Errors in units of the tolerance, for shares in (0, 1) of all that are smaller.
+
+    Parameters
+    ----------
+    distribution
+        Of them.
+    share : array
+        In (0, 1).
+
+    Returns
+    -------
+    array
+        Quantiles.
+
+    Examples
+    --------
+    >>> share = np.array([0.25, 0.5, 0.975])
+    >>> for name in DISTRIBUTIONS:
+    ...     print(name, drawn(name, share).round(3) + 0.0)
+    uniform [-0.5   0.    0.95]
+    normal [-0.337  0.     0.98 ]
+    truncated [-0.32   0.     0.839]
+    end-heavy [-0.707  0.     0.997]
+    always [1. 1. 1.]
+    """
+    if distribution == "always":
+        return np.ones_like(share)
+    if distribution == "uniform":
+        return 2 * share - 1
+    if distribution == "normal":
+        return np.asarray(ndtri(share) / SIGMAS)
+    if distribution == "truncated":
+        return np.asarray(ndtri(UNLIKELY + share * (1 - 2 * UNLIKELY)) / SIGMAS)
+    return -np.cos(np.pi * share)  # the arcsine law
+
+
+def sigma_of(distribution: Distribution) -> float:
+    """Standard deviation in units of the tolerance.
+
+    >>> [round(sigma_of(name), 3) for name in DISTRIBUTIONS]
+    [0.577, 0.5, 0.44, 0.707, 0.0]
+    """
+    if distribution == "truncated":
+        density = np.exp(-(SIGMAS**2) / 2) / np.sqrt(2 * np.pi)
+        return float(np.sqrt(1 - 2 * SIGMAS * density / (1 - 2 * UNLIKELY)) / SIGMAS)
+    sigmas: dict[str, float] = {"uniform": 3**-0.5, "normal": 1 / SIGMAS, "end-heavy": 0.5**0.5, "always": 0.0}
+    return sigmas[distribution]
+
 
 BLOCK = 8192
 """Trials that are drawn at a time: each block has random numbers of its own, whoever computes it, and when."""
@@ -69,7 +128,7 @@ class Tolerances:
     sensor
         What is meant.
     errors
-        Tolerances by the names of errors (:func:`omnimirror.manufacturing.tolerancing.errors.errors_of`).
+        Tolerances by the names of errors (:func:`omnimirror.manufacturing.tolerancing.perturbation.errors_of`).
     correlations
         Between pairs of errors, from -1 to 1; they are meant of the normal numbers behind each.
     forms

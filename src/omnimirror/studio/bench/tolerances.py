@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
-from ...manufacturing.tolerancing.errors import check_built_with, errors_of, group_of, perturbed
+from ...manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ...manufacturing.tolerancing.evaluator import Judge
+from ...manufacturing.tolerancing.monte_carlo import Tally, check_limits, monte_carlo
+from ...manufacturing.tolerancing.perturbation import check_built_with, errors_of, group_of, perturbed
+from ...manufacturing.tolerancing.perturbed_states import are_traced_together
+from ...manufacturing.tolerancing.requirement_merits import is_least, required_of
 from ...manufacturing.tolerancing.tolerances import ErrorBound, Tolerances
-from ...manufacturing.tolerancing.trials.compensation import CALIBRATIONS
-from ...manufacturing.tolerancing.trials.judge import Judge
-from ...manufacturing.tolerancing.trials.merits import after
-from ...manufacturing.tolerancing.trials.picture import Refocus
-from ...manufacturing.tolerancing.trials.required.names import is_least, required_of
-from ...manufacturing.tolerancing.trials.states import are_traced_together
-from ...manufacturing.tolerancing.yields import Tally, check_limits, monte_carlo
+from ...manufacturing.tolerancing.trial_images import Refocus
 from ...sensor import Sensor
 from ...specs import tables_of
 from ..framing import framed

@@ -8,7 +8,7 @@ from scipy.special import eval_legendre
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
 from tests.manufacturing.metrology.clouds import on
 
 

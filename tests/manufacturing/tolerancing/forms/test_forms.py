@@ -7,11 +7,10 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, SpecError
-from omnimirror.manufacturing.tolerancing.forms.measured import measured_form
-from omnimirror.manufacturing.tolerancing.forms.spectra import RandomFigure
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.mirror_form import RandomFigure, measured_form
 from omnimirror.manufacturing.tolerancing.tolerance_file import load_tolerances, parse_tolerances
-from omnimirror.manufacturing.tolerancing.trials.judge import Judge
-from omnimirror.manufacturing.tolerancing.trials.merits import merit_names
 from omnimirror.mirrors.form import MirrorForm
 from omnimirror.numerics.zernike import noll
 

@@ -12,15 +12,19 @@ from ....design.criteria.requirement_file import load_requirements
 from ....errors import InvalidParameter, OmnimirrorError
 from ....escaping import shell_command
 from ....files import is_stream, write_json, write_text
-from ....manufacturing.tolerancing.analysis import ToleranceReport, limits_of, tolerance
-from ....manufacturing.tolerancing.errors import GRADES
-from ....manufacturing.tolerancing.sweeps import SHARD_TRIALS, WHOLE, Sweep
+from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ....manufacturing.tolerancing.monte_carlo import motion_words
+from ....manufacturing.tolerancing.perturbation import GRADES
+from ....manufacturing.tolerancing.requirement_merits import is_least, is_required
+from ....manufacturing.tolerancing.sweep import SHARD_TRIALS, WHOLE, Sweep
+from ....manufacturing.tolerancing.tolerance_analysis import (
+    ToleranceReport,
+    TypicalSensor,
+    limits_of,
+    tolerance,
+    typical_sensors,
+)
 from ....manufacturing.tolerancing.tolerance_file import load_tolerances, tolerance_template
-from ....manufacturing.tolerancing.trials.compensation import CALIBRATIONS
-from ....manufacturing.tolerancing.trials.merits import after
-from ....manufacturing.tolerancing.trials.required.names import is_least, is_required
-from ....manufacturing.tolerancing.typical import TypicalSensor, typical_sensors
-from ....manufacturing.tolerancing.yields import motion_words
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WholeRange
@@ -275,7 +279,7 @@ def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> 
     written = []
     if out is not None:
         from ....figures.style import save_figure, styled
-        from ....manufacturing.tolerancing.figures import curves, tornado, variance_chart
+        from ....manufacturing.tolerancing.charts import curves, tornado, variance_chart
 
         out.mkdir(parents=True, exist_ok=True)
         write_json(out / "tolerance.json", found.to_dict())

@@ -13,11 +13,10 @@ from rich.console import Console
 from ....errors import InvalidParameter
 from ....files import write_json
 from ....manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
-from ....manufacturing.metrology.form_errors import FormError, form_error
+from ....manufacturing.metrology.form_error import FormError, form_error
 from ....manufacturing.metrology.readers import MM, Unit, read_points
-from ....manufacturing.tolerancing.forms.effects import FormEffect, as_made, form_effect
-from ....manufacturing.tolerancing.trials.compensation import CALIBRATIONS
-from ....manufacturing.tolerancing.trials.merits import after
+from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ....manufacturing.tolerancing.mirror_form import FormEffect, as_made, form_effect
 from ....mirrors import Mirror
 from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
@@ -98,7 +97,7 @@ def command(
         written.append(output)
     if figure is not None:
         from ....figures.style import save_figure, styled
-        from ....manufacturing.metrology.figures import form_figure
+        from ....manufacturing.metrology.form_map import form_figure
 
         with styled():
             save_figure(form_figure(form), figure)

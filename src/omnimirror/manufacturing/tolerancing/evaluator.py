@@ -1,27 +1,90 @@
-"""Who judges trials: the compiled kernel, or NumPy where there is none."""
+"""The compiled way to judge trials: arrays packed as native/src/tolerance has them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....native import backend
-from ....sensor import Sensor
-from . import compiled
-from . import merits as merits_in_numpy
-from .compensation import compensators_of
-from .field import field_of
-from .merits import LOST, Reference
-from .picture import Refocus
-from .states import Values, are_traced_together, states_of
-
-if TYPE_CHECKING:
-    from .required.merits import RequiredMerits
+from ...native import backend
+from ...sensor import Sensor
+from ...tracing.reflection import REFLECTS, RIM_SLACK
+from .compensation import LOST, MERITS, ROUNDS, Reference, compensators_of, evaluate_numpy, merit_names
+from .object_field import field_of
+from .perturbed_states import Values, are_traced_together, states_of
+from .requirement_merits import RequiredMerits
+from .trial_images import CLOSE, HALVINGS, REFOCUS, STEPS, Refocus, States
 
 Array = NDArray[np.float64]
+
+TERMS = (0, 4, 8, 16)
+"""How many coefficients of a polynomial kernels are compiled for; others are filled up with 0."""
+POWERS = (1, 15, 28, 91)
+"""How many powers of a form."""
+
+
+def can_judge(states: States) -> bool:
+    """Whether there is a kernel for these sensors."""
+    return backend.is_compiled and states.surfaces.polynomial.shape[1] <= TERMS[-1]
+
+
+def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Array]:
+    """Merits (t, m) of trials, and motions (t, 2 n) px, as in NumPy."""
+    field, c = reference.field, reference.compensators
+    numbers, terms = packed(states)
+    merits = np.empty((len(states), MERITS))
+    moved = np.full((len(states), 2 * len(field)), np.nan)
+    table = states.surfaces.table
+    pieces = (np.zeros((0, 6)), 1.0) if table is None else (table.pieces, table.step_mm)
+    area = np.abs(np.linalg.det(field.px_per_deg))
+    deg_per_px = np.linalg.inv(field.px_per_deg).reshape(-1, 4)
+    rows = tuple(np.ascontiguousarray(part) for part in (c.affine, c.basis, c.straight, c.bent, c.radial))
+    objects = (field.targets, field.start, reference.reference_px, deg_per_px, area)
+    backend.kernels.judge_trials(
+        numbers,
+        terms,
+        bool(states.surfaces.curvature.any()),
+        states.surfaces.rim_radius_mm,
+        pieces,
+        (*(np.ascontiguousarray(part) for part in objects), field.distant),
+        (*rows, ROUNDS),
+        (STEPS, CLOSE, REFLECTS, RIM_SLACK, HALVINGS),
+        REFOCUS.index(reference.refocus),
+        reference.floor_px2,
+        merits,
+        moved,
+    )
+    merits[:, -2] += states.focal_mm - states.breathing_mm  # from the principal point, not from the pupil
+    return merits, moved
+
+
+def packed(states: States) -> tuple[Array, int]:
+    """All numbers of trials (t, n) in the order of ``TrialNumber``, and how many terms the polynomials have."""
+    surfaces, count = states.surfaces, len(states)
+    pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
+    singles = (surfaces.curvature, surfaces.conic, states.aperture_mm, states.vergence, states.breathing_mm)
+    polynomial, form = _filled(surfaces.polynomial, TERMS), _filled(surfaces.form, POWERS)
+    parts = (
+        states.rotation.reshape(count, 9),
+        states.shift,
+        pupil,
+        np.stack(singles, axis=-1),
+        states.brown,
+        states.imager.reshape(count, 9),
+        states.focal_mm[:, None],
+        polynomial,
+        form,
+    )
+    return np.concatenate(parts, axis=1), polynomial.shape[1]
+
+
+def _filled(columns: Array, sizes: tuple[int, ...]) -> Array:
+    """Columns (t, n), and as many of 0 as the next size has more."""
+    wanted = next(size for size in sizes if size >= columns.shape[1])
+    return np.pad(columns, ((0, 0), (0, wanted - columns.shape[1])))
+
 
 CHUNK = 256  # trials at a time in NumPy: their arrays stay in the cache
 COMPILED_CHUNK = 2048
@@ -43,7 +106,7 @@ class Judge(Reference):
     >>> import omnimirror as om
     >>> judge = Judge.of(om.load_sensor("paper-spherical"))
     >>> merits = judge.judged({"mirror.decentre_x_mm": np.array([0.1])})
-    >>> worst = dict(zip(merits_in_numpy.merit_names(), merits[0], strict=True))
+    >>> worst = dict(zip(merit_names(), merits[0], strict=True))
     >>> float(worst["motion_px"].round(2)), float(worst["motion_px after pose"].round(4))
     (1.15, 0.0)
     """
@@ -53,7 +116,7 @@ class Judge(Reference):
     @property
     def names(self) -> tuple[str, ...]:
         """Of the merits, in the order of their columns."""
-        names = merits_in_numpy.merit_names()
+        names = merit_names()
         return names if self.required is None else (*names[:-1], *self.required.names, LOST)
 
     @classmethod
@@ -67,8 +130,6 @@ class Judge(Reference):
         judge = cls(objects, compensators_of(objects), reference, refocus, floor)
         if not required:
             return judge
-        from .required.merits import RequiredMerits  # brings all of design with it, which most trials do not need
-
         return replace(judge, required=RequiredMerits.of(required, objects, refocus, distance, floor))
 
     def judged(self, values: Values) -> Array:
@@ -125,6 +186,6 @@ def _judged_at_once(reference: Reference, values: Values) -> tuple[Array, Array]
     sensor = reference.field.sensor
     if backend.is_compiled and are_traced_together(sensor, values):
         states = states_of(sensor, values)
-        if compiled.can_judge(states):
-            return compiled.judged(reference, states)
-    return merits_in_numpy.judged(reference, values)
+        if can_judge(states):
+            return evaluate_compiled(reference, states)
+    return evaluate_numpy(reference, values)

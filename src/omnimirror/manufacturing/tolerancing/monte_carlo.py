@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from ...errors import InvalidParameter
+from .compensation import merit_names
+from .evaluator import Judge
+from .requirement_merits import check_limit, is_least, is_required
 from .tolerances import BLOCK, Tolerances
-from .trials.judge import Judge
-from .trials.merits import merit_names
-from .trials.required.names import check_limit, is_least, is_required
 
 Array = NDArray[np.float64]
+
 Progress = Callable[[int, int], None]
 
 CONFIDENCE = 0.95

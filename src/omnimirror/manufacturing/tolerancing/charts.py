@@ -11,12 +11,10 @@ from matplotlib.figure import Figure
 
 from ...escaping import plot_text, visible
 from ...figures.style import GREY, INK, PAGE, PALETTE, new_figure
-from .sensitivity import ErrorEffect
-from .trials.compensation import CALIBRATIONS
-from .trials.merits import after
-from .trials.required.names import is_least
-from .variance import VarianceShares
-from .yields import Tally
+from .compensation import CALIBRATIONS, after
+from .monte_carlo import Tally
+from .requirement_merits import is_least
+from .sensitivity import ErrorEffect, VarianceShares
 
 MOST_BARS = 24
 ROW = 0.19  # inches of a bar

@@ -16,8 +16,22 @@ from ...sensor import Sensor
 from ...tracing.meridian import ChiefRays
 from ..body import Body
 from .mirror_view import length_words, plus_minus, section_outline
-from .sheet import CHAIN, DASHED, FINE, PHANTOM, THICK, THIN, Region, Sheet, View, fitting_scale, scale_words
-from .symbols import FRAME_HEIGHT, datum, tolerance_frame
+from .sheet import (
+    CHAIN,
+    DASHED,
+    FINE,
+    FRAME_HEIGHT,
+    PHANTOM,
+    THICK,
+    THIN,
+    Region,
+    Sheet,
+    View,
+    datum,
+    fitting_scale,
+    scale_words,
+    tolerance_frame,
+)
 
 Array = NDArray[np.float64]
 

@@ -18,13 +18,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
-from ..arguments import check_fields, checked, whole
-from ..errors import InvalidParameter
-from ..escaping import gcode_comment, line_comment
-from ..mirrors import Mirror
-from ..parameters import Parameter
-from .forms import steps_of
+from ... import __version__
+from ...arguments import check_fields, checked, whole
+from ...errors import InvalidParameter
+from ...escaping import gcode_comment, line_comment
+from ...mirrors import Mirror
+from ...parameters import Parameter
+from ..surface_approximation import steps_of
 
 Array = NDArray[np.float64]
 
