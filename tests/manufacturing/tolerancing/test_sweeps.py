@@ -22,9 +22,10 @@ from click.testing import CliRunner
 import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.manufacturing.tolerancing import sweep as sweep_module
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import Judge
-from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep, pools
+from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep
 from omnimirror.manufacturing.tolerancing.tolerances import BLOCK
 from tests.everyday import few
 
@@ -169,7 +170,7 @@ def test_parts_are_the_whole(plan, expected, tmp_path, monkeypatch):
     ],
 )
 def test_what_cannot_be_is_a_sentence(plan, tmp_path, call, words, monkeypatch):
-    monkeypatch.setattr(pools, "CONNECT_S", 0.5)
+    monkeypatch.setattr(sweep_module, "CONNECT_S", 0.5)
     counted(plan, tmp_path)
     with pytest.raises((InvalidParameter, OmnimirrorError), match=words):
         call(plan, tmp_path)
