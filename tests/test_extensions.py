@@ -197,7 +197,7 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_quantity(LIMITABLE["aspect"])
     with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
         om.register_quantity("aspect")
-    with pytest.raises(InvalidParameter, match=r"\.step files are written as another format"):
+    with pytest.raises(InvalidParameter, match=r"suffixes must not belong to another format; got \.step"):
         om.register_format("other", om.manufacturing.Format(print, (".step",)))
 
 

@@ -115,7 +115,7 @@ if TYPE_CHECKING:
     from .manufacturing.metrology.form_error import form_error as form_error
     from .manufacturing.metrology.readers import read_points as read_points
     from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
-    from .manufacturing.tolerancing.mirror_form import as_made as as_made
+    from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
     from .manufacturing.tolerancing.perturbation import perturbed as perturbed
     from .manufacturing.tolerancing.sweep import Sweep as Sweep
@@ -126,7 +126,7 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import TolerancePlan as TolerancePlan
     from .manufacturing.tolerancing.tolerance_file import load_tolerances as load_tolerances
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
-    from .manufacturing.tolerancing.tolerances import ErrorBound as ErrorBound
+    from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
     from .media import read_image as read_image
     from .media import write_image as write_image
@@ -287,7 +287,7 @@ _HOMES = {
     "register_format": "manufacturing",
     "read_image": "media",
     "write_image": "media",
-    "as_made": "manufacturing.tolerancing.mirror_form",
+    "as_built": "manufacturing.tolerancing.mirror_form",
     "form_effect": "manufacturing.tolerancing.mirror_form",
     "form_error": "manufacturing.metrology.form_error",
     "FormError": "manufacturing.metrology.form_error",
@@ -337,7 +337,7 @@ _HOMES = {
     "dewarp_video": "straighten.video",
     "LookAround": "studio.notebook",
     "show": "studio.notebook",
-    "ErrorBound": "manufacturing.tolerancing.tolerances",
+    "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
     "perturbed": "manufacturing.tolerancing.perturbation",
     "tolerance": "manufacturing.tolerancing.tolerance_analysis",

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
-from omnimirror.manufacturing import Body, Making, TitleBlock, Workshop, draw_sheets
+from omnimirror.manufacturing import Body, PartSpecification, TitleBlock, Workshop, draw_sheets
 from omnimirror.manufacturing.body import Part
 from omnimirror.manufacturing.drawings.mirror_view import fixed_words
 from omnimirror.manufacturing.drawings.sheet import SHEETS, Sheet, fitting_scale, scale_words
@@ -115,15 +115,29 @@ FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0
 TUBE = Housing(shell=Tube())
 WORKSHOP = Workshop(
     TitleBlock("OM-0042-017", "B", "2026-11-22", "", "Example AG", "A. Meier", "B. Huber"),
-    Making("aluminium EN AW-6061 T6", coating="Al, protected, R > 88 %", surface_roughness_nm=5.0, form_um=1.0,
-           centring_mm=0.02, imperfections="5x0.16", diameter_tolerance_mm=0.02, thickness_tolerance_mm=0.05,
-           back_flatness_mm=0.005),
+    PartSpecification(
+        "aluminium EN AW-6061 T6",
+        coating="Al, protected, R > 88 %",
+        surface_roughness_nm=5.0,
+        form_um=1.0,
+        centring_mm=0.02,
+        imperfections="5x0.16",
+        diameter_tolerance_mm=0.02,
+        thickness_tolerance_mm=0.05,
+        back_flatness_mm=0.005,
+    ),
     tolerances={
-        "mirror.decentre_x_mm": 0.05, "mirror.decentre_y_mm": 0.04, "mirror.displacement_mm": 0.1,
-        "mirror.tilt_x_deg": 0.1, "mirror.tilt_y_deg": 0.12, "mirror.vertex_radius_mm": 0.05, "mirror.conic": 0.005,
-        "lens.focal_length_mm": 0.1, "imager.shift_x_px": 20.0,
+        "mirror.decentre_x_mm": 0.05,
+        "mirror.decentre_y_mm": 0.04,
+        "mirror.displacement_mm": 0.1,
+        "mirror.tilt_x_deg": 0.1,
+        "mirror.tilt_y_deg": 0.12,
+        "mirror.vertex_radius_mm": 0.05,
+        "mirror.conic": 0.005,
+        "lens.focal_length_mm": 0.1,
+        "imager.shift_x_px": 20.0,
     },
-)  # fmt: skip
+)
 CASES = [
     (FOLDED["two-hyperboloids"], Body(), TUBE, "A3"),
     (om.load_sensor("paper-equidistant"), TAPPED, Housing(rod=Rod()), "A4"),
@@ -198,12 +212,34 @@ def test_the_mirror_sheet_says_what_a_shop_asks_for():
     volume = 2.70e-3 * body.volume_mm3(sensor.mirror)
     edge, radius = float(sensor.mirror.sag(43.9)), float(sensor.mirror.radius_t(0.0))
     assert words >= {
-        "Ø87.8 ± 0.02", "5 ± 0.05", f"({edge:.3f})", f"({edge + 5:.3f})", "M6, 12 deep",
-        f"{radius:.9g} ± 0.05 mm", f"{-1 - (74.5422 / 32.51673) ** -2 + 0:.6g} ± 0.005".replace("-1.190", "-1.190"),
-        "A", "B", "0.001", "0.005", "3/1000 nm", "4/3' (0.02 mm)", "5/5x0.16", "Rq 5 nm", "Ra 3.2", "Rq 0.005",
-        "Al, protected, R &gt; 88 %", "aluminium EN AW-6061 T6", f"{volume:.3g} g", "0.2 × 45°", "ISO 2768-mK",
-        "OM-0042-017", "B. Huber", "2026-11-22", "2/2", "part drawing",
-    }  # fmt: skip
+        "Ø87.8 ± 0.02",
+        "5 ± 0.05",
+        f"({edge:.3f})",
+        f"({edge + 5:.3f})",
+        "M6, 12 deep",
+        f"{radius:.9g} ± 0.05 mm",
+        f"{-1 - (74.5422 / 32.51673) ** -2 + 0:.6g} ± 0.005".replace("-1.190", "-1.190"),
+        "A",
+        "B",
+        "0.001",
+        "0.005",
+        "3/1000 nm",
+        "4/3' (0.02 mm)",
+        "5/5x0.16",
+        "Rq 5 nm",
+        "Ra 3.2",
+        "Rq 0.005",
+        "Al, protected, R &gt; 88 %",
+        "aluminium EN AW-6061 T6",
+        f"{volume:.3g} g",
+        "0.2 × 45°",
+        "ISO 2768-mK",
+        "OM-0042-017",
+        "B. Huber",
+        "2026-11-22",
+        "2/2",
+        "part drawing",
+    }
 
 
 def test_what_is_not_said_falls_under_general_tolerances_and_the_sheet_says_so():
@@ -312,7 +348,7 @@ def test_scales_are_standard_ones():
 
 @pytest.mark.parametrize("options", [{"sheet": "A5"}, {"scale": 1e-9}, {"scale": 1e6}])
 def test_paper_that_there_is_not_is_refused(options):
-    with pytest.raises(InvalidParameter, match=r"A5|scale = "):
+    with pytest.raises(InvalidParameter, match=r"A5|scale must"):
         draw_sheets(sensor_of("sphere"), **options)
 
 

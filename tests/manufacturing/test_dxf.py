@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.manufacturing import Body, Making, TitleBlock, Workshop, draw_sheets
+from omnimirror.manufacturing import Body, PartSpecification, TitleBlock, Workshop, draw_sheets
 from omnimirror.manufacturing.body import Part, parts_of
 from omnimirror.manufacturing.drawings.dxf import LAYERS, write_dxf
 from omnimirror.manufacturing.drawings.sheet import SHEETS
@@ -93,7 +93,7 @@ def test_layers_hatch_and_centre_line_are_there(tmp_path):
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
 def test_the_layout_is_the_sheet(size, tmp_path):
     """The same words at the same places as on the sheet, as large as letters have to be; lines within the paper."""
-    sensor, making = om.load_sensor("folded-hyperboloidal"), Making("brass", back_flatness_mm=0.005)
+    sensor, making = om.load_sensor("folded-hyperboloidal"), PartSpecification("brass", back_flatness_mm=0.005)
     workshop = Workshop(TitleBlock("OM-1"), mirror=making)
     parts = parts_of(sensor, Body())
     write_dxf(tmp_path / "mirror.dxf", parts[0], workshop, sheet=size, place=(2, 3))
@@ -114,7 +114,7 @@ def test_the_layout_is_the_sheet(size, tmp_path):
 
 def test_tolerances_and_a_counterbore_are_dimensions_too(tmp_path):
     sensor = om.load_sensor("folded-hyperboloidal")
-    making = Making(diameter_tolerance_mm=0.02, thickness_tolerance_mm=0.05)
+    making = PartSpecification(diameter_tolerance_mm=0.02, thickness_tolerance_mm=0.05)
     (part, _) = parts_of(sensor)
     write_dxf(tmp_path / "mirror.dxf", part, Workshop(mirror=making))
     page = ezdxf.readfile(tmp_path / "mirror.dxf").modelspace()

@@ -16,11 +16,11 @@ import pytest
 import omnimirror as om
 from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.housing import Dome, Housing, Rod
+from omnimirror.housing import Dome, Housing, Rim, Rod
 from omnimirror.manufacturing import DEFAULT_FORMATS, FORMATS, Body
-from omnimirror.manufacturing.body import housed, parts_of
-from omnimirror.manufacturing.exporter import changes_of
-from omnimirror.manufacturing.surface_approximation import asphere_of
+from omnimirror.manufacturing.body import parts_of, with_housing
+from omnimirror.manufacturing.exporter import sensor_changes
+from omnimirror.manufacturing.surface_approximation import fit_asphere
 from omnimirror.mirrors import SlopeSpline
 from omnimirror.specs import bundled_sensors, save_sensor
 from tests.commands import omnimirror
@@ -54,9 +54,10 @@ SENSORS = {name: om.load_sensor(name) for name in bundled_sensors()} | {s.name: 
     few(
         [(name, kind) for name in SENSORS for kind in FORMATS],
         *((name, "svg") for name in ("in-water", "in-dome", "before-window", "folded-spherical")),
-        ("in-water", "zmx"), ("paraboloid-telecentric", "gcode"),
+        ("in-water", "zmx"),
+        ("paraboloid-telecentric", "gcode"),
     ),
-)  # fmt: skip
+)
 def test_every_sensor_is_written_in_every_format(name, kind, tmp_path):
     files = om.export(SENSORS[name], tmp_path, formats=[kind], grid_points=33, chord_tolerance_um=50.0)
     assert {f.path for f in files} == set(tmp_path.iterdir())
@@ -70,7 +71,7 @@ def test_every_sensor_is_written_in_every_format(name, kind, tmp_path):
 def test_a_sensor_is_exported_as_it_is_evaluated(name):
     """Bodies by the sensor's own rims change nothing of it."""
     sensor = SENSORS[name]
-    assert changes_of(sensor, housed(parts_of(sensor))) == []
+    assert sensor_changes(sensor, with_housing(parts_of(sensor))) == []
 
 
 @pytest.mark.parametrize(
@@ -120,9 +121,9 @@ def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
 @pytest.mark.parametrize(
     ("path", "formats", "sentence"),
     [
-        ("mirror.sldprt", None, "no suffix that is known; valid are .step"),
-        ("out", ["step", "iges"], "no format 'iges'; valid are step, stl"),
-        ("mirror.step", ["stl"], "is a step file; give a folder for stl"),
+        ("mirror.sldprt", None, "one of the suffixes .step"),
+        ("out", ["step", "iges"], "names from step, stl.* got 'iges'"),
+        ("mirror.step", ["stl"], "a folder for the formats stl; got the step file"),
     ],
 )
 def test_what_cannot_be_written_is_refused(path, formats, sentence, tmp_path):
@@ -134,7 +135,7 @@ def test_what_cannot_be_written_is_refused(path, formats, sentence, tmp_path):
 def test_an_error_half_way_leaves_everything_as_it_was(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "paper-spherical-sag.csv").write_text("precious")
-    with pytest.raises(InvalidParameter, match="breaks through the mirror surface"):
+    with pytest.raises(InvalidParameter, match="got a hole"):
         om.export(sensor, tmp_path, formats=["csv", "zmx", "step"], body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0))
     assert [p.name for p in tmp_path.iterdir()] == ["paper-spherical-sag.csv"]
     assert (tmp_path / "paper-spherical-sag.csv").read_text() == "precious"
@@ -144,10 +145,13 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
     module = sys.modules[FORMATS["zmx"].write.__module__]
     monkeypatch.setattr(module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object())
     sensor = om.load_sensor("paper-spherical")
-    said = "step, dxf need OCP, ezdxf: pip install 'omnimirror[cad]', or choose from stl, 3mf, zmx, gridsag, csv, pdf"
+    said = (
+        "step, dxf require OCP, ezdxf; install with pip install 'omnimirror[cad]', or select stl, 3mf, zmx, gridsag, "
+        "csv, pdf"
+    )
     with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
         om.export(sensor, tmp_path)
-    with pytest.raises(OmnimirrorError, match=r"^step needs OCP: pip install 'omnimirror\[cad\]'$"):
+    with pytest.raises(OmnimirrorError, match=r"^step requires OCP; install with pip install 'omnimirror\[cad\]'$"):
         om.export(sensor, tmp_path / "mirror.step")
     assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2
 
@@ -191,8 +195,9 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
 
     assert write("a.csv", "--step-deg", "45", "--digits", "2").splitlines()[-2].startswith("43.90,26.12,135.00,")
     assert write("a.dat", "--grid-points", "11").startswith("11 11 ")
-    svg = write("a.svg", "--support", "rod", "--support-diameter-mm", "5", "--allow-changes", "--sheet", "A4",
-                "--scale", "1:5")  # fmt: skip
+    svg = write(
+        "a.svg", "--support", "rod", "--support-diameter-mm", "5", "--allow-changes", "--sheet", "A4", "--scale", "1:5"
+    )
     assert "rod Ø5" in svg
     assert "SENSOR  1:5" in svg
     coarse, fine = (len(write("a.stl", "--chord-tolerance-um", t)) for t in ("100", "10"))
@@ -202,11 +207,11 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--formats", "step,iges"], "'iges' is not a format; valid are step, stl"),
-        (["--scale", "half"], "'half' is not a scale, such as 1:2"),
-        (["--scale", "1:0"], "'1:0' is not a scale"),
-        (["--thread", "M6", "--bore-diameter-mm", "5"], "leave out bore_diameter_mm"),
-        (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "breaks through the mirror surface"),
+        (["--formats", "step,iges"], "got 'iges'"),
+        (["--scale", "half"], "such as 1:2 or 5:1; got 'half'"),
+        (["--scale", "1:0"], "got '1:0'"),
+        (["--thread", "M6", "--bore-diameter-mm", "5"], "bore_diameter_mm must not be given"),
+        (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "got a hole"),
         (["--support", "tube", "--support-diameter-mm", "50"], "does not take in the mirror"),
         (["--thickness-mm", "nan"], "thickness_mm = nan"),
         (["--digits", "40"], "digits = 40"),
@@ -257,7 +262,7 @@ def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
     wavy = replace(sphere, mirror=SlopeSpline(tuple(slopes), sphere.mirror.rim_radius_mm), name="wavy")
     (file,) = om.export(wavy, tmp_path, formats=["zmx"])
     r = np.linspace(0, wavy.mirror.rim_radius_mm, 4001)
-    turned = 2 * np.degrees(np.abs(np.arctan(asphere_of(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r))))
+    turned = 2 * np.degrees(np.abs(np.arctan(fit_asphere(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r))))
     assert file.ray_deg == pytest.approx(turned.max(), rel=1e-2)
     assert file.ray_deg > 0.05
     assert not file.follows
@@ -269,3 +274,48 @@ def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
     assert f"{file.ray_deg:.2g}" in said
     assert "wavy.zmx does not follow the mirror" in said
     assert "grid sag" in said
+
+
+REQUIREMENTS = """
+[field]
+omega_max_deg = 130.0
+
+[mirror]
+family = "sphere"
+rim_radius_mm = 43.9
+
+[lens]
+theta_max_deg = [5.0, 20.0]
+
+[[limit]]
+quantity = "total_blur_px"
+at_most = 20.0
+
+[[limit]]
+quantity = "hidden_percent"
+at_most = 2.0
+"""
+
+
+def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, capsys):
+    """Margins are those of ``om.judge`` for the evaluated sensor and for the sensor with the flange in its housing."""
+    monkeypatch.chdir(tmp_path)
+    Path("requirements.toml").write_text(REQUIREMENTS)
+    sensor, requirements = om.load_sensor("paper-spherical"), om.load_requirements("requirements.toml")
+    with_rim = replace(sensor, housing=replace(sensor.housing, rim=Rim(5.0, 3.0, 5.0)))
+    before, after = ({row.label: row for row in om.judge(requirements, s).rows} for s in (sensor, with_rim))
+    changed = {label for label, row in before.items() if abs(row.margin - after[label].margin) > 1e-6}
+    assert "omega_max_deg" in changed
+    with pytest.raises(InvalidParameter, match="change the evaluated sensor") as refused:
+        om.export(sensor, "out", formats=["csv"], body=Body(flange_width_mm=5.0), requirements="requirements.toml")
+    message = str(refused.value)
+    for label, row in before.items():
+        entry = f"{label}: margin {row.margin:.4g} -> {after[label].margin:.4g}"
+        assert (entry in message) == (label in changed)
+    assert "omega_max_deg: margin 5.005 -> -0.6733 deg (not met)" in message
+    with pytest.raises(SystemExit, match=r"^[12]$"):
+        main(
+            ["export", "paper-spherical", "-o", "out", "--flange-width-mm", "5", "--requirements", "requirements.toml"]
+        )
+    assert "hidden_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
+    assert not Path("out").exists()

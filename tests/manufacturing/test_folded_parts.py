@@ -11,8 +11,8 @@ import omnimirror as om
 from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Housing, Rod, Tube
-from omnimirror.manufacturing import Body, sag_table, sensitivities
-from omnimirror.manufacturing.body import LEAST_WALL_MM, parts_of
+from omnimirror.manufacturing import Body, image_shifts, sag_table
+from omnimirror.manufacturing.body import MIN_WALL_MM, parts_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
@@ -27,10 +27,19 @@ def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path)
     files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
     assert sorted(names) == [
-        "s-drawing.svg", "s-mirror-drawing.svg", "s-sag.csv", "s-secondary-drawing.svg", "s-secondary-sag.csv",
-        "s-secondary.dat", "s-secondary.dxf", "s-secondary.stl",
-        "s.dat", "s.dxf", "s.stl", "s.zmx",
-    ]  # fmt: skip
+        "s-drawing.svg",
+        "s-mirror-drawing.svg",
+        "s-sag.csv",
+        "s-secondary-drawing.svg",
+        "s-secondary-sag.csv",
+        "s-secondary.dat",
+        "s-secondary.dxf",
+        "s-secondary.stl",
+        "s.dat",
+        "s.dxf",
+        "s.stl",
+        "s.zmx",
+    ]
     assert all(file.path.stat().st_size > 500 for file in files)
 
 
@@ -59,7 +68,7 @@ def test_a_camera_looks_through_the_counterbore(name):
     assert floor <= lens - 1.5  # the lens stands in the wide part
     assert body.counterbore_diameter_mm >= 14.0
     r = np.linspace(body.bore_mm / 2, body.counterbore_diameter_mm / 2, 50)
-    assert (floor - mirror.sag(r)).min() >= LEAST_WALL_MM - 1e-9
+    assert (floor - mirror.sag(r)).min() >= MIN_WALL_MM - 1e-9
     rays = sensor.meridian.trace(np.linspace(sensor.meridian.x_min, mirror.rim_radius_mm, 200))
     x, z = rays.first.x, sensor.secondary.height(rays.first.x)
     for radius, height in corners[corners[:, 0] < 0.9 * mirror.rim_radius_mm]:
@@ -126,8 +135,8 @@ def test_moving_a_flat_mirror_counts_twice():
 
     The worst angle of either table is the last of its own steps, short of the rim.
     """
-    alone = {s.name: s.px_per_unit for s in sensitivities(UNFOLDED)}["mirror distance"]
-    folded = {s.name: s.px_per_unit for s in sensitivities(FOLDED)}
+    alone = {s.name: s.px_per_unit for s in image_shifts(UNFOLDED)}["mirror distance"]
+    folded = {s.name: s.px_per_unit for s in image_shifts(FOLDED)}
     assert folded["lens distance"] == pytest.approx(alone, rel=5e-3)
     assert folded["mirror distance"] == pytest.approx(folded["lens distance"], rel=1e-6)
     assert folded["secondary distance"] == pytest.approx(2 * folded["lens distance"], rel=1e-6)
@@ -145,8 +154,8 @@ def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_se
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)}, "looks through a bore of 10 mm"),
-        ({"body": Body(thread="M6")}, "all the way through"),
+        ({"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)}, "bore_diameter_mm must be at least 10"),
+        ({"body": Body(thread="M6")}, "with bore_depth_mm = inf"),
         ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
         ({"housing": Housing(CameraBody(20.0), shell=Tube())}, "the camera's front is its bore_radius_mm"),
     ],

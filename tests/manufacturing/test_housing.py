@@ -12,8 +12,8 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Perspective
-from omnimirror.manufacturing import Body, sensitivities
-from omnimirror.manufacturing.body import housed, parts_of
+from omnimirror.manufacturing import Body, image_shifts
+from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.manufacturing.drawings.sensor_view import Assembly, shell_end_mm
 from omnimirror.manufacturing.drawings.tables import hidden_rows
 from omnimirror.mirrors import Sphere
@@ -26,7 +26,7 @@ SPH = om.load_sensor("paper-spherical")
 
 def drawn(sensor, housing, body=None):
     """The sensor as its drawing shows it."""
-    return housed(parts_of(sensor, body), housing)
+    return with_housing(parts_of(sensor, body), housing)
 
 
 def lens_height(sensor):
@@ -184,7 +184,7 @@ def test_the_sheet_says_what_a_wall_does_to_rays():
 
 
 def found(sensor):
-    return {s.name: s for s in sensitivities(sensor)}
+    return {s.name: s for s in image_shifts(sensor)}
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
@@ -201,14 +201,22 @@ def test_the_distance_moves_the_picture_as_a_sensor_built_so_shows_it(name):
 
 
 IN_WATER = om.Sensor(
-    Sphere(28.39142, 22.0), Perspective(6.0, 4.0, 81.9085), Imager(1920, 1200, 3.0), mirror_distance_mm=68.68475,
-    housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")), name="in-water",
-)  # fmt: skip
+    Sphere(28.39142, 22.0),
+    Perspective(6.0, 4.0, 81.9085),
+    Imager(1920, 1200, 3.0),
+    mirror_distance_mm=68.68475,
+    housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    name="in-water",
+)
 IN_DOME = replace(SPH, housing=Housing(shell=Dome(300.0, material="polycarbonate")), name="in-dome")
 BEFORE_WINDOW = om.Sensor(
-    Sphere(80.0, 20.0), Perspective(8.0, 4.0, 100.0), Imager(1024, 1024, 5.2), mirror_distance_mm=90.0,
-    housing=Housing(shell=FlatWindow(material="bk7")), name="before-window",
-)  # fmt: skip
+    Sphere(80.0, 20.0),
+    Perspective(8.0, 4.0, 100.0),
+    Imager(1024, 1024, 5.2),
+    mirror_distance_mm=90.0,
+    housing=Housing(shell=FlatWindow(material="bk7")),
+    name="before-window",
+)
 
 
 @pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)

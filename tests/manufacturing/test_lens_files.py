@@ -12,7 +12,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import Housing
 from omnimirror.lenses import Perspective
-from omnimirror.manufacturing import asphere_of, format_grid_sag
+from omnimirror.manufacturing import fit_asphere, format_grid_sag
 from omnimirror.manufacturing.formats.sag import grid_deviation_um, write_grid_sag
 from omnimirror.manufacturing.formats.zmx import field_angles, format_zmx, write_zmx
 from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
@@ -100,7 +100,7 @@ def test_chief_rays_of_the_file_leave_at_the_field_angles(kind, tmp_path):
     assert [s.get("TYPE") for s in surfaces[:2]] == [["STANDARD"], ["PARAXIAL"]]
     assert "STOP" in surfaces[1]
     assert surfaces[1]["PARM"] == {1: mp.mpf("11.6")}
-    within_deg = 1e-6 if kind in SURFACES_OF_LENS_FILES else 1.01 * asphere_of(sensor.mirror).ray_deg + 1e-6
+    within_deg = 1e-6 if kind in SURFACES_OF_LENS_FILES else 1.01 * fit_asphere(sensor.mirror).ray_deg + 1e-6
     assert within_deg < 1e-3
     b, m, sag = mp.mpf(surfaces[0]["DISZ"][0]), mp.mpf(surfaces[1]["DISZ"][0]), sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
@@ -175,7 +175,7 @@ def test_what_eight_terms_do_not_follow_is_an_extended_asphere(kind, tmp_path):
 
 def test_the_surface_of_a_wider_field_is_followed_too():
     """A plan of the ground to 80 degrees bends harder than any mirror above."""
-    form = asphere_of(Rectifying(80.0, 12.0, 43.9))
+    form = fit_asphere(Rectifying(80.0, 12.0, 43.9))
     assert form.ray_deg < 0.005
 
 
@@ -183,12 +183,12 @@ def test_measured_bumps_show_in_the_deviation():
     x = np.linspace(0, 40, 81)
     bumps = 0.005 * np.sin(x) ** 2  # 5 um
     mirror = SampledProfile(tuple(x), tuple(50 - np.sqrt(2500 - x**2) + bumps))
-    assert 1.5 < asphere_of(mirror).deviation_um < 6
+    assert 1.5 < fit_asphere(mirror).deviation_um < 6
 
 
 def test_a_cone_is_an_odd_asphere_and_a_conic_asphere_keeps_its_terms():
-    assert asphere_of(Cone(45.0, 20.0)).kind == "odd"
-    form = asphere_of(ConicAsphere(40.0, -0.6, 30.0, (0.03, 0.01), 30.0))
+    assert fit_asphere(Cone(45.0, 20.0)).kind == "odd"
+    form = fit_asphere(ConicAsphere(40.0, -0.6, 30.0, (0.03, 0.01), 30.0))
     assert (form.curvature, form.conic) == (1 / 40.0, -0.6)
     assert form.coefficients[:3] == pytest.approx((0.0, 0.03 / 30**3, 0.01 / 30**5), rel=1e-14)
 
@@ -266,7 +266,7 @@ def test_a_finer_grid_is_closer_by_the_fourth_power():
 
 @pytest.mark.parametrize("points", [8, 128, 7, 3001])
 def test_a_grid_without_a_point_on_the_axis_is_refused(points):
-    with pytest.raises(InvalidParameter, match=f"grid_points = {points} is not valid"):
+    with pytest.raises(InvalidParameter, match=f"grid_points must .* got {points}"):
         format_grid_sag(MIRRORS["sphere"][0], points)
 
 

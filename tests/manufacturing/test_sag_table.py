@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.manufacturing import format_table, sag_table, table_points
-from omnimirror.manufacturing.surface_approximation import best_sphere
+from omnimirror.manufacturing.surface_approximation import best_fit_sphere
 from omnimirror.mirrors import EvenPolynomial, Flat, SampledProfile
 from tests.conftest import MIRRORS, sensor_of
 
@@ -85,7 +85,7 @@ def test_a_step_that_makes_no_table_is_refused(options, sentence):
 
 @pytest.mark.parametrize("digits", [-1, 16, 2.5])
 def test_digits_that_no_number_has_are_refused(digits):
-    with pytest.raises(InvalidParameter, match="digits = "):
+    with pytest.raises(InvalidParameter, match="digits must"):
         format_table(sensor_of("sphere"), [0.0], digits)
 
 
@@ -94,8 +94,8 @@ def test_digits_that_no_number_has_are_refused(digits):
 
 def test_the_best_sphere_of_a_sphere_is_itself():
     mirror, _ = MIRRORS["sphere"]
-    for merit in ("least-squares", "least-departure"):
-        sphere = best_sphere(mirror, merit)
+    for merit in ("least-squares", "min-departure"):
+        sphere = best_fit_sphere(mirror, merit)
         assert sphere.radius_mm == pytest.approx(mirror.radius_mm, abs=1e-6)
         assert sphere.centre_z_mm == pytest.approx(mirror.radius_mm, abs=1e-6)
         assert sphere.peak_to_valley_um < 1e-3
@@ -117,8 +117,8 @@ def test_no_other_sphere_is_closer(kind):
     def worst(p):
         return float(np.abs(departure(p)).max())
 
-    for merit, function in (("least-squares", rms), ("least-departure", worst)):
-        found = best_sphere(mirror, merit)
+    for merit, function in (("least-squares", rms), ("min-departure", worst)):
+        found = best_fit_sphere(mirror, merit)
         options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 5000, "maxfev": 5000}
         other = minimize(function, [50.0, 50.0], method="Nelder-Mead", options=options)
         mine = function([found.radius_mm, found.centre_z_mm])
@@ -132,7 +132,7 @@ def test_no_other_sphere_is_closer(kind):
 def test_departure_is_positive_where_a_blank_has_material_to_lose():
     """A paraboloid through the vertex of its osculating sphere lies inside it towards the rim."""
     mirror = EvenPolynomial((0.01,), 30.0)
-    sphere = best_sphere(mirror)
+    sphere = best_fit_sphere(mirror)
     x = np.array([5.0, 17.0, 30.0])
     off = sphere.departure_um(mirror, x)
     distance = np.hypot(x, sphere.centre_z_mm - mirror.sag(x))
@@ -142,7 +142,7 @@ def test_departure_is_positive_where_a_blank_has_material_to_lose():
 
 def test_the_slope_departure_is_the_angle_between_the_normals():
     mirror, _ = MIRRORS["hyperboloid"]
-    sphere = best_sphere(mirror)
+    sphere = best_fit_sphere(mirror)
     with mp.workdps(30):
         A, B, c = mp.mpf(mirror.a_mm), mp.mpf(mirror.b_mm), mp.mpf(sphere.centre_z_mm)
         angles = []
@@ -156,17 +156,17 @@ def test_the_slope_departure_is_the_angle_between_the_normals():
 
 
 def test_a_hollow_mirror_is_the_convex_one_turned_over():
-    convex, hollow = (best_sphere(EvenPolynomial((a,), 10.0)) for a in (0.001, -0.001))
+    convex, hollow = (best_fit_sphere(EvenPolynomial((a,), 10.0)) for a in (0.001, -0.001))
     assert (hollow.radius_mm, hollow.centre_z_mm) == (-convex.radius_mm, -convex.centre_z_mm)
     assert hollow.peak_to_valley_um == convex.peak_to_valley_um
     x = np.linspace(0, 10, 5)
     over = hollow.departure_um(EvenPolynomial((-0.001,), 10.0), x)
     np.testing.assert_allclose(over, -convex.departure_um(EvenPolynomial((0.001,), 10.0), x), atol=1e-9)
-    assert best_sphere(Flat(10.0)).radius_mm == np.inf
+    assert best_fit_sphere(Flat(10.0)).radius_mm == np.inf
 
 
 def test_a_nearly_flat_mirror_has_no_sphere_and_a_merit_must_be_known():
     with pytest.raises(InvalidParameter, match="nearly flat"):
-        best_sphere(EvenPolynomial((-1e-12,), 10.0))
-    with pytest.raises(InvalidParameter, match="least-departure"):
-        best_sphere(MIRRORS["sphere"][0], "best")
+        best_fit_sphere(EvenPolynomial((-1e-12,), 10.0))
+    with pytest.raises(InvalidParameter, match="min-departure"):
+        best_fit_sphere(MIRRORS["sphere"][0], "best")

@@ -14,13 +14,13 @@ from tests.commands import omnimirror
 
 SENSOR = om.load_sensor("paper-spherical")
 ERRORS = {
-    "mirror.tilt_x_deg": om.ErrorBound(0.1),
-    "mirror.tilt_y_deg": om.ErrorBound(0.2),
-    "mirror.decentre_x_mm": om.ErrorBound(0.05),
-    "mirror.zernike_5_um": om.ErrorBound(0.3),
-    "mirror.zernike_8_um": om.ErrorBound(0.4),
-    "mirror.conic": om.ErrorBound(0.005),
-    "lens.k1": om.ErrorBound(0.01),
+    "mirror.tilt_x_deg": om.Tolerance(0.1),
+    "mirror.tilt_y_deg": om.Tolerance(0.2),
+    "mirror.decentre_x_mm": om.Tolerance(0.05),
+    "mirror.zernike_5_um": om.Tolerance(0.3),
+    "mirror.zernike_8_um": om.Tolerance(0.4),
+    "mirror.conic": om.Tolerance(0.005),
+    "lens.k1": om.Tolerance(0.01),
 }
 PLAN = om.TolerancePlan(
     om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, judged={"angles": 2, "azimuths": 6}
@@ -36,7 +36,7 @@ def test_a_surface_is_indicated_as_iso_10110_does():
 
 @pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
 def test_the_page_says_what_the_report_found(tmp_path, wanted):
-    found = om.tolerance(SENSOR, PLAN, trials=500, wanted_yield=wanted)
+    found = om.tolerance(SENSOR, PLAN, trials=500, target_yield=wanted)
     page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml") == 2
     assert not re.search(r'(src|href)="(?!data:)', page)

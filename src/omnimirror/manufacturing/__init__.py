@@ -1,46 +1,46 @@
-"""What a workshop and other programs need of a sensor: tables, CAD and lens files, and a drawing."""
+"""Manufacturing: drawings, export formats, tolerance analysis, and metrology of mirrors."""
 
 from .body import Body
 from .drawings.drawing import Drawing, draw_sheets
-from .drawings.image_shift import Sensitivity, sensitivities
-from .exporter import DEFAULT_FORMATS, FORMATS, Content, Exported, Format, export, register_format
+from .drawings.image_shift import ImageShift, image_shifts
+from .exporter import DEFAULT_FORMATS, FORMATS, Content, ExportedFile, Format, export, register_format
 from .formats.sag import format_grid_sag, format_table, sag_table, table_points
 from .formats.tool_path import Tool, ToolPath, format_gcode, format_points, tool_path
 from .formats.zmx import format_zmx
-from .surface_approximation import Asphere, BestSphere, ProfileCurve, asphere_of, best_sphere, curve_of
-from .workshop import Making, TitleBlock, Workshop, load_workshop
+from .surface_approximation import Asphere, BestFitSphere, ProfileCurve, best_fit_sphere, fit_asphere, profile_curve
+from .workshop import PartSpecification, TitleBlock, Workshop, load_workshop
 
 __all__ = [
     "DEFAULT_FORMATS",
     "FORMATS",
     "Asphere",
-    "BestSphere",
+    "BestFitSphere",
     "Body",
     "Content",
     "Drawing",
-    "Exported",
+    "ExportedFile",
     "Format",
-    "Making",
+    "ImageShift",
+    "PartSpecification",
     "ProfileCurve",
-    "Sensitivity",
     "TitleBlock",
     "Tool",
     "ToolPath",
     "Workshop",
-    "asphere_of",
-    "best_sphere",
-    "curve_of",
+    "best_fit_sphere",
     "draw_sheets",
     "export",
+    "fit_asphere",
     "format_gcode",
     "format_grid_sag",
     "format_points",
     "format_table",
     "format_zmx",
+    "image_shifts",
     "load_workshop",
+    "profile_curve",
     "register_format",
     "sag_table",
-    "sensitivities",
     "table_points",
     "tool_path",
 ]

@@ -1,4 +1,4 @@
-"""The solid behind the mirror surface: rim, back, flange and bore."""
+"""Solid bodies of mirrors: rim, back, flange, bores, and the parts of a sensor."""
 
 from __future__ import annotations
 
@@ -29,42 +29,42 @@ TAP_DRILLS_MM = {
     "M10": 8.5,
     "M12": 10.2,
 }
-"""Drill for each ISO metric coarse thread (ISO 2306), mm."""
+"""Tap drill diameter of each ISO metric coarse thread (ISO 2306), mm."""
 DRILL_POINT = np.radians(59.0)
-"""Half the angle of a twist drill's point, 118 degrees."""
-LEAST_WALL_MM = 1.0
-"""Material that must be left between a bore and the mirror surface."""
+"""Half the point angle of a twist drill, 118 deg."""
+MIN_WALL_MM = 1.0
+"""Minimum wall thickness between a bore and the mirror surface, mm."""
 
 POINTS = 64  # of Gauss's rule
 
 
 @dataclass(frozen=True)
 class Body:
-    """The part that carries the mirror surface; all of it lies behind the surface, where z is larger.
+    """Solid that carries a mirror surface and lies entirely behind it, towards larger z.
 
     Parameters
     ----------
     thickness_mm
-        From the rim to the back, along the axis.
+        Thickness from the rim to the back, along the axis.
     bore_diameter_mm : optional
-        Bore on the axis, drilled from the back; none by default.
+        Diameter of a bore on the axis, drilled from the back; none by default.
     bore_depth_mm
-        Its full diameter reaches this deep and ends in a drill point of 118 degrees; ``inf`` goes through.
+        Depth of the full diameter, which ends in a drill point of 118 deg; ``inf`` for a through bore.
     thread : optional
-        An ISO metric thread such as ``"M6"`` instead of a bore diameter: the bore is its tap drill.
+        ISO metric thread such as ``"M6"`` instead of a bore diameter; the bore is its tap drill.
     flange_width_mm
-        How far a flange at the back stands out over the rim; none by default.
+        Radial width of a flange at the back, beyond the rim; none by default.
     flange_thickness_mm
-        Of the flange, from the back forwards.
+        Thickness of the flange, from the back.
     counterbore_diameter_mm : optional
-        Of a wider bore from the back, where a camera that looks through the mirror has its place; none by default.
+        Diameter of a counterbore from the back, for a camera behind the mirror; none by default.
     counterbore_depth_mm
-        How deep that is.
+        Depth of the counterbore.
 
     Raises
     ------
     InvalidParameter
-        A value outside its range, or parts that do not fit each other.
+        If a value is out of range or the dimensions are inconsistent.
 
     Examples
     --------
@@ -97,73 +97,75 @@ class Body:
             self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
         if self.thread and self.bore_diameter_mm:
             raise InvalidParameter(
-                f"thread = {self.thread} says how wide the bore is; leave out bore_diameter_mm = "
-                f"{self.bore_diameter_mm:g}"
+                f"bore_diameter_mm must not be given with thread = {self.thread}; got {self.bore_diameter_mm:g}"
             )
         if self.flange_width_mm and self.flange_thickness_mm > self.thickness_mm:
             raise InvalidParameter(
-                f"flange_thickness_mm = {self.flange_thickness_mm:g} reaches past the rim; it is valid up to "
-                f"thickness_mm = {self.thickness_mm:g}"
+                f"flange_thickness_mm must be at most thickness_mm = {self.thickness_mm:g}; got "
+                f"{self.flange_thickness_mm:g}"
             )
 
         if self.counterbore_diameter_mm and not (
             self.bore_goes_through and self.counterbore_diameter_mm > self.bore_mm
         ):
             raise InvalidParameter(
-                f"counterbore_diameter_mm = {self.counterbore_diameter_mm:g} widens a bore that goes through; it is "
-                "valid above the diameter of one with bore_depth_mm = inf"
+                "counterbore_diameter_mm must be larger than the diameter of a through bore (bore_depth_mm = inf); got "
+                f"{self.counterbore_diameter_mm:g}"
             )
 
     @property
     def bore_mm(self) -> float:
-        """Diameter of the bore that is drilled, 0 for none."""
+        """Diameter of the bore, mm; 0 without a bore."""
         return TAP_DRILLS_MM[self.thread] if self.thread else self.bore_diameter_mm
 
     @property
     def bore_goes_through(self) -> bool:
+        """Return whether the bore is a through bore."""
         return self.bore_mm > 0 and np.isinf(self.bore_depth_mm)
 
     def start_mm(self) -> float:
-        """Distance from the axis where the mirror surface begins: 0, or the edge of a bore that goes through.
+        """Return the radius at which the mirror surface starts: 0, or the edge of a through bore.
 
         Returns
         -------
         float
-            mm
+            Radius in mm.
         """
         return self.bore_mm / 2 if self.bore_goes_through else 0.0
 
     def back_mm(self, mirror: Mirror) -> float:
-        """Height z of the back over the vertex, mm.
+        """Return the height z of the back above the vertex.
 
         Parameters
         ----------
         mirror
-            Whose surface the solid carries.
+            Mirror surface on this body.
 
         Returns
         -------
         float
-            mm over the vertex.
+            Height in mm.
         """
         z = mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513))
         return float(z.max()) + self.thickness_mm
 
     @classmethod
     def of(cls, rim: Rim | None, mirror: Mirror) -> Body:
-        """The body that shows a housing's rim: its edge as a flange; ``Body()`` where nothing is said of it.
+        """Create the body that corresponds to the rim of a housing.
+
+        The edge of the rim becomes a flange. Without a rim, the result is ``Body()``.
 
         Parameters
         ----------
         rim
-            Of a sensor's housing.
+            Rim in the housing of a sensor.
         mirror
-            Whose surface the solid carries.
+            Mirror surface on this body.
 
         Returns
         -------
         Body
-            The solid.
+            Corresponding body.
 
         Examples
         --------
@@ -180,56 +182,57 @@ class Body:
         return replace(body, flange_width_mm=rim.width_mm, flange_thickness_mm=flange)
 
     def rim(self, mirror: Mirror) -> Rim:
-        """What the body shows around the mirror's rim, as a part of the sensor's housing.
+        """Return the rim of the body as a component of a housing.
 
         Parameters
         ----------
         mirror
-            Whose surface the solid carries.
+            Mirror surface on this body.
 
         Returns
         -------
         Rim
-            For a sensor's housing.
+            Visible edge around the mirror surface.
         """
         front = self.back_mm(mirror) - (self.flange_thickness_mm if self.flange_width_mm else self.thickness_mm)
         setback = max(front - float(mirror.sag(mirror.rim_radius_mm)), 0.0)
         return Rim(self.flange_width_mm, setback, self.thickness_mm)
 
     def outer_radius_mm(self, mirror: Mirror) -> float:
-        """Radius of the solid with its flange, mm.
+        """Return the outer radius of the body, including its flange.
 
         Parameters
         ----------
         mirror
-            Whose surface the solid carries.
+            Mirror surface on this body.
 
         Returns
         -------
         float
-            mm
+            Radius in mm.
         """
         return mirror.rim_radius_mm + self.flange_width_mm
 
     def outline(self, mirror: Mirror) -> Array:
-        """Corners (n, 2) of the section in mm, (x, z) from the rim of the surface on to where it begins.
+        """Return the corners of the half-section, from the rim to the start of the mirror surface.
 
-        With the meridian they close the half-section, the axis being one of its sides where nothing goes through.
+        Together with the meridian, the corners close the half-section. Without a through bore, the axis
+        is one of its sides.
 
         Parameters
         ----------
         mirror
-            Whose surface the solid carries.
+            Mirror surface on this body.
 
         Returns
         -------
         (n, 2) array
-            (x, z) in mm.
+            Corners (x, z) in mm.
 
         Raises
         ------
         InvalidParameter
-            The bore is wider than the back, or leaves less than 1 mm of wall to the surface.
+            If the bore is wider than the back or leaves less than 1 mm of wall.
 
         Examples
         --------
@@ -252,10 +255,11 @@ class Body:
         return np.array([c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]])
 
     def _bore(self, mirror: Mirror, back: float) -> list[tuple[float, float]]:
+        """Return the corners of the bore, from the back to the axis or to the mirror surface."""
         radius, rim = self.bore_mm / 2, mirror.rim_radius_mm
         if radius >= rim:
             raise InvalidParameter(
-                f"a bore of {self.bore_mm:g} mm does not fit the mirror; its diameter is valid below {2 * rim:g} mm"
+                f"bore_diameter_mm must be less than the mirror diameter {2 * rim:g}; got {self.bore_mm:g}"
             )
         if self.bore_goes_through:
             edge = (radius, float(mirror.sag(radius)))
@@ -264,45 +268,47 @@ class Body:
         r = np.linspace(0.0, radius, 129)
         bottom = back - self.bore_depth_mm - point * (1 - r / radius)
         wall = float((bottom - mirror.sag(r)).min())
-        if wall < LEAST_WALL_MM:
-            deepest = self.bore_depth_mm + wall - LEAST_WALL_MM
-            advice = f"it is valid up to {np.floor(100 * deepest) / 100:g}" if deepest > 0 else "the body is too thin"
-            left = f"leaves {wall:.3g} mm of wall to" if wall > 0 else "breaks through"
+        if wall < MIN_WALL_MM:
+            deepest = self.bore_depth_mm + wall - MIN_WALL_MM
+            advice = f"use at most {np.floor(100 * deepest) / 100:g}" if deepest > 0 else "increase thickness_mm"
+            left = f"{wall:.3g} mm" if wall > 0 else "a hole"
             raise InvalidParameter(
-                f"bore_depth_mm = {self.bore_depth_mm:g} {left} the mirror surface at the tip of the drill, and "
-                f"{LEAST_WALL_MM:g} mm of wall is needed; {advice}, or inf to go through"
+                f"bore_depth_mm = {self.bore_depth_mm:g} must leave a wall of {MIN_WALL_MM:g} mm to the mirror "
+                "surface; "
+                f"got {left}; {advice}, or inf for a through bore"
             )
         depth = back - self.bore_depth_mm
         return [(radius, back), (radius, depth), (0.0, float(depth - point)), (0.0, 0.0)]
 
     def _counterbore(self, mirror: Mirror, back: float) -> list[tuple[float, float]]:
+        """Return the corners of the counterbore."""
         wide = self.counterbore_diameter_mm / 2
-        deepest = deepest_counterbore_mm(self, mirror)
+        deepest = max_counterbore_depth_mm(self, mirror)
         if not wide < mirror.rim_radius_mm or self.counterbore_depth_mm > deepest:
-            deep = f"; its depth is valid up to {np.floor(100 * deepest) / 100:g}" if deepest > 0 else ""
+            deep = f"; use a depth of at most {np.floor(100 * deepest) / 100:g}" if deepest > 0 else ""
             raise InvalidParameter(
-                f"a counterbore of {2 * wide:g} mm, {self.counterbore_depth_mm:g} mm deep, leaves less than "
-                f"{LEAST_WALL_MM:g} mm of wall to the mirror surface{deep}"
+                f"a counterbore must leave a wall of {MIN_WALL_MM:g} mm to the mirror surface; got {2 * wide:g} mm, "
+                f"{self.counterbore_depth_mm:g} mm deep{deep}"
             )
         floor = back - self.counterbore_depth_mm
         return [(wide, back), (wide, floor), (self.bore_mm / 2, floor)]
 
     def volume_mm3(self, mirror: Mirror) -> float:
-        """Volume of the solid.
+        """Compute the volume of the body.
 
         Parameters
         ----------
         mirror
-            Whose surface it carries.
+            Mirror surface on this body.
 
         Returns
         -------
         float
-            mm3
+            Volume in mm3.
 
         Examples
         --------
-        A cone on a cylinder:
+        Cone on a cylinder:
 
         >>> from omnimirror.mirrors import Cone
         >>> round(Body(thickness_mm=5.0).volume_mm3(Cone(45.0, 10.0)), 3)
@@ -322,12 +328,12 @@ class Body:
         return 2 * np.pi * (sides + behind + start * start / 2 * level)
 
     def words(self) -> str:
-        """What the solid is, in a few words.
+        """Describe the body in a short phrase for drawings.
 
         Returns
         -------
         str
-            For a drawing.
+            Dimensions of thickness, flange and bores.
 
         Examples
         --------
@@ -346,24 +352,26 @@ class Body:
         return ", ".join(parts)
 
 
-def deepest_counterbore_mm(body: Body, mirror: Mirror) -> float:
-    """How deep a body's counterbore may be: so much wall is left as by other bores, and the bore keeps its edge."""
+def max_counterbore_depth_mm(body: Body, mirror: Mirror) -> float:
+    """Return the largest depth of the counterbore that leaves the minimum wall and the edge of the
+    bore.
+    """
     r = np.linspace(body.bore_mm / 2, min(body.counterbore_diameter_mm / 2, mirror.rim_radius_mm), 129)
-    return body.back_mm(mirror) - float(mirror.sag(r).max()) - LEAST_WALL_MM
+    return body.back_mm(mirror) - float(mirror.sag(r).max()) - MIN_WALL_MM
 
 
 LENS_HEAD_MM = 14.0
-"""Diameter of the head of an M12 lens, for which a counterbore has room unless it is said."""
+"""Diameter of the head of an M12 lens, the default clearance of a counterbore, mm."""
 BEFORE_LENS_MM = 2.0
-"""How far before the lens's principal point its counterbore reaches, where there is wall."""
+"""Distance from the principal point of the lens to the bottom of its counterbore, mm."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A mirror of a sensor and the solid behind it.
+    """Mirror of a sensor together with its body.
 
-    A secondary has a frame of its own: its vertex is the origin, and z leads away from the lens, as does that of
-    a mirror without one; so every file of it reads like that of any mirror.
+    The frame of a secondary mirror has its origin at the vertex and z away from the lens, as for a
+    single mirror. Files of both mirrors therefore use the same conventions.
     """
 
     sensor: Sensor
@@ -372,22 +380,25 @@ class Part:
 
     @property
     def mirror(self) -> Mirror:
+        """Mirror surface of this part."""
         return mirror_of(self.sensor, self.is_secondary)
 
     @property
     def name(self) -> str:
+        """Name of the part in files and drawings."""
         return f"{self.sensor.name} secondary" if self.is_secondary else self.sensor.name
 
 
 def parts_of(sensor: Sensor, body: Body | None = None, secondary_body: Body | None = None) -> list[Part]:
-    """The first mirror, with the bore through which a camera behind it looks, and the second one if there is one.
+    """Return the primary mirror, and the secondary mirror if present, with their bodies.
 
-    Bodies that are not given are those that the rims of the sensor's housing say.
+    The body of a primary mirror with a camera behind it receives the required bore. Missing bodies
+    follow from the rims in the housing of the sensor.
 
     Raises
     ------
     InvalidParameter
-        A bore that is narrower than the camera needs, or a body for a second mirror that is not there.
+        If the bore is narrower than required, or a body is given for an absent secondary mirror.
 
     Examples
     --------
@@ -398,14 +409,18 @@ def parts_of(sensor: Sensor, body: Body | None = None, secondary_body: Body | No
     body = body or Body.of(sensor.housing.rim, sensor.mirror)
     if sensor.secondary is None:
         if secondary_body is not None:
-            raise InvalidParameter(f"{sensor.name!r} has no secondary; leave out the thickness of one")
+            raise InvalidParameter(
+                f"secondary_body must be None for {sensor.name!r}, which has one mirror; omit its thickness"
+            )
         return [Part(sensor, body)]
     second = secondary_body or Body.of(sensor.housing.secondary_rim, sensor.secondary.mirror)
     return [Part(sensor, bored(sensor, body)), Part(sensor, second, is_secondary=True)]
 
 
-def housed(parts: list[Part], housing: Housing | None = None) -> Sensor:
-    """Return the sensor with the housing that is drawn, by default its own; the rims are those of the parts' bodies."""
+def with_housing(parts: list[Part], housing: Housing | None = None) -> Sensor:
+    """Return the sensor with the given housing, by default its own, and the rims of the parts'
+    bodies.
+    """
     first, *second = parts
     housing = replace(housing or first.sensor.housing, rim=first.body.rim(first.mirror))
     if second:
@@ -414,12 +429,12 @@ def housed(parts: list[Part], housing: Housing | None = None) -> Sensor:
 
 
 def bored(sensor: Sensor, body: Body) -> Body:
-    """The body of the first mirror, pierced where the camera looks through it.
+    """Add the bore through which the camera observes the secondary mirror.
 
     Raises
     ------
     InvalidParameter
-        The body has another bore, which does not go through or is narrower.
+        If the body has another bore that is blind or too narrow.
     """
     if sensor.secondary is None:
         return body
@@ -432,44 +447,46 @@ def bored(sensor: Sensor, body: Body) -> Body:
         return _counterbored(sensor, replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf), lens)
     if not body.bore_goes_through or body.bore_mm < needed:
         raise InvalidParameter(
-            f"the camera of {sensor.name!r} looks through a bore of {needed:g} mm in its mirror; a bore is valid from "
-            "that diameter and all the way through, or leave it out"
+            f"bore_diameter_mm must be at least {needed:g}, with bore_depth_mm = inf, for the camera of "
+            f"{sensor.name!r}; "
+            f"got {body.bore_mm:g}; omit the bore to obtain it automatically"
         )
     return body
 
 
 def _counterbored(sensor: Sensor, body: Body, lens: float) -> Body:
-    """The body with room for a lens that stands inside it at a height (mm), from a little before the lens backwards."""
+    """Add a counterbore for a lens inside the body, starting slightly in front of the lens."""
     if body.counterbore_diameter_mm or not lens < body.back_mm(sensor.mirror):
         return body
     imager = sensor.imager
     diagonal = imager.pitch_mm * float(np.hypot(imager.width_px, imager.height_px))
     wide = replace(body, counterbore_diameter_mm=max(LENS_HEAD_MM, body.bore_mm + 2, diagonal + 2))
-    depth = min(body.back_mm(sensor.mirror) - lens + BEFORE_LENS_MM, deepest_counterbore_mm(wide, sensor.mirror))
+    depth = min(body.back_mm(sensor.mirror) - lens + BEFORE_LENS_MM, max_counterbore_depth_mm(wide, sensor.mirror))
     fits = depth > 0 and wide.counterbore_diameter_mm / 2 < sensor.mirror.rim_radius_mm
     return replace(wide, counterbore_depth_mm=float(np.floor(100 * depth) / 100)) if fits else body
 
 
 def mirror_of(sensor: Sensor, secondary: bool = False) -> Mirror:
-    """The first mirror, or the second one."""
+    """Return the primary or the secondary mirror of a sensor."""
     if not secondary:
         return sensor.mirror
     if sensor.secondary is None:
-        raise InvalidParameter(f"{sensor.name!r} has no secondary")
+        raise InvalidParameter(f"secondary must be False for {sensor.name!r}, which has one mirror; got True")
     return sensor.secondary.mirror
 
 
 def omega_of(sensor: Sensor, x_mm: ArrayLike, secondary: bool = False) -> Array:
-    """Field angles (n,) in radians that are seen by way of points of a mirror; NaN where nothing is.
+    """Compute the field angles (n,) in rad that are reflected at radii of a mirror; NaN without a ray.
 
-    The middle of a folded sensor is hidden, and the secondary may be wider than it need be.
+    The centre of a folded sensor is obstructed, and its secondary mirror may extend beyond the used
+    aperture.
     """
     x, meridian = np.asarray(x_mm, dtype=float), sensor.meridian
     ends = meridian.trace(np.array([meridian.x_min, sensor.mirror.rim_radius_mm]))
     low, high = ends.first.x if secondary else ends.x
-    seen = (x >= low * (1 - ROUNDING)) & (x <= high * (1 + ROUNDING))
+    visible = (x >= low * (1 - ROUNDING)) & (x <= high * (1 + ROUNDING))
     omega = np.full(x.shape, np.nan)
-    inside = np.clip(x[seen], low, high)
+    inside = np.clip(x[visible], low, high)
     on_mirror = meridian.x_from_first(inside) if secondary else inside
-    omega[seen] = meridian.trace(np.clip(on_mirror, *ends.x)).omega
+    omega[visible] = meridian.trace(np.clip(on_mirror, *ends.x)).omega
     return omega

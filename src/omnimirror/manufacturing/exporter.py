@@ -1,4 +1,4 @@
-"""One call writes what a workshop and other programs need of a sensor, all files or none."""
+"""Export of a sensor to CAD files, lens files, tables and drawings: all files or none."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from typing import Any, NamedTuple
 
 from ..analysis.comparison import compare
 from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
+from ..design.criteria.requirement_file import load_requirements
+from ..design.criteria.requirements import Requirements
+from ..design.solve.verdict import judge
 from ..errors import InvalidParameter, OmnimirrorError
 from ..escaping import file_stem
 from ..files import replacing
@@ -20,7 +23,7 @@ from ..housing import Housing
 from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
 from ..tracing.obscuration import Obscuration
-from .body import Body, Part, housed, parts_of
+from .body import Body, Part, parts_of, with_housing
 from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words
 from .drawings.tables import DataFile, sag_text
@@ -30,35 +33,39 @@ from .formats.zmx import write_zmx
 from .workshop import Workshop
 
 SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # in names of files
-FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
+ACCURATE_RAY_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
 
 
 @dataclass(frozen=True)
-class Exported:
-    """A file that was written.
+class ExportedFile:
+    """File that :func:`export` wrote.
 
     Attributes
     ----------
     path
-    what : what it holds, in a few words
-    deviation_um : how far its surface lies from the mirror at most, 0 where it is the mirror; None for a drawing
-    ray_deg : of a lens file, the largest angle between the rays that its surface and the mirror reflect; else None
+        Path of the file.
+    description
+        Short description of the content.
+    deviation_um
+        Maximum distance of its surface from the mirror; 0 if exact, None for drawings.
+    ray_deg
+        For lens files, the maximum angle between rays reflected by its surface and by the mirror.
     """
 
     path: Path
-    what: str
+    description: str
     deviation_um: float | None
     ray_deg: float | None = None
 
     @property
     def follows(self) -> bool:
-        """Whether rays through it go where the mirror sends them, to a hundredth of a degree."""
-        return self.ray_deg is None or self.ray_deg < FOLLOWS_DEG
+        """Whether reflected rays deviate by less than 0.01 deg from those of the mirror."""
+        return self.ray_deg is None or self.ray_deg < ACCURATE_RAY_DEG
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All that the formats ask for: the sensor and its mirrors, and how fine each file is."""
+    """Data of one export call for the writers: sensor, parts and resolution of each format."""
 
     sensor: Sensor
     parts: list[Part]
@@ -73,20 +80,20 @@ class Plan:
     tool: Tool = field(default_factory=Tool)
     workshop: Workshop = field(default_factory=Workshop)
     page: int = 0
-    """Which sheet of the drawing."""
+    """Sheet of the drawing."""
     drawn: list[Drawing] = field(default_factory=list)
-    """The drawing, once a file has asked for it."""
+    """Cached drawing, shared by all drawing formats."""
 
     @property
     def stem(self) -> str:
-        """What the names of files begin with."""
+        """Common stem of the file names."""
         return file_stem(self.sensor.name, "sensor")
 
     writes_table: bool = False
-    """Whether the sag table is written by the same call."""
+    """Whether the same call writes the sag table."""
 
     def data_file(self, part: Part) -> DataFile | None:
-        """Return the sag table of a mirror if it is written beside the drawing."""
+        """Return the reference to the sag table of a mirror if the same call writes it."""
         if not self.writes_table:
             return None
         name = f"{self.stem}{SECONDARY_MARK if part.is_secondary else ''}-sag.csv"
@@ -94,23 +101,23 @@ class Plan:
 
 
 class Content(NamedTuple):
-    """What a writer tells of its file, as :class:`Exported` holds it."""
+    """Result of a writer, as described in :class:`ExportedFile`."""
 
-    what: str
+    description: str
     deviation_um: float | None
     ray_deg: float | None = None
 
 
 Writer = Callable[[Plan, Part, Path], Content]
-"""Writes a file of one mirror, or of the sensor, to which all parts belong."""
+"""Function that writes the file of one mirror, or of the sensor with all its parts."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages.
+    """Export format: writer, file suffixes, name ending and required packages.
 
-    Of two mirrors there is a file each, unless a file shows the whole sensor; of a drawing one of each sheet, where
-    files of its kind hold no more.
+    One file per mirror is written unless the format describes the whole sensor. Drawing formats
+    without pages write one file per sheet.
     """
 
     write: Writer
@@ -140,53 +147,58 @@ def export(
     tool: Tool | None = None,
     workshop: Workshop | None = None,
     allow_changes: bool = False,
-) -> list[Exported]:
-    """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
+    requirements: Requirements | str | Path | None = None,
+) -> list[ExportedFile]:
+    """Export CAD files, lens files, tables and the drawing of a sensor: all files or none.
 
     Parameters
     ----------
     sensor
+        Evaluated sensor.
     path
-        A folder, or one file whose suffix says the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid sag),
-        .csv (sag table), .pdf, .svg or .png (drawing), and .nc or .tsv (path of a tool). The file of a second mirror
-        stands beside it.
+        Folder, or a file whose suffix selects the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid
+        sag), .csv (sag table), .pdf, .svg or .png (drawing), .nc or .tsv (tool path). Files of a
+        secondary mirror are written to the same folder.
     formats : optional
-        Of :data:`FORMATS`, for a folder; the first eight by default.
+        Names from :data:`FORMATS` for a folder; the first eight by default.
     body : optional
-        The solid behind the surface, by default as the rim of the sensor's housing says, or ``Body()``; a camera
-        behind it gets the bore it looks through.
+        Body of the mirror, by default from the rim of the housing, or ``Body()``. The body of a mirror
+        in front of the camera receives the required bore.
     secondary_body : optional
-        The same of a second mirror.
+        Body of the secondary mirror.
     housing : optional
-        Housing of the drawing, by default the sensor's own. Its rims are those of the bodies.
+        Housing in the drawing, by default that of the sensor. Its rims are those of the bodies.
     chord_tolerance_um
-        Of the triangles of STL and 3MF.
+        Chord tolerance of STL and 3MF triangles.
     step_mm, step_deg, digits
-        Step of the sag table along x or in field angle, and decimals of a millimetre of it and of a tool's path.
+        Step of the sag table along x or in field angle; decimals of mm in the table and the tool path.
     grid_points
-        Of the grid sag file, along each side.
+        Points along each side of the grid sag file.
     sheet, scale
-        "A3" or "A4", and the scale of the drawing's first view; by default the largest standard one that fits.
+        "A3" or "A4"; scale of the sensor view, by default the largest standard scale that fits.
     tool : optional
-        What turns the mirror on a lathe, by default ``Tool()``.
+        Lathe tool, by default ``Tool()``.
     workshop : optional
-        What the drawing says beside shapes: title block, material, texture, tolerances
+        Title block, material, texture and tolerances for the drawing
         (:func:`omnimirror.manufacturing.load_workshop`).
     allow_changes
-        Write the files even if bodies or housing change what the evaluated sensor sees.
+        Write the files even if bodies or housing change the evaluated sensor.
+    requirements : optional
+        Requirements to check. If bodies or housing change the sensor, the error lists the entries
+        whose margin changes or fails.
 
     Returns
     -------
-    list of Exported
-        A file each, with how far its surface lies from the mirror.
+    list of ExportedFile
+        Written files with the deviation of their surfaces from the mirror.
 
     Raises
     ------
     InvalidParameter
-        A format or suffix that is not known, a parameter outside its range, or bodies or a housing that change the
+        If a format or suffix is unknown, a parameter is out of range, or bodies or housing change the
         evaluated sensor: its field, its obscurations, or the size of its cover.
     OmnimirrorError
-        A package of ``omnimirror[cad]`` is missing, or a file cannot be written.
+        If a package of ``omnimirror[cad]`` is missing or a file cannot be written.
 
     Examples
     --------
@@ -198,7 +210,7 @@ def export(
     """
     check_sensor(sensor)
     if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
-        raise WrongKind(f"formats = {shown(formats)} is not a list of names, of {', '.join(FORMATS)}")
+        raise WrongKind(f"formats must be a list of names from {', '.join(FORMATS)}; got {shown(formats)}")
     formats = None if formats is None else list(formats)
     path = file_name("path", path)
     digits, grid_points = whole("digits", digits, 0, 15), whole("grid_points", grid_points, 3, 10_001)
@@ -206,11 +218,24 @@ def export(
     step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
     scale = optional_number("scale", scale, above=0.0)
     plan = Plan(
-        sensor, parts_of(sensor, body, secondary_body), housing, chord_tolerance_um, step_mm,
-        step_deg, digits, grid_points, sheet, scale, tool or Tool(), workshop or Workshop(),
-    )  # fmt: skip
+        sensor,
+        parts_of(sensor, body, secondary_body),
+        housing,
+        chord_tolerance_um,
+        step_mm,
+        step_deg,
+        digits,
+        grid_points,
+        sheet,
+        scale,
+        tool or Tool(),
+        workshop or Workshop(),
+    )
     targets = _targets(plan, path, formats)
-    if not allow_changes and (changes := changes_of(sensor, housed(plan.parts, housing))):
+    exported = with_housing(plan.parts, housing)
+    if not allow_changes and (changes := sensor_changes(sensor, exported)):
+        if requirements is not None:
+            changes = requirement_changes(sensor, exported, requirements)
         raise InvalidParameter(
             f"the export parameters change the evaluated sensor {sensor.name!r}: {'; '.join(changes)}; "
             "enter these parts in the [housing] of the sensor file and evaluate it again, or set allow_changes "
@@ -220,20 +245,22 @@ def export(
     _check_packages(names)
     plan = replace(plan, writes_table="csv" in names)
     with TemporaryDirectory() as folder, ExitStack() as stack:
-        made = {target: Path(folder) / _plain(target.name) for target in targets}
-        written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
-        for target, file in made.items():
+        temporary = {target: Path(folder) / _plain(target.name) for target in targets}
+        written = [
+            ExportedFile(target, *_write(plan, *what, temporary[target], target)) for target, what in targets.items()
+        ]
+        for target, file in temporary.items():
             copyfile(file, stack.enter_context(replacing(target)))
     return written
 
 
 def _plain(name: str) -> str:
-    """A name that libraries take which know UTF-8 alone."""
+    """Return a file name without characters that UTF-8 cannot encode."""
     return name.encode("utf-8", "replace").decode()
 
 
 def _write(plan: Plan, name: str, part: Part, page: int, path: Path, target: Path) -> Content:
-    """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
+    """Write one temporary file; ``target`` is its final path for messages."""
     try:
         return FORMATS[name].write(replace(plan, page=page), part, path)
     except OSError as e:
@@ -241,20 +268,22 @@ def _write(plan: Plan, name: str, part: Part, page: int, path: Path, target: Pat
 
 
 def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part, int]]:
-    """The files to write, each with its format, the mirror that it is of, and the sheet of the drawing."""
+    """Return the files to write with format, part and sheet of the drawing."""
     for name in formats or ():
         if not isinstance(name, str) or name not in FORMATS:
-            raise InvalidParameter(f"there is no format {shown(name)}; valid are {', '.join(FORMATS)}")
+            raise InvalidParameter(f"formats must be names from {', '.join(FORMATS)}; got {shown(name)}")
     by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix in by_suffix and not path.is_dir():
         name = by_suffix[suffix]
         if formats and formats != [name]:
-            raise InvalidParameter(f"{path.name} is a {name} file; give a folder for {', '.join(formats)}")
+            raise InvalidParameter(
+                f"path must be a folder for the formats {', '.join(formats)}; got the {name} file {path.name}"
+            )
         return {path.with_stem(path.stem + mark): (name, part, page) for mark, part, page in _marked(plan, name)}
     if suffix and formats is None and not path.is_dir():
         raise InvalidParameter(
-            f"{path.name} has no suffix that is known; valid are {', '.join(by_suffix)}, or a folder"
+            f"path must be a folder or a file with one of the suffixes {', '.join(by_suffix)}; got {path.name}"
         )
     chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
     return {
@@ -265,7 +294,7 @@ def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tu
 
 
 def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
-    """The mirrors that a format has a file of, or the sheets, each with what its name ends in."""
+    """Return the parts or sheets of a format with the suffix of their file names."""
     kind = FORMATS[name]
     marked = [(SECONDARY_MARK if part.is_secondary else "", part, 0) for part in plan.parts]
     if kind.is_one_sheet:
@@ -276,15 +305,16 @@ def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
 
 
 def _check_packages(names: list[str]) -> None:
+    """Raise an error if a format requires a package that is not installed."""
     lacking = {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
     missing = sorted({package for packages in lacking.values() for package in packages})
     if not missing:
         return
     without = [name for name, packages in lacking.items() if packages]
     others = [name for name, packages in lacking.items() if not packages]
-    rest = f", or choose from {', '.join(others)}" if others else ""
+    rest = f", or select {', '.join(others)}" if others else ""
     raise OmnimirrorError(
-        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: "
+        f"{', '.join(without)} require{'s' * (len(without) == 1)} {', '.join(missing)}; install with "
         f"pip install 'omnimirror[cad]'{rest}"
     )
 
@@ -340,10 +370,18 @@ def _table(plan: Plan, part: Part, path: Path) -> Content:
 def _drawing(plan: Plan, part: Part, path: Path) -> Content:
     if not plan.drawn:
         bodies = [p.body for p in plan.parts]
-        plan.drawn.append(draw_sheets(
-            plan.sensor, bodies[0], plan.housing, plan.sheet, plan.scale, *bodies[1:], workshop=plan.workshop,
-            data_files=[f for p in plan.parts if (f := plan.data_file(p))],
-        ))  # fmt: skip
+        plan.drawn.append(
+            draw_sheets(
+                plan.sensor,
+                bodies[0],
+                plan.housing,
+                plan.sheet,
+                plan.scale,
+                *bodies[1:],
+                workshop=plan.workshop,
+                data_files=[f for p in plan.parts if (f := plan.data_file(p))],
+            )
+        )
     (drawing,) = plan.drawn
     write_drawing(path, drawing, plan.page)
     shown = "drawing" if path.suffix.lower() == ".pdf" else f"drawing of the {drawing.names[plan.page]}"
@@ -351,13 +389,13 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
 
 
 def _tool_path(plan: Plan, part: Part, path: Path) -> Content:
-    listed = path.suffix.lower() in OURS["points"].suffixes
+    listed = path.suffix.lower() in BUILT_IN_FORMATS["points"].suffixes
     way = write_tool_path(path, part.mirror, plan.tool, part.name, plan.digits, listed)
     return Content(way.words, 1e-3 * way.deviation_nm)
 
 
 MESHES = ("trimesh", "lxml", "networkx")
-OURS = {
+BUILT_IN_FORMATS = {
     "step": Format(_step, (".step", ".stp"), packages=("OCP",)),
     "stl": Format(_mesh, (".stl",), packages=MESHES[:1]),
     "3mf": Format(_mesh, (".3mf",), packages=MESHES),
@@ -375,36 +413,36 @@ OURS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, Format):
-        raise WrongKind(f"{shown(kind)} is no omnimirror.manufacturing.Format")
-    if taken := [s for s in kind.suffixes for f in OURS.values() if s in f.suffixes]:
-        raise InvalidParameter(f"{taken[0]} files are written as another format; choose another suffix")
+        raise WrongKind(f"kind must be an omnimirror.manufacturing.Format; got {shown(kind)}")
+    if taken := [s for s in kind.suffixes for f in BUILT_IN_FORMATS.values() if s in f.suffixes]:
+        raise InvalidParameter(f"suffixes must not belong to another format; got {taken[0]}")
 
 
-FORMATS: Registry[Format] = Registry("omnimirror.formats", "a format", OURS, _check_format)
-"""Every format by the word that names it."""
-DEFAULT_FORMATS = tuple(OURS)[:8]
-"""What is written where nothing else is asked for."""
+FORMATS: Registry[Format] = Registry("omnimirror.formats", "a format", BUILT_IN_FORMATS, _check_format)
+"""Export formats by name."""
+DEFAULT_FORMATS = tuple(BUILT_IN_FORMATS)[:8]
+"""Formats that are written to a folder by default."""
 
 
 def register_format(name: str, kind: Format) -> None:
-    """Make a format of one's own known to :func:`export` and ``omnimirror export``.
+    """Register a custom format for :func:`export` and ``omnimirror export``.
 
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    Installed packages can register formats by an entry point in their ``pyproject.toml``:
     ``[project.entry-points."omnimirror.formats"]`` with ``points = "my_package:points"``.
 
     Parameters
     ----------
     name
-        Such as ``"points"``.
+        Name of the format, for example ``"points"``.
     kind
-        Its suffixes, and a function ``write(plan, part, path)`` that writes the file of a mirror and returns a
-        :class:`~omnimirror.manufacturing.exporter.Content`: in words what it holds, and how far its surface lies from
-        the mirror, um. ``part.mirror`` is the mirror, ``plan.sensor`` the sensor.
+        Suffixes and a function ``write(plan, part, path)`` that writes the file of a mirror and returns
+        a :class:`~omnimirror.manufacturing.exporter.Content`: a description and the maximum distance of
+        its surface from the mirror in um. ``part.mirror`` is the mirror, ``plan.sensor`` the sensor.
 
     Raises
     ------
     InvalidParameter
-        Another format has this name or suffix.
+        If another format has the same name or suffix.
 
     Examples
     --------
@@ -416,43 +454,78 @@ def register_format(name: str, kind: Format) -> None:
     >>> om.register_format("docs-rim", Format(write, (".rim",)))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = om.export(om.load_sensor("paper-spherical"), f"{folder}/a.rim")[0]
-    ...     file.path.read_text(), file.what
+    ...     file.path.read_text(), file.description
     ('26.122', "the rim's height")
     >>> om.manufacturing.FORMATS.withdraw("docs-rim")
     """
     FORMATS.register(name, kind)
 
 
-def changes_of(evaluated: Sensor, exported: Sensor) -> list[str]:
-    """List the quantities that differ between a sensor and the one that is drawn and exported, with both values.
+def sensor_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
+    """List quantities that differ between the evaluated and the exported sensor, with both values.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> from omnimirror.manufacturing import Body
-    >>> from omnimirror.manufacturing.body import housed, parts_of
+    >>> from omnimirror.manufacturing.body import with_housing, parts_of
     >>> sensor = om.load_sensor("paper-spherical")
-    >>> changes_of(sensor, housed(parts_of(sensor, Body(thickness_mm=8.0))))
+    >>> sensor_changes(sensor, with_housing(parts_of(sensor, Body(thickness_mm=8.0))))
     []
-    >>> changes_of(sensor, housed(parts_of(sensor, Body(flange_width_mm=5.0))))[0]
+    >>> sensor_changes(sensor, with_housing(parts_of(sensor, Body(flange_width_mm=5.0))))[0]
     'rim hides nothing -> 129.3 to 135 deg'
     """
     evaluated, exported = evaluated.aligned(), exported.aligned()
-    found = [*_cover_changes(evaluated, exported), *_ring_changes(evaluated.obscurations, exported.obscurations)]
-    if not found and _rounded(evaluated.field_deg) == _rounded(exported.field_deg):
+    result = [*_cover_changes(evaluated, exported), *_ring_changes(evaluated.obscurations, exported.obscurations)]
+    if not result and _rounded(evaluated.field_deg) == _rounded(exported.field_deg):
         return []
     pair = compare([evaluated, exported])
-    rows = [f"{row.name} {row.texts[0]} -> {row.texts[1]} {row.quantity.unit}".rstrip()
-            for row in pair.rows if row.texts[0] != row.texts[1]]  # fmt: skip
-    return [*found, *rows]
+    rows = [
+        f"{row.name} {row.texts[0]} -> {row.texts[1]} {row.quantity.unit}".rstrip()
+        for row in pair.rows
+        if row.texts[0] != row.texts[1]
+    ]
+    return [*result, *rows]
+
+
+def requirement_changes(evaluated: Sensor, exported: Sensor, requirements: Requirements | str | Path) -> list[str]:
+    """List requirement entries whose margin differs between two sensors, with both margins.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.manufacturing.body import Body, parts_of, with_housing
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> requirements = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=130.0),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.9),
+    ...     lens=om.LensRequirements(theta_max_deg=(5.0, 20.0)),
+    ... )
+    >>> with_flange = with_housing(parts_of(sensor, Body(flange_width_mm=5.0)))
+    >>> requirement_changes(sensor, with_flange, requirements)
+    ['omega_max_deg: margin 5.005 -> -0.6733 deg (not met)']
+    """
+    if not isinstance(requirements, Requirements):
+        requirements = load_requirements(requirements)
+    before, after = (judge(requirements, sensor).rows for sensor in (evaluated, exported))
+    changes = [
+        f"{old.label}: margin {old.margin:.4g} -> {new.margin:.4g} {new.unit}".rstrip()
+        + " (not met)" * (not new.is_met)
+        for old, new in zip(before, after, strict=True)
+        if _rounded((old.margin,)) != _rounded((new.margin,)) or old.is_met != new.is_met
+    ]
+    if not changes:
+        changes = [f"no margin of the requirements, but {change}" for change in sensor_changes(evaluated, exported)]
+    return changes
 
 
 def _rounded(numbers: tuple[float, ...]) -> tuple[str, ...]:
+    """Format numbers with six significant digits."""
     return tuple(f"{number:.6g}" for number in numbers)
 
 
 def _cover_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
-    """List the differing fields of tube, dome or window, fitted to either sensor."""
+    """List differing parameters of the tube, dome or window, fitted to each sensor."""
     before, after = evaluated.obstructions.housing.shell, exported.obstructions.housing.shell
     if type(before) is not type(after):
         kinds = ["none" if shell is None else shell.KIND for shell in (before, after)]
@@ -462,18 +535,19 @@ def _cover_changes(evaluated: Sensor, exported: Sensor) -> list[str]:
     values = [(f.name, getattr(before, f.name), getattr(after, f.name)) for f in fields(before)]
     return [
         f"{before.KIND} {name} {_words(old)} -> {_words(new)}"
-        for name, old, new in values if _words(old) != _words(new)
-    ]  # fmt: skip
+        for name, old, new in values
+        if _words(old) != _words(new)
+    ]
 
 
 def _ring_changes(before: tuple[Obscuration, ...], after: tuple[Obscuration, ...]) -> list[str]:
-    """List the parts that hide another part of the field."""
+    """List components whose obscuration differs."""
     rings = [
-        {part: " and ".join(_ring_words(ring) for ring in found if ring.part == part) for part in _parts(found)}
-        for found in (before, after)
+        {part: " and ".join(_ring_words(ring) for ring in result if ring.part == part) for part in _parts(result)}
+        for result in (before, after)
     ]
     names = list(dict.fromkeys([*rings[0], *rings[1]]))
-    pairs = [(name, *(found.get(name, "nothing") for found in rings)) for name in names]
+    pairs = [(name, *(result.get(name, "nothing") for result in rings)) for name in names]
     return [f"{name} hides {old} -> {new}" for name, old, new in pairs if old != new]
 
 

@@ -1,7 +1,7 @@
-"""What a mirror is in the words of other programs: a conic, a straight line, an asphere or a spline.
+"""Equivalent surfaces for other programs: conics, aspheres, CAD curves and the best-fit sphere.
 
-Every form states how far it lies from the mirror, along the mirror's normal and in micrometres; a form
-that is the mirror itself says 0.
+Every approximation reports its deviation from the mirror along the mirror's normal in
+micrometres. The deviation of an exact representation is 0.
 """
 
 from __future__ import annotations
@@ -20,40 +20,41 @@ from ..mirrors.conics import Conic, conic_profile, conic_reach
 Array = NDArray[np.float64]
 
 EXACT_UM = 1e-6
-"""A deviation below this is rounding: the form is the mirror. An atom is a hundred times as wide."""
+"""Deviations below this value are rounding errors; the representation counts as exact, um."""
 TERMS = 8
-"""Even powers r^2 .. r^16 of OpticStudio's even asphere, and powers r^1 .. r^8 of its odd one."""
+"""Number of terms of the even asphere (r^2 to r^16) and the odd asphere (r^1 to r^8) of
+OpticStudio."""
 MORE_TERMS = 16
-"""Terms of its extended aspheres, where eight do not do; in double precision more gain little."""
-MOST_TERMS = 240
-"""What an extended asphere can have."""
+"""Number of terms of an extended asphere; more terms improve little in double precision."""
+MAX_TERMS = 240
+"""Maximum number of terms of an extended asphere."""
 GOOD_UM, GOOD_DEG = 0.01, 0.002
-"""A fit is good enough when its surface and its reflected rays are as close as this."""
+"""Limits of surface deviation (um) and ray deviation (deg) of an acceptable fit."""
 ANGLE_SHARE = 0.05
-"""A fit counts an error of angle over this share of the rim radius, and so as one of distance."""
+"""Lever arm that converts angle errors to distances in a fit, as a fraction of the rim radius."""
 
 
 def deviation_um(mirror: Mirror, x: Array, z: Array) -> Array:
-    """How far points (x, z) (mm) lie from the mirror, um; positive where they lie inside its material.
+    """Compute the distances of points (x, z) in mm from the mirror, positive inside its material, um.
 
-    First order: the difference of heights times cos(beta).
+    To first order, the distance is the height difference times cos(beta).
     """
     sag, slope, _ = mirror.profile(np.minimum(x, mirror.rim_radius_mm))
     return 1e3 * (z - sag) / np.sqrt(1 + slope**2)
 
 
 def nodes(mirror: Mirror, count: int = 1001) -> Array:
-    """Distances from the axis (mm) where forms are compared with the mirror: denser at both ends."""
+    """Return radii (mm) at which an approximation is compared with the mirror, denser at both ends."""
     return mirror.rim_radius_mm * (1 - np.cos(np.linspace(0, np.pi, count))) / 2
 
 
 # -- conics and straight lines ---------------------------------------------------------------------
 
 
-def conic_of(mirror: Mirror) -> tuple[float, float] | None:
-    """Vertex radius R (mm) and conic constant k of a mirror that is a conic exactly, or None.
+def conic_parameters(mirror: Mirror) -> tuple[float, float] | None:
+    """Return vertex radius R (mm) and conic constant k of an exact conic; otherwise None.
 
-    >>> conic_of(ConicAsphere(50.0, -0.5, 40.0)), conic_of(EvenPolynomial((0.01,), 40.0))
+    >>> conic_parameters(ConicAsphere(50.0, -0.5, 40.0)), conic_parameters(EvenPolynomial((0.01,), 40.0))
     ((50.0, -0.5), (50.0, -1.0))
     """
     match mirror:
@@ -67,7 +68,7 @@ def conic_of(mirror: Mirror) -> tuple[float, float] | None:
 
 
 def is_straight(mirror: Mirror) -> bool:
-    """Whether the meridian is a straight line: a cone, or a plane."""
+    """Return whether the meridian is a straight line, as for a cone or a plane."""
     return not np.any(mirror.curvature(nodes(mirror, 65)))
 
 
@@ -76,18 +77,24 @@ def is_straight(mirror: Mirror) -> bool:
 
 @dataclass(frozen=True)
 class Asphere:
-    """``c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum a_i (r/N)^p_i``, what lens programs take for a mirror.
+    """Asphere of lens design programs: ``c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum a_i (r/N)^p_i``.
 
     Attributes
     ----------
     kind : "even" or "odd"
-        The powers are 2, 4, 6, .., or 1, 2, 3, .. for a mirror with a point.
-    curvature : c = 1/R, 1/mm
-    conic : k
-    coefficients : the a_i, mm; eight, or more of an extended asphere
-    normalization_mm : N, 1 mm but for an extended asphere
-    deviation_um : largest distance from the mirror
-    ray_deg : largest angle between the rays that this surface and the mirror reflect
+        Powers 2, 4, 6, ..., or 1, 2, 3, ... for a pointed mirror.
+    curvature
+        c = 1/R, 1/mm.
+    conic
+        Conic constant k.
+    coefficients
+        Coefficients a_i in mm: eight, or more for an extended asphere.
+    normalization_mm
+        Normalization radius N, 1 mm except for an extended asphere.
+    deviation_um
+        Maximum distance from the mirror.
+    ray_deg
+        Maximum angle between rays reflected by this surface and by the mirror.
     """
 
     kind: str
@@ -100,20 +107,22 @@ class Asphere:
 
     @property
     def is_extended(self) -> bool:
-        """Whether it takes more terms than OpticStudio's plain aspheres have."""
+        """Return whether the surface needs more terms than a plain asphere."""
         return len(self.coefficients) > TERMS
 
     @property
     def is_good(self) -> bool:
+        """Return whether surface and ray deviations are within the limits of an acceptable fit."""
         return self.deviation_um < GOOD_UM and self.ray_deg < GOOD_DEG
 
     @property
     def powers(self) -> tuple[int, ...]:
+        """Exponents p_i of the coefficients."""
         step = 2 if self.kind == "even" else 1
         return tuple(step * (i + 1) for i in range(len(self.coefficients)))
 
     def profile(self, r: Array) -> tuple[Array, Array]:
-        """Height over the vertex plane (mm) and slope."""
+        """Compute height above the vertex plane (mm) and slope."""
         z, slope = np.zeros_like(r), np.zeros_like(r)
         if self.curvature:
             z, slope, _ = conic_profile(r, 1 / self.curvature, self.conic)
@@ -124,30 +133,34 @@ class Asphere:
         return z, slope
 
     def reversed(self) -> Asphere:
-        """The same surface with its z the other way."""
+        """Return the surface with the direction of z inverted."""
         return replace(self, curvature=-self.curvature, coefficients=tuple(-a for a in self.coefficients))
 
     def words(self) -> str:
-        """
+        """Describe the surface type.
+
         >>> Asphere("even", 0.02, 0.0, (0.0,) * 8).words()
         'even asphere'
         """
-        return f"extended {self.kind} asphere of {len(self.coefficients)} terms" if self.is_extended else (
-            f"{self.kind} asphere"
-        )  # fmt: skip
+        return (
+            f"extended {self.kind} asphere of {len(self.coefficients)} terms"
+            if self.is_extended
+            else (f"{self.kind} asphere")
+        )
 
 
-def asphere_of(mirror: Mirror) -> Asphere:
-    """The mirror as an asphere: exact where it is one, else the closest in distance and slope by least squares.
+def fit_asphere(mirror: Mirror) -> Asphere:
+    """Represent a mirror as an asphere: exact if possible, otherwise a least-squares fit.
 
-    It has eight terms, or sixteen where eight are not good enough.
+    The fit minimises normal distance and slope error with eight terms, or 16 if eight are not
+    sufficient.
 
     Examples
     --------
     >>> from omnimirror.mirrors import Cone, Equidistant
-    >>> asphere_of(Cone(45.0, 20.0)).coefficients[0].__round__(12)
+    >>> fit_asphere(Cone(45.0, 20.0)).coefficients[0].__round__(12)
     1.0
-    >>> asphere_of(Equidistant(135.0, 12.0, 43.9)).deviation_um < 0.001
+    >>> fit_asphere(Equidistant(135.0, 12.0, 43.9)).deviation_um < 0.001
     True
     """
     if form := _exact_asphere(mirror):
@@ -160,7 +173,7 @@ def asphere_of(mirror: Mirror) -> Asphere:
 
 
 def _compared(mirror: Mirror, form: Asphere) -> Asphere:
-    """The form with what it leaves: 0 where that is rounding."""
+    """Return the approximation with its deviations from the mirror; exact within rounding is 0."""
     x = nodes(mirror)
     z, slope = form.profile(x)
     worst = float(np.abs(deviation_um(mirror, x, z)).max())
@@ -171,7 +184,8 @@ def _compared(mirror: Mirror, form: Asphere) -> Asphere:
 
 
 def _exact_asphere(mirror: Mirror) -> Asphere | None:
-    if conic := conic_of(mirror):
+    """Return the exact asphere of a mirror, or None."""
+    if conic := conic_parameters(mirror):
         return Asphere("even", 1 / conic[0], conic[1], (0.0,) * TERMS)
     if is_straight(mirror):
         if not mirror.is_pointed:
@@ -186,7 +200,7 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
         first, c, k = 1 / mirror.vertex_radius_mm, mirror.coefficients, mirror.conic
     while c and not c[-1]:
         c = c[:-1]
-    if len(c) > MOST_TERMS - 1:
+    if len(c) > MAX_TERMS - 1:
         return None
     if len(c) > TERMS - 1:  # their coefficients are heights over N, ours heights
         return Asphere("even", first, k, (0.0, *(N * a for a in c)), N)
@@ -195,11 +209,11 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
 
 
 def _fitted_asphere(mirror: Mirror, terms: int) -> Asphere:
-    """Least squares of normal distance and angle; of a smooth mirror the vertex radius is given and k searched.
+    """Fit an asphere to normal distance and angle; optimise the conic constant of smooth mirrors.
 
-    A fit of the distance alone ripples towards the rim, and rays feel slopes. The vertex radius is the mirror's
-    own, or, where it does better (a measured profile may have a bump there), that of the even polynomial through
-    the whole mirror.
+    A fit of the distance alone oscillates near the rim, where rays depend on the slope. The vertex
+    radius is that of the mirror or, if better (a measured profile may have a local bump at the
+    vertex), that of the even polynomial fitted to the whole mirror.
     """
     N = mirror.rim_radius_mm if terms > TERMS else 1.0
     if mirror.is_pointed:
@@ -214,7 +228,7 @@ def _fitted_asphere(mirror: Mirror, terms: int) -> Asphere:
 
 
 class _Fit:
-    """Least squares of what a conic leaves of a mirror, in given powers of r/M; the conic may change."""
+    """Least-squares fit of the difference between mirror and conic in powers of r/M."""
 
     def __init__(self, mirror: Mirror, powers: tuple[int, ...]) -> None:
         self.M, self.x, self.powers = mirror.rim_radius_mm, nodes(mirror, 801), np.array(powers)
@@ -228,6 +242,7 @@ class _Fit:
         )
 
     def _rest(self, c: float, k: float) -> Array:
+        """Return weighted residuals of height and slope for a conic."""
         z, slope = self.z, self.slope
         if c:
             base = conic_profile(self.x, 1 / c, k)
@@ -235,12 +250,12 @@ class _Fit:
         return np.concatenate([self.weight * z, self.rate * slope])
 
     def worst(self, c: float, k: float) -> float:
-        """Largest residual beside a conic, mm."""
+        """Return the maximum residual of the fit for a conic, mm."""
         rest = self._rest(c, k)
         return float(np.abs(rest - self.q @ (self.q.T @ rest)).max())
 
     def coefficients(self, c: float, k: float, N: float) -> tuple[float, ...]:
-        """Of the powers of r/N, mm."""
+        """Return the coefficients of the powers of r/N, mm."""
         from scipy.linalg import solve_triangular
 
         scaled = solve_triangular(self.r, self.q.T @ self._rest(c, k))
@@ -248,7 +263,7 @@ class _Fit:
 
 
 def _best_conic(worst: Callable[[float], float], c: float, M: float) -> float:
-    """The conic constant that leaves the polynomial least to do, among those that reach the rim."""
+    """Find the conic constant with the smallest maximum residual among those that reach the rim."""
     from scipy.optimize import minimize_scalar
 
     tries = [k for k in np.linspace(-6.0, 6.0, 97) if conic_reach(1 / c, float(k)) > 1.001 * M]
@@ -265,16 +280,19 @@ Ends: TypeAlias = "tuple[tuple[float, float], tuple[float, float]]"
 
 @dataclass(frozen=True)
 class ProfileCurve:
-    """The meridian as CAD programs draw one: a line, an arc about the axis, or a (rational) B-spline.
+    """Meridian as a CAD curve: a line, an arc about the axis, or a (rational) B-spline.
 
     Attributes
     ----------
     kind : "line", "arc" or "spline"
-    ends : ((x, z), (x, z)) mm, from the axis to the rim
-    radius_mm : of an arc; its centre is (0, radius)
+    ends : ((x, z), (x, z))
+        End points in mm, from the axis to the rim.
+    radius_mm
+        Radius of an arc, whose centre is (0, radius).
     degree, knots, poles, weights
-        Of a spline: knots with their multiplicity, poles (n, 2) in mm, and weights (n,) where it is rational.
-    deviation_um : largest distance from the mirror, 0 where the curve is the mirror's own
+        B-spline data: knots with multiplicity, poles (n, 2) in mm, and weights (n,) if rational.
+    deviation_um
+        Maximum distance from the mirror; 0 for an exact curve.
     """
 
     kind: str
@@ -286,24 +304,25 @@ class ProfileCurve:
     weights: tuple[float, ...] | None = None
     deviation_um: float = 0.0
     words: str = ""
-    """What it is, for people."""
+    """Description of the curve."""
 
 
-def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) -> ProfileCurve:
-    """The meridian from ``start_mm`` to the rim as a CAD curve, exact where the mirror is a conic or straight.
+def profile_curve(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) -> ProfileCurve:
+    """Convert the meridian from ``start_mm`` to the rim to a CAD curve.
 
-    Others become a quintic spline through as many points as it takes to stay within the tolerance.
+    Conics and straight lines are exact. Other meridians become a quintic spline with as many points
+    as the tolerance requires.
 
-    >>> curve_of(ConicAsphere(50.0, 0.0, 30.0)).words
+    >>> profile_curve(ConicAsphere(50.0, 0.0, 30.0)).words
     'arc of 50 mm'
-    >>> curve_of(EvenPolynomial((0.01,), 30.0)).words
+    >>> profile_curve(EvenPolynomial((0.01,), 30.0)).words
     'conic'
     """
     rim = mirror.rim_radius_mm
     ends = (start_mm, float(mirror.sag(start_mm))), (rim, float(mirror.sag(rim)))
     if is_straight(mirror):
         return ProfileCurve("line", ends, words="straight line")
-    conic = conic_of(mirror)
+    conic = conic_parameters(mirror)
     if conic and conic[1] == 0.0:
         return ProfileCurve("arc", ends, radius_mm=conic[0], words=f"arc of {conic[0]:.9g} mm")
     if conic:
@@ -312,10 +331,10 @@ def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) 
 
 
 def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> ProfileCurve:
-    """A piece of a conic is one rational quadratic: its ends, where their tangents meet, and one weight.
+    """Represent a conic arc as a rational quadratic: end points, intersection of tangents, one weight.
 
-    The weight is that of the point where the line from the middle of the chord to the tangents' meeting
-    crosses the conic ``x^2 - 2 R z + (1 + k) z^2 = 0``: there the curve has its parameter 1/2.
+    The weight follows from the shoulder point, at which the line from the middle of the chord to the
+    intersection of the tangents meets the conic ``x^2 - 2 R z + (1 + k) z^2 = 0`` (parameter 1/2).
     """
     (x0, z0), (x2, z2) = ends
     s0, s2 = float(mirror.slope(x0)), float(mirror.slope(x2))
@@ -339,7 +358,7 @@ def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> Profil
 
 
 def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
-    """A quintic spline by arc length, doubled in points until it is close enough or gains nothing more."""
+    """Fit a quintic spline over arc length; double the number of points until it is accurate."""
     from scipy.integrate import cumulative_simpson
     from scipy.interpolate import PchipInterpolator, make_interp_spline
 
@@ -371,16 +390,17 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
 
 
 def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
-    """Distances from the axis (mm) of points whose chords stay within a tolerance of the meridian.
+    """Return radii (mm) of points whose chords stay within a tolerance of the meridian.
 
-    Steps follow the curvature: a chord c of a curve of radius R_t lies c^2 / (8 R_t) from it. A tenth of
-    the tolerance is left for the change of curvature along a step, and what that does not cover is made finer.
+    The step size follows the curvature: a chord of length c deviates by c^2 / (8 R_t) from a curve of
+    radius R_t. A tenth of the tolerance is reserved for the variation of the curvature along a step;
+    steps that still exceed the tolerance are refined.
     """
     fine = np.linspace(start_mm, mirror.rim_radius_mm, 8193)
     _, slope, curvature = mirror.profile(fine)
     kappa = np.abs(curvature) / (1 + slope**2) ** 1.5
     # steps per mm of arc, from the local curvature; at least eight in all, for nearly straight meridians
-    total, share = steps_of(fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um)))
+    total, share = step_density(fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um)))
     if total <= 1 and not np.any(curvature):
         return fine[[0, -1]]
     total = max(total, 8)
@@ -392,39 +412,43 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
         total = int(np.ceil(1.01 * total * np.sqrt(worst / tolerance_um)))  # a long step next to an inflection
 
 
-def steps_of(x: Array, density: Array) -> tuple[int, Array]:
-    """How many steps a density (n,) of them along x asks for, and the share of them before each x."""
+def step_density(x: Array, density: Array) -> tuple[int, Array]:
+    """Return the number of steps for a density (n,) along x, and the normalised cumulative count."""
     count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
     floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), x.size)  # keeps the count growing where there is none
     return int(np.ceil(count[-1])), (count + floor) / (count + floor)[-1]
 
 
 def _worst_chord_um(mirror: Mirror, points: Array) -> float:
-    """Largest distance of chords between points (mm) of the meridian from it, um."""
+    """Return the maximum distance of chords between points (mm) from the meridian, um."""
     ends, share = mirror.sag(points), np.linspace(0.0, 1.0, 17)[1:-1, None]
     between = np.minimum(points[:-1] + share * np.diff(points), mirror.rim_radius_mm)
     return float(np.abs(deviation_um(mirror, between, ends[:-1] + share * np.diff(ends))).max())
 
 
-Merit = Literal["least-squares", "least-departure"]
-FITS = ("least-squares", "least-departure")
+SphereCriterion = Literal["least-squares", "min-departure"]
+SPHERE_CRITERIA = ("least-squares", "min-departure")
 
 
 @dataclass(frozen=True)
-class BestSphere:
-    """A sphere about (0, centre_z_mm), and the mirror's departure from it; a radius below 0 is hollow, inf a plane.
+class BestFitSphere:
+    """Sphere with centre (0, centre_z_mm) and the departure of the mirror from it.
 
-    Departures are measured along the sphere's normal and are positive where a spherical blank has
-    material to be removed. The RMS is the mean over the aperture, weighted by projected area.
+    A negative radius denotes a concave mirror and an infinite one a plane. Departures are measured
+    along the normal of the sphere and are positive if material has to be removed from a spherical
+    blank. The RMS is the mean over the aperture, weighted by projected area.
 
     Attributes
     ----------
     radius_mm, centre_z_mm
-    peak_to_valley_um, rms_um : departure
-    slope_mrad : largest angle between mirror and sphere
+        Radius and height of the centre.
+    peak_to_valley_um, rms_um
+        Departure of the mirror.
+    slope_mrad
+        Maximum angle between mirror and sphere.
     """
 
-    merit: str
+    criterion: str
     radius_mm: float
     centre_z_mm: float
     peak_to_valley_um: float
@@ -432,7 +456,7 @@ class BestSphere:
     slope_mrad: float
 
     def departure_um(self, mirror: Mirror, x_mm: ArrayLike) -> Array:
-        """Departure (n,) of the mirror at distances x from the axis, um."""
+        """Compute the departure (n,) of the mirror at radii x, um."""
         x = np.asarray(x_mm, dtype=float)
         if np.isinf(self.radius_mm):
             return np.zeros_like(x)
@@ -441,45 +465,45 @@ class BestSphere:
         return departure
 
 
-def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
-    """The closest sphere, by the mean square of the departure or by its peak to valley.
+def best_fit_sphere(mirror: Mirror, criterion: SphereCriterion = "least-squares") -> BestFitSphere:
+    """Fit a sphere that minimises the RMS or the peak-to-valley departure of a mirror.
 
     Raises
     ------
     InvalidParameter
-        A merit that is not known, or a mirror that no sphere comes near (flat, but not a plane).
+        If the criterion is unknown or the mirror is nearly flat.
 
     Examples
     --------
     >>> from omnimirror.mirrors import Paraboloid, Sphere
-    >>> best_sphere(Sphere(50.0, 40.0)).radius_mm.__round__(9)
+    >>> best_fit_sphere(Sphere(50.0, 40.0)).radius_mm.__round__(9)
     50.0
-    >>> sphere = best_sphere(Paraboloid(100.0, 20.0), "least-departure")
+    >>> sphere = best_fit_sphere(Paraboloid(100.0, 20.0), "min-departure")
     >>> round(sphere.radius_mm, 2), round(sphere.peak_to_valley_um, 1)
     (101.0, 5.0)
     """
-    if merit not in FITS:
-        raise InvalidParameter(f"merit = {merit!r} is not one of {', '.join(FITS)}")
+    if criterion not in SPHERE_CRITERIA:
+        raise InvalidParameter(f"criterion must be one of {', '.join(SPHERE_CRITERIA)}; got {criterion!r}")
     x = nodes(mirror, 2001)
     z, slope, _ = mirror.profile(x)
     if not np.any(z):
-        return BestSphere(merit, np.inf, np.inf, 0.0, 0.0, 0.0)
+        return BestFitSphere(criterion, np.inf, np.inf, 0.0, 0.0, 0.0)
     sense = float(np.sign(z[-1]))
     z, slope = sense * z, sense * slope  # a hollow mirror from behind
     chord = 2 * z[-1] / (x[-1] ** 2 + z[-1] ** 2)  # 1/R of the sphere through vertex and rim
     if chord < 1e-9:
-        raise InvalidParameter("the mirror is nearly flat: there is no sphere near it")
+        raise InvalidParameter("the mirror must not be nearly flat; it has no best-fit sphere")
     area = x * np.gradient(x)
     area /= area.sum()
     centre = _least_squares_centre(x, z, area, float(1 / chord))
-    if merit == "least-departure":
-        centre = _least_departure_centre(x, z, centre)
+    if criterion == "min-departure":
+        centre = _min_departure_centre(x, z, centre)
     d = np.hypot(x, centre - z) - centre
-    offset = float(area @ d) if merit == "least-squares" else float(d.max() + d.min()) / 2
+    offset = float(area @ d) if criterion == "least-squares" else float(d.max() + d.min()) / 2
     departure = offset - d
     angle = np.arctan(slope) - np.arctan2(x, centre - z)
-    return BestSphere(
-        merit,
+    return BestFitSphere(
+        criterion,
         radius_mm=sense * (centre + offset),
         centre_z_mm=sense * centre,
         peak_to_valley_um=float(1e3 * np.ptp(departure)),
@@ -489,7 +513,7 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
 
 
 def _least_squares_centre(x: Array, z: Array, weight: Array, centre: float) -> float:
-    """Gauss and Newton's rule for the height of the centre; the radius is the mean distance from it."""
+    """Find the height of the centre by the Gauss-Newton method; the radius is the mean distance."""
     for _ in range(100):
         d = np.hypot(x, centre - z)
         rate = (centre - z) / d
@@ -501,8 +525,8 @@ def _least_squares_centre(x: Array, z: Array, weight: Array, centre: float) -> f
     return float(centre)
 
 
-def _least_departure_centre(x: Array, z: Array, start: float) -> float:
-    """Where the distances differ least: the spread is a convex function with a kink at its minimum."""
+def _min_departure_centre(x: Array, z: Array, start: float) -> float:
+    """Minimise the spread of distances, a convex function with a kink at its minimum."""
     from scipy.optimize import minimize_scalar
 
     def spread(bow: float) -> float:

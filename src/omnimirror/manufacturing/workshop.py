@@ -1,4 +1,4 @@
-"""What a shop is told of a mirror beside its shape, and who asks for it: the workshop file."""
+"""Manufacturing data of a drawing: title block, material, coating, texture and tolerances."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class _Sheeted:
-    """A table of the file: numbers within their ranges, words that have room on the sheet."""
+    """Table of the workshop file with numeric ranges and text lengths that fit the sheet."""
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {}
     ROOM: ClassVar[dict[str, int]] = {}
@@ -33,28 +33,30 @@ class _Sheeted:
         for name, room in self.ROOM.items():
             words = getattr(self, name)
             if len(words) > room or not words.isprintable():
-                raise InvalidParameter(f"{name} = {shown(words)} has no room on the sheet; valid are {room} letters")
+                raise InvalidParameter(
+                    f"{name} must be printable text of at most {room} characters; got {shown(words)}"
+                )
 
 
 @dataclass(frozen=True)
 class TitleBlock(_Sheeted):
-    """What the title block says (ISO 7200); what is empty stays to be filled in by hand.
+    """Entries of the title block (ISO 7200); empty entries remain blank.
 
     Parameters
     ----------
     number, revision, date
-        Of the drawing; the date as 2026-11-22.
+        Identification of the drawing; the date has the format 2026-11-22.
     title
-        The sensor's name by default.
+        Title, by default the name of the sensor.
     owner, created_by, approved_by
-        Whose it is, and who made and released it.
+        Legal owner, author and approver.
     general_tolerances
-        Of all sizes without a tolerance of their own.
+        Standard for all sizes without an individual tolerance.
 
     Raises
     ------
     InvalidParameter
-        Words that have no room on the sheet, or a date that is none.
+        If a text is too long for the sheet or the date is invalid.
 
     Examples
     --------
@@ -72,52 +74,60 @@ class TitleBlock(_Sheeted):
     general_tolerances: str = "ISO 2768-mK"
 
     ROOM: ClassVar[dict[str, int]] = {
-        "number": 24, "revision": 3, "date": 10, "title": 48, "owner": 26, "created_by": 26, "approved_by": 26,
+        "number": 24,
+        "revision": 3,
+        "date": 10,
+        "title": 48,
+        "owner": 26,
+        "created_by": 26,
+        "approved_by": 26,
         "general_tolerances": 26,
-    }  # fmt: skip
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
         try:
             _ = self.date and calendar_date.fromisoformat(self.date)
         except ValueError:
-            raise InvalidParameter(f"date = {self.date!r} is no date; valid is one such as 2026-11-22") from None
+            raise InvalidParameter(f"date must have the format 2026-11-22; got {self.date!r}") from None
 
 
 @dataclass(frozen=True)
-class Making(_Sheeted):
-    """How a mirror is made; what is not said falls under the general tolerances, and the sheet says so.
+class PartSpecification(_Sheeted):
+    """Material, surface and tolerances of a mirror.
+
+    Unspecified entries are subject to the general tolerances, which the sheet states.
 
     Parameters
     ----------
     material, density_g_per_cm3
-        In words, with its alloy; the density of a known one (:data:`omnimirror.thermal.DENSITIES_G_PER_CM3`) need not
-        be said.
+        Material with its alloy; the density of known materials
+        (:data:`omnimirror.thermal.DENSITIES_G_PER_CM3`) is optional.
     coating
-        Of the mirror surface.
+        Coating of the mirror surface.
     surface_roughness_nm, roughness_um
-        Rq of the mirror surface, Ra of all others.
+        Rq of the mirror surface, Ra of all other surfaces.
     form_um
-        Form error of the mirror surface, P-V along its normal (ISO 10110-5: 3/).
+        Form error of the mirror surface, peak to valley along the normal (ISO 10110-5, code 3/).
     centring_deg, centring_mm
-        Of its axis to the datums: tilt, and distance (ISO 10110-6: 4/).
+        Tilt and decentre of the mirror surface relative to the datums (ISO 10110-6, code 4/).
     imperfections
-        As ISO 10110-7 counts them, "5x0.16" for five of .16 mm.
+        Surface imperfections by ISO 10110-7, for example "5x0.16" for five of 0.16 mm.
     chamfer_mm
-        Of edges.
+        Chamfer of edges.
     diameter_tolerance_mm, thickness_tolerance_mm
-        Plus and minus.
+        Symmetric tolerances.
     back_flatness_mm
-        Of the back, which is datum A.
+        Flatness of the back, datum A.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, or words that have no room on the sheet.
+        If a number is out of range or a text is too long for the sheet.
 
     Examples
     --------
-    >>> Making(material="aluminium EN AW-6061").density
+    >>> PartSpecification(material="aluminium EN AW-6061").density
     2.7
     """
 
@@ -143,15 +153,15 @@ class Making(_Sheeted):
         "form_um": Parameter("um", 1e-4, 1e4, "form error of the mirror surface, P-V"),
         "centring_deg": Parameter("deg", 1e-6, 10.0, "tilt of the mirror surface's axis to the datums"),
         "centring_mm": Parameter("mm", 1e-6, 10.0, "distance of the mirror surface's axis from the datum axis"),
-        "chamfer_mm": Parameter("mm", 0.0, 10.0, "of edges"),
-        "diameter_tolerance_mm": Parameter("mm", 1e-6, 10.0, "of the rim, plus and minus"),
-        "thickness_tolerance_mm": Parameter("mm", 1e-6, 10.0, "from rim to back, plus and minus"),
+        "chamfer_mm": Parameter("mm", 0.0, 10.0, "chamfer of edges"),
+        "diameter_tolerance_mm": Parameter("mm", 1e-6, 10.0, "tolerance of the rim diameter"),
+        "thickness_tolerance_mm": Parameter("mm", 1e-6, 10.0, "tolerance of the thickness"),
         "back_flatness_mm": Parameter("mm", 1e-6, 10.0, "flatness of the back"),
     }
 
     @property
     def density(self) -> float | None:
-        """In g/cm3, said or that of the known material in its words; None of another."""
+        """Density in g/cm3, given or that of the known material; None if unknown."""
         if self.density_g_per_cm3 is not None:
             return self.density_g_per_cm3
         words = self.material.lower()
@@ -161,31 +171,32 @@ class Making(_Sheeted):
 
 @dataclass(frozen=True)
 class Workshop:
-    """What the drawing says beside shapes and places.
+    """Content of a workshop file and allocated tolerances.
 
     Parameters
     ----------
     title
-        Of its title block.
+        Title block of the drawing.
     mirror, secondary
-        How each mirror is made.
+        Specification of each mirror.
     tolerances
-        Of the errors of :func:`omnimirror.tolerance`, plus and minus, by their names.
+        Symmetric tolerances by the error names of :func:`omnimirror.tolerance`.
 
     Raises
     ------
     InvalidParameter
-        A part that is none, or a tolerance below 0.
+        If an argument has the wrong type or a tolerance is negative.
 
     Examples
     --------
-    >>> Workshop(mirror=Making(material="brass"), tolerances={"mirror.tilt_x_deg": 0.05}).missing(("mirror",))
+    >>> specification = PartSpecification(material="brass")
+    >>> Workshop(mirror=specification, tolerances={"mirror.tilt_x_deg": 0.05}).missing(("mirror",))
     ['number', 'owner', 'approved_by', 'mirror.coating', 'mirror.surface_roughness_nm', 'mirror.imperfections']
     """
 
     title: TitleBlock = TitleBlock()
-    mirror: Making = Making()
-    secondary: Making = Making()
+    mirror: PartSpecification = PartSpecification()
+    secondary: PartSpecification = PartSpecification()
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -194,32 +205,32 @@ class Workshop:
             Parameter("", 0.0, 1e9).check(f"tolerance of {name}", value)
 
     def missing(self, parts: tuple[str, ...]) -> list[str]:
-        """What a shop would ask for, as the file names it.
+        """List missing entries that a manufacturer requires.
 
         Parameters
         ----------
         parts
-            Of "mirror" and "secondary", those that there are.
+            Present parts: "mirror" and optionally "secondary".
 
         Returns
         -------
         list of str
-            Names of entries.
+            Names of the entries in the workshop file.
         """
         names = [name for name in ("number", "owner", "approved_by") if not getattr(self.title, name)]
         for part in parts:
-            making: Making = getattr(self, part)
+            specification: PartSpecification = getattr(self, part)
             names += [
                 f"{part}.{name}"
                 for name in ("material", "coating", "surface_roughness_nm", "imperfections")
-                if getattr(making, name) in ("", None)
+                if getattr(specification, name) in ("", None)
             ]
-            if making.material and making.density is None:
+            if specification.material and specification.density is None:
                 names.append(f"{part}.density_g_per_cm3")
         return names
 
 
-TABLES: dict[str, type[Any]] = {"title": TitleBlock, "mirror": Making, "secondary": Making}
+TABLES: dict[str, type[Any]] = {"title": TitleBlock, "mirror": PartSpecification, "secondary": PartSpecification}
 
 
 @checked
@@ -229,17 +240,17 @@ def load_workshop(path: str | Path) -> Workshop:
     Parameters
     ----------
     path
-        Of a TOML file with the tables [title], [mirror] and [secondary].
+        TOML file with the tables [title], [mirror] and [secondary].
 
     Returns
     -------
     Workshop
-        What it says.
+        Content of the file.
 
     Raises
     ------
     SpecError
-        No such file; not TOML; an unknown or wrong entry, with file and line and what would be valid.
+        If the file is missing, is not TOML, or has an invalid entry; with file, line and valid values.
 
     Examples
     --------
@@ -256,18 +267,19 @@ def load_workshop(path: str | Path) -> Workshop:
 
 
 def parse_workshop(text: str, source: str = "workshop file") -> Workshop:
-    """A workshop file's text, as :func:`load_workshop` reads it; ``source`` is how errors name it."""
+    """Parse the text of a workshop file; ``source`` names it in messages."""
     where, data = Places(text, source), parse_toml(text, source)
     check_entries(data, {"format": int, **dict.fromkeys(TABLES, dict)}, FORMAT, where)
     return Workshop(**{name: _built(name, kind, data[name], where) for name, kind in TABLES.items() if name in data})
 
 
 def _built(section: str, kind: type[T], table: dict[str, Any], where: Places) -> T:
+    """Create the dataclass of one table; errors refer to the line of the entry."""
     names = [f.name for f in fields(kind)]  # type: ignore[arg-type]  # both are dataclasses
     for name in table:
         if name not in names:
             hint = did_you_mean(name, names)
-            raise where.error((section, name), f"{section}.{name} is not known{hint}; valid are {', '.join(names)}")
+            raise where.error((section, name), f"unknown entry {section}.{name}{hint}; valid are {', '.join(names)}")
         # each by itself, so that its line is said
         where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]
     return kind(**table)

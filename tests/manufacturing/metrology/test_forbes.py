@@ -29,9 +29,11 @@ def test_the_first_polynomials_are_those_that_forbes_prints():
     x = np.linspace(0.1, 0.9, 9)
     u, front = np.sqrt(x), x * (1 - x)
     printed = [
-        1 + 0 * x, (13 - 16 * x) / np.sqrt(19), np.sqrt(2 / 95) * (29 - 4 * x * (25 - 19 * x)),
+        1 + 0 * x,
+        (13 - 16 * x) / np.sqrt(19),
+        np.sqrt(2 / 95) * (29 - 4 * x * (25 - 19 * x)),
         np.sqrt(2 / 2545) * (207 - 4 * x * (315 - x * (577 - 320 * x))),
-    ]  # fmt: skip
+    ]
     np.testing.assert_allclose(qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12)
 
 
@@ -64,7 +66,7 @@ def test_the_command_tells_it(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "an asphere of Forbes (Qbfs): R = " in done.stdout
     told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
-    asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["left_um"])
+    asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
     x = np.linspace(0, mirror.rim_radius_mm, 50)
     u = x / mirror.rim_radius_mm
     error = 2e-3 * np.sqrt(5) * (6 * u**4 - 6 * u**2)  # from its own vertex

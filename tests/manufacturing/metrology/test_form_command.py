@@ -19,17 +19,26 @@ def test_points_become_numbers_a_figure_and_a_sensor(tmp_path):
     points = in_machine(on(mirror, {6: 1.0, 11: 0.5}, 0.1, count=3000), above=True)
     np.savetxt(tmp_path / "cmm.csv", 1e3 * points, delimiter=",", header="x,y,z", fmt="%.4f")
     done = omnimirror(
-        "form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--unit", "um", "-o", tmp_path / "made.toml",
-        "--figure", tmp_path / "form.png", "--json", tmp_path / "form.json",
-    )  # fmt: skip
+        "form",
+        "paper-hyperboloidal",
+        tmp_path / "cmm.csv",
+        "--unit",
+        "um",
+        "-o",
+        tmp_path / "made.toml",
+        "--figure",
+        tmp_path / "form.png",
+        "--json",
+        tmp_path / "form.json",
+    )
     assert done.returncode == 0, done.stderr
-    assert "turned over about x" in done.stdout
+    assert "axes rotated by 180 deg about x" in done.stdout
     numbers = json.loads((tmp_path / "form.json").read_text())
     terms = {term["name"]: term for term in numbers["terms"] if abs(term["um"]) > 0.2}
     assert set(terms) == {"astigmatism", "spherical"}
     assert terms["spherical"]["um"] == pytest.approx(0.5, abs=3 * terms["spherical"]["sigma_um"] + 0.01)
     assert numbers["noise_um"] == pytest.approx(0.1, rel=0.2)
-    assert numbers["picture"]["made"]["motion_px"] > numbers["picture"]["made"]["motion_px after pose"]
+    assert numbers["image"]["as_built"]["motion_px"] > numbers["image"]["as_built"]["motion_px after pose"]
     assert cv2.imread(str(tmp_path / "form.png")).std() > 20
     sag = om.load_sensor(tmp_path / "made.toml").mirror.sag(40.0) - mirror.sag(40.0)
     assert 1e3 * abs(sag) > 0.1
@@ -45,7 +54,7 @@ def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
     meant = om.load_sensor("paper-hyperboloidal")
     truth = replace(meant, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))
     np.savetxt(tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=",")
-    for name, more in (("about.toml", []), ("whole.toml", ["--whole"])):
+    for name, more in (("about.toml", []), ("whole.toml", ["--asymmetric"])):
         done = omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "-o", tmp_path / name, *more)
         assert done.returncode == 0, done.stderr
     turn = np.radians(np.arange(0, 360, 15.0))
@@ -56,8 +65,10 @@ def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
         ]
     )
     about, whole = (om.load_sensor(tmp_path / name) for name in ("about.toml", "whole.toml"))
-    seen = {s: c.project_directions(towards).pixels for s, c in
-            {"meant": meant, "truth": truth, "about": about, "whole": whole}.items()}  # fmt: skip
+    seen = {
+        s: c.project_directions(towards).pixels
+        for s, c in {"meant": meant, "truth": truth, "about": about, "whole": whole}.items()
+    }
     does = np.abs(seen["truth"] - seen["meant"]).max()
     assert does > 0.2
     # a machine does not tell where the mirror will stand: a little shift and tilt of it explain what they do
@@ -72,7 +83,10 @@ def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
     assert left_of("whole") < 0.05 * does
     assert left_of("about") > 0.5 * does
     assert whole.mirror_form.zernike
-    assert "--whole belongs to -o" in omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--whole").stderr
+    assert (
+        "--asymmetric requires --output"
+        in omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--asymmetric").stderr
+    )
 
 
 def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
@@ -81,7 +95,7 @@ def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
     done = omnimirror("form", "paraboloid-telecentric", tmp_path / "cmm.xyz", "--json", tmp_path / "form.json")
     assert done.returncode == 0, done.stderr
     numbers = json.loads((tmp_path / "form.json").read_text())
-    assert numbers["picture"]["made"]["motion_px"] > numbers["picture"]["made"]["motion_px after pose"] > 0
+    assert numbers["image"]["as_built"]["motion_px"] > numbers["image"]["as_built"]["motion_px after pose"] > 0
     assert {t["name"] for t in numbers["terms"] if abs(t["um"]) > 0.1} == {"astigmatism"}
 
 
@@ -89,7 +103,7 @@ def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
     ("words", "sentence"),
     [
         (("missing.csv",), "missing.csv"),
-        (("few.csv",), "has 3 points; at least 50 are valid"),
+        (("few.csv",), "must have at least 50 points; got 3"),
         (("few.csv", "--unit", "ell"), "ell"),
         (("few.csv", "--order", "1"), "order = 1 is"),
     ],

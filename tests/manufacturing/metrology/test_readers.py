@@ -88,7 +88,7 @@ def test_a_grid_sag_file_is_text(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
-        ("a.stl", b"x", r"no file of points that is known; valid are \.csv"),
+        ("a.stl", b"x", r"must have one of the suffixes \.csv"),
         ("a.csv", None, "a.csv"),
         ("a.dat", None, "a.dat"),
         ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z as in the other rows"),
@@ -108,13 +108,14 @@ def test_a_machines_file_without_its_package_says_what_to_install(tmp_path, monk
     monkeypatch.setattr(readers, "find_spec", lambda name: None)
     (tmp_path / "a.dat").write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
     with pytest.raises(
-        OmnimirrorError, match=r"\.dat files need SurfaceTopography: pip install 'omnimirror\[metrology\]'"
+        OmnimirrorError,
+        match=r"\.dat files require SurfaceTopography; install with pip install 'omnimirror\[metrology\]'",
     ):
         om.read_points(tmp_path / "a.dat")
 
 
 def test_a_packed_file_with_too_much_content_is_rejected_unread(tmp_path, monkeypatch):
-    monkeypatch.setattr(readers, "LARGEST_MACHINE_FILE", 1 << 20)
+    monkeypatch.setattr(readers, "MAX_MACHINE_FILE_BYTES", 1 << 20)
     with zipfile.ZipFile(tmp_path / "a.x3p", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("bindata/data.bin", bytes(3 << 20))
     assert (tmp_path / "a.x3p").stat().st_size < 1 << 14
@@ -150,7 +151,7 @@ def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path
     at = {(round(x), round(y)): z for x, y, z in points}
     assert at[1, 0] == pytest.approx(1e-3)
     assert at[2, 6] == pytest.approx(11e-3)
-    monkeypatch.setattr(readers, "MOST_GRID_POINTS", 11)
+    monkeypatch.setattr(readers, "MAX_GRID_POINTS", 11)
     with pytest.raises(OmnimirrorError, match="must not have more than 11 points; got 12; reduce its resolution"):
         om.read_points(tmp_path / "a.x3p")
     (tmp_path / "b.x3p").write_bytes(b"PK nothing")

@@ -10,10 +10,10 @@ from omnimirror.errors import InvalidParameter, SelfObstruction
 from omnimirror.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.imagers import ImagerPose
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
-from omnimirror.manufacturing.tolerancing.evaluator import Judge
-from omnimirror.manufacturing.tolerancing.object_field import field_of, pictured_one_by_one
-from omnimirror.manufacturing.tolerancing.perturbation import errors_of, perturbed
-from omnimirror.manufacturing.tolerancing.perturbed_states import are_traced_together
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.object_field import field_of, sequential_images
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
+from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
 from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
 from omnimirror.mirrors.form import MirrorForm
 from omnimirror.tracing.reflection import Ends
@@ -40,9 +40,9 @@ def warm(name):
 
 def drawn(sensor, count, seed=0, share=1.0):
     """Errors of every kind that it can have, of the medium grade; of the Zernike terms one in five."""
-    rng, known = np.random.default_rng(seed), errors_of(sensor)
+    rng, known = np.random.default_rng(seed), error_sources(sensor)
     kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
-    return {name: share * rng.normal(size=count) * known[name].usual["medium"] for name in kept}
+    return {name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"] for name in kept}
 
 
 def one(values, k=0):
@@ -76,7 +76,7 @@ def test_trials_traced_one_by_one_are_those_traced_together(name, refocus):
         values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
     field = field_of(sensor, angles=4, azimuths=7)
     shown, lost, focus = field.shown(values, refocus=refocus)
-    again, lost_again, focus_again = pictured_one_by_one(
+    again, lost_again, focus_again = sequential_images(
         sensor, values, 2, Ends(field.targets, field.distant), refocus=refocus
     )
     assert not lost.any()
@@ -113,7 +113,7 @@ def test_the_blur_on_a_leaning_imager_is_that_of_rays_through_a_thin_lens():
 @pytest.mark.parametrize("kind", OTHERS)
 def test_sensors_of_other_kinds_are_built_and_asked_for_each_object(kind):
     sensor = OTHERS[kind]
-    assert not are_traced_together(sensor)
+    assert not is_vectorised(sensor)
     values = drawn(sensor, 1, seed=5, share=0.5)
     low, high = sensor.clear_field_deg
     field = field_of(sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5)
@@ -136,17 +136,19 @@ def test_sensors_of_other_kinds_are_built_and_asked_for_each_object(kind):
 )
 def test_tolerances_of_other_kinds_are_computed(kind):
     sensor = OTHERS[kind]
-    known = errors_of(sensor)
+    known = error_sources(sensor)
     names = [name for name in known if "zernike" not in name and "tilt" not in name][::6]
-    tolerances = om.Tolerances(sensor, {name: om.ErrorBound(known[name].usual["medium"]) for name in names})
-    plan = om.TolerancePlan(tolerances, {"motion_px after affine": 5.0}, judged={"angles": 2, "azimuths": 3})
+    tolerances = om.Tolerances(sensor, {name: om.Tolerance(known[name].typical_tolerances["medium"]) for name in names})
+    plan = om.TolerancePlan(tolerances, {"motion_px after affine": 5.0}, objects={"angles": 2, "azimuths": 3})
     found = om.tolerance(sensor, plan, trials=20, seed=1)
-    assert found.tally.trials == 20
-    assert found.tally.quantile("motion_px", 0.95) > found.tally.quantile("motion_px after affine", 0.95)
+    assert found.statistics.trials == 20
+    assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile("motion_px after affine", 0.95)
 
 
 def test_a_cover_that_the_mirror_does_not_fit_in_is_a_bad_sensor():
-    merits = Judge.of(OTHERS["tube"], angles=2, azimuths=3).judged({"cover.decentre_x_mm": np.array([0.0, 40.0])})
+    merits = TrialEvaluator.of(OTHERS["tube"], angles=2, azimuths=3).evaluate(
+        {"cover.decentre_x_mm": np.array([0.0, 40.0])}
+    )
     assert merits[0, -1] == 0
     assert merits[1, -1] > 0
     assert np.isnan(merits[1, 0])
@@ -167,9 +169,9 @@ def test_two_mirrors_out_of_place_lose_their_rim_and_not_the_field():
 
 def test_warmth_moves_pictures_as_the_sensor_at_that_temperature_says():
     sensor = warm("paper-hyperboloidal")
-    judge = Judge.of(sensor, azimuths=3)
-    merits = judge.judged({"temperature.warmer_k": np.array([40.0])})[0]
-    moved = om.thermal_motion_px(sensor, 60.0, omega_deg=judge.field.omega_deg[::3])
+    evaluator = TrialEvaluator.of(sensor, azimuths=3)
+    merits = evaluator.evaluate({"temperature.warmer_k": np.array([40.0])})[0]
+    moved = om.thermal_motion_px(sensor, 60.0, omega_deg=evaluator.field.omega_deg[::3])
     assert merits[merit_names().index("motion_px")] == pytest.approx(moved, rel=1e-3)
 
 

@@ -12,8 +12,8 @@ from scipy.special import eval_jacobi
 
 import omnimirror as om
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
-from omnimirror.manufacturing.tolerancing.evaluator import Judge
-from omnimirror.manufacturing.tolerancing.perturbation import errors_of
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.numerics.zernike import terms_of
@@ -33,8 +33,8 @@ def noll(j):
     n = 0
     while (n + 1) * (n + 2) // 2 < j:
         n += 1
-    within = j - n * (n + 1) // 2
-    m = (within // 2) * 2 if n % 2 == 0 else ((within - 1) // 2) * 2 + 1
+    satisfies_limit = j - n * (n + 1) // 2
+    m = (satisfies_limit // 2) * 2 if n % 2 == 0 else ((satisfies_limit - 1) // 2) * 2 + 1
     return n, m, j % 2 == 0
 
 
@@ -185,10 +185,10 @@ class Rays:
         return pixels[:, 0], np.stack(sides, -1) * (f / number)[..., None]
 
 
-def merits_of(judge, rays):
+def merits_of(evaluator, rays):
     """As finite rays tell them: by name, values (k,) and how many steps lie between them."""
-    field = judge.field
-    start = field.offsets_px * judge.field.sensor.imager.pitch_mm / judge.field.sensor.lens.principal_distance
+    field = evaluator.field
+    start = field.offsets_px * evaluator.field.sensor.imager.pitch_mm / evaluator.field.sensor.lens.principal_distance
     pixels, blur = rays.shown(field.targets, start)
     pixels = np.tensordot(NEAR, pixels, 1)
     moved = (pixels - pixels[:1]).transpose(0, 2, 1).reshape(len(pixels), -1)
@@ -196,7 +196,9 @@ def merits_of(judge, rays):
     one, zero = np.ones_like(x), np.zeros_like(x)
     shifts = np.array([np.append(one, zero), np.append(zero, one)])
     affine = np.vstack([shifts, *([np.append(c, zero), np.append(zero, c)] for c in (x, y))])
-    left = judge.compensators.left(moved)  # what a pose and a mapping leave is compared with a fit in full elsewhere
+    left = evaluator.compensators.left(
+        moved
+    )  # what a pose and a mapping leave is compared with a fit in full elsewhere
     for k, columns in ((1, shifts), (2, affine)):
         left[k] = moved - (columns.T @ np.linalg.lstsq(columns.T, moved.T, rcond=None)[0]).T
     found = {}
@@ -209,7 +211,7 @@ def merits_of(judge, rays):
             found[after(name.format(""), depth)] = lengths.max(axis=1), 0.05
     sizes = np.linalg.svd(blur, compute_uv=False)
     found["blur_px"] = sizes[..., 0].max(axis=1), 1.0
-    square_px = np.sqrt(((sizes**2) + judge.floor_px2).prod(axis=-1))
+    square_px = np.sqrt(((sizes**2) + evaluator.floor_px2).prod(axis=-1))
     found["floored_area_deg2"] = (square_px / np.abs(np.linalg.det(field.px_per_deg))).max(axis=1), 1.0
     return found
 
@@ -225,15 +227,15 @@ def merits_of(judge, rays):
 )
 def test_derivatives_of_every_merit_by_every_error_are_those_of_finite_rays(name, order):
     sensor = om.load_sensor(name)
-    judge = Judge.of(sensor, angles=2, azimuths=7)
-    for error, kind in errors_of(sensor).items():
+    evaluator = TrialEvaluator.of(sensor, angles=2, azimuths=7)
+    for error, kind in error_sources(sensor).items():
         if "zernike" in error and int(error.split("_")[1]) > terms_of(order):
             continue  # the same sums; over finite rays' own aperture such fine terms bend
         share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond .16 deg another object is the worst one
-        step = share * kind.usual["medium"]
-        rates = merit_rates(judge, error, step)
+        step = share * kind.typical_tolerances["medium"]
+        rates = merit_rates(evaluator, error, step)
         assert set(rates) == set(merit_names()[:-1])
-        found = merits_of(judge, Rays(sensor, error, step * NODES))
+        found = merits_of(evaluator, Rays(sensor, error, step * NODES))
         for merit, (values, steps) in found.items():
             near = steps * step
             first, second = AT_ZERO @ values / [near, near**2 / 2]

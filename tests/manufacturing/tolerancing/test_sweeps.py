@@ -24,7 +24,7 @@ from omnimirror.cli import app
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.manufacturing.tolerancing import sweep as sweep_module
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
-from omnimirror.manufacturing.tolerancing.evaluator import Judge
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep
 from omnimirror.manufacturing.tolerancing.tolerances import BLOCK
 from tests.everyday import few
@@ -38,14 +38,16 @@ ROOT = Path(__file__).parents[2]
 def plan():
     """Few objects: what is asked here is not what trials say, but that none is lost or counted twice."""
     sensor = om.load_sensor("paper-spherical")
-    errors = {name: om.ErrorBound(0.05) for name in ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1")}
-    return om.TolerancePlan(om.Tolerances(sensor, errors), LIMITS, judged={"angles": 1, "azimuths": 3})
+    errors = {name: om.Tolerance(0.05) for name in ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1")}
+    return om.TolerancePlan(om.Tolerances(sensor, errors), LIMITS, objects={"angles": 1, "azimuths": 3})
 
 
 def counted(plan, folder=None, said=None, trials=TRIALS, **sweep):
     kept = None if folder is None else Sweep(folder, shard_trials=sweep.pop("shard_trials", BLOCK), **sweep)
-    say = None if said is None else said.append
-    return om.tolerance(plan.tolerances.sensor, plan, trials=trials, seed=7, sweep=kept, say=say).tally
+    on_warning = None if said is None else said.append
+    return om.tolerance(
+        plan.tolerances.sensor, plan, trials=trials, seed=7, sweep=kept, on_warning=on_warning
+    ).statistics
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +55,12 @@ def expected(plan):
     return counted(plan)
 
 
-def assert_same(tally, expected):
-    assert (tally.trials, tally.passed, tally.lost) == (expected.trials, expected.passed, expected.lost)
-    assert tally.passed_each == expected.passed_each
-    assert 0 < tally.passed < tally.trials
-    np.testing.assert_array_equal(tally.sums, expected.sums)
-    np.testing.assert_array_equal(tally.counts, expected.counts)
+def assert_same(statistics, expected):
+    assert (statistics.trials, statistics.passed, statistics.lost) == (expected.trials, expected.passed, expected.lost)
+    assert statistics.passed_each == expected.passed_each
+    assert 0 < statistics.passed < statistics.trials
+    np.testing.assert_array_equal(statistics.sums, expected.sums)
+    np.testing.assert_array_equal(statistics.counts, expected.counts)
 
 
 def stamps(folder):
@@ -81,7 +83,7 @@ def test_shards_hold_what_one_run_in_memory_counts(plan, expected, tmp_path):
     assert manifest["asked"]["trials"] == TRIALS
     assert sorted(manifest["shards"]) == sorted(stamps(tmp_path))
     block = table.filter((pc.field("trial") >= 3 * BLOCK) & (pc.field("trial") < 3 * BLOCK + 10))
-    again = Judge.of(plan.tolerances.sensor, **plan.judged).judged(plan.tolerances.drawn(7, 3, 10))
+    again = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(plan.tolerances.drawn(7, 3, 10))
     found = np.stack([block[name].to_numpy() for name in merit_names()], axis=-1)
     np.testing.assert_array_equal(found, again.astype(np.float32))
 
@@ -90,7 +92,7 @@ def test_what_is_there_is_not_made_again_and_tells_other_yields(plan, expected, 
     counted(plan, tmp_path)
     before = stamps(tmp_path)
     assert_same(counted(plan, tmp_path), expected)
-    other = om.TolerancePlan(plan.tolerances, {"motion_px": 0.5}, judged=plan.judged)
+    other = om.TolerancePlan(plan.tolerances, {"motion_px": 0.5}, objects=plan.objects)
     assert counted(other, tmp_path).passed == counted(other).passed
     assert stamps(tmp_path) == before
 
@@ -161,10 +163,10 @@ def test_parts_are_the_whole(plan, expected, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda plan, folder: counted(plan, folder, trials=BLOCK), "trials of something else .trials differ"),
-        (lambda plan, folder: counted(plan, folder, part=(9, 9)), "part 9/9 has no trials: there are 5 shards"),
-        (lambda plan, folder: counted(plan, folder, part=(0, 9)), "part 0/9 is not valid; valid are 1/9 to 9/9"),
-        (lambda plan, folder: counted(plan, folder, shard_trials=1000), "multiples of 8192"),
+        (lambda plan, folder: counted(plan, folder, trials=BLOCK), "trials of another sweep .different: trials"),
+        (lambda plan, folder: counted(plan, folder, part=(9, 9)), "must not exceed the number of shards, 5; got 9/9"),
+        (lambda plan, folder: counted(plan, folder, part=(0, 9)), "part must be between 1/9 and 9/9; got 0/9"),
+        (lambda plan, folder: counted(plan, folder, shard_trials=1000), "multiple of 8192"),
         (lambda plan, folder: counted(plan, folder / "_manifest.json"), "cannot write"),
         (lambda plan, folder: counted(plan, folder / "other", scheduler="tcp://127.0.0.1:1"), "no Dask scheduler"),
     ],
@@ -178,7 +180,7 @@ def test_what_cannot_be_is_a_sentence(plan, tmp_path, call, words, monkeypatch):
 
 def test_a_manifest_of_others_is_left_alone(plan, tmp_path):
     (tmp_path / "_manifest.json").write_text("[]")
-    with pytest.raises(OmnimirrorError, match="not a manifest that omnimirror wrote"):
+    with pytest.raises(OmnimirrorError, match="not a manifest of omnimirror"):
         counted(plan, tmp_path)
 
 
@@ -299,7 +301,9 @@ def test_a_cluster_whose_processes_are_killed_loses_and_doubles_nothing(plan, ex
         kept = stamps(folder)
         assert "shard-00001.parquet" not in kept
         ended.kill()
-        with pytest.raises(OmnimirrorError, match=r"the scheduler at .* is gone; the shards that are done are kept"):
+        with pytest.raises(
+            OmnimirrorError, match=r"the connection to the scheduler at .* was lost; completed shards are kept"
+        ):
             run.result()
         (gates / "shut-1").unlink()
         _, address = scheduler(stack, tmp_path / "second.json")
@@ -316,19 +320,19 @@ def test_a_cluster_whose_processes_are_killed_loses_and_doubles_nothing(plan, ex
 def test_the_command_keeps_parts_and_sums_them_up(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text(
-        "[judged]\nangles = 1\nazimuths = 3\n[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n"
+        "[objects]\nangles = 1\nazimuths = 3\n[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n"
         "[[limit]]\nquantity = 'motion_px'\nat_most = 1.0\n"
     )
-    words = ["tolerance", "paper-spherical", "t.toml", "--trials", "20000", "--seed", "7", "--out", "sweep"]
+    words = ["tolerance", "paper-spherical", "t.toml", "--trials", "20000", "--seed", "7", "-o", "sweep"]
 
     def run(*more):
         found = CliRunner().invoke(app, [*words, "--shard-trials", "8192", *more], catch_exceptions=False)
         assert found.exit_code == 0
         return found.output
 
-    told = run("--part", "2/2")
-    assert "8192 sensors built" in told
-    assert "the same without --part sums up" in told
+    numbers = run("--part", "2/2")
+    assert "8192 trials" in numbers
+    assert "run without --part to combine them" in numbers
     assert not (tmp_path / "sweep" / "tolerance.json").exists()
     run("--part", "1/2", "--json", "a.json")
     assert json.loads((tmp_path / "a.json").read_text())["trials"] == 20000 - 8192
@@ -344,10 +348,10 @@ def test_the_command_keeps_parts_and_sums_them_up(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--part", "2/8"], "--part needs --out"),
-        (["--part", "x", "--out", "o"], "'x' is not I/N"),
-        (["--part", "3/2", "--out", "o"], "part 3/2 is not valid; valid are 1/2 to 2/2"),
-        (["--shard-trials", "10", "--out", "o"], "multiples of 8192"),
+        (["--part", "2/8"], "--part requires --output"),
+        (["--part", "x", "-o", "o"], "got 'x'"),
+        (["--part", "3/2", "-o", "o"], "part must be between 1/2 and 2/2; got 3/2"),
+        (["--shard-trials", "10", "-o", "o"], "multiple of 8192"),
     ],
 )
 def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, words, sentence):

@@ -9,13 +9,13 @@ from scipy.optimize import least_squares
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, evaluate_numpy, merit_names
-from omnimirror.manufacturing.tolerancing.evaluator import Judge, evaluate_compiled
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator, evaluate_compiled
 from omnimirror.manufacturing.tolerancing.object_field import field_of
-from omnimirror.manufacturing.tolerancing.perturbation import errors_of, perturbed
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
-from omnimirror.manufacturing.tolerancing.tolerances import ErrorBound, Tolerances
-from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, largest_diameter, seen
+from omnimirror.manufacturing.tolerancing.tolerances import Tolerance, Tolerances
+from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, largest_diameter, trace_objects
 from omnimirror.native import backend
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
@@ -29,7 +29,7 @@ def errors(sensor, seed=0, size=0.2):
     """A case that has some of everything that a sensor file can hold."""
     rng = np.random.default_rng(seed)
     shape = {"mirror.vertex_radius_mm": 0.1, "mirror.conic": 0.01, "mirror.coefficients[1]": 1e-3}
-    sizes = dict.fromkeys(POSE, size) | LENS | {name: v for name, v in shape.items() if name in errors_of(sensor)}
+    sizes = dict.fromkeys(POSE, size) | LENS | {name: v for name, v in shape.items() if name in error_sources(sensor)}
     return {name: float(rng.normal() * value) for name, value in sizes.items()}
 
 
@@ -96,7 +96,7 @@ def test_a_form_error_reflects_as_its_surface_does():
     sensor = om.load_sensor("paper-hyperboloidal")
     values = {"mirror.zernike_5_um": 40.0, "mirror.zernike_8_um": 30.0, "mirror.zernike_25_um": 20.0}
     field = field_of(sensor)
-    shown = seen(states_of(sensor, columns(values)), field.targets, field.distant, field.start)
+    shown = trace_objects(states_of(sensor, columns(values)), field.targets, field.distant, field.start)
     rim = sensor.mirror.rim_radius_mm
 
     def height(x, y):
@@ -148,20 +148,20 @@ def test_an_imager_leans_turns_and_moves_as_a_plane_does():
 def test_what_a_pose_leaves_is_what_a_fit_in_full_leaves(name):
     """A calibration of pose and affine terms, every ray traced at every step of the fit."""
     sensor = om.load_sensor(name)
-    judge = Judge.of(sensor, angles=5, azimuths=8)
+    evaluator = TrialEvaluator.of(sensor, angles=5, azimuths=8)
     values = {
         "mirror.tilt_x_deg": 0.3,
         "mirror.decentre_x_mm": -0.2,
         "mirror.zernike_6_um": 3.0,
         "mirror.zernike_11_um": 1.0,
     }
-    merits, moved = judge.judged_with_motions(columns(values))
-    x, y = judge.reference_px.T
+    merits, moved = evaluator.evaluate_with_motions(columns(values))
+    x, y = evaluator.reference_px.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     affine = np.array([np.append(c, zero) for c in (one, x, y)] + [np.append(zero, c) for c in (one, x, y)])
 
     def residual(p):
-        shown = judge.field.picture(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0] - judge.reference_px
+        shown = evaluator.field.picture(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0] - evaluator.reference_px
         rest = moved[0] - shown.T.ravel()
         return rest - affine.T @ np.linalg.lstsq(affine.T, rest, rcond=None)[0]
 
@@ -176,7 +176,7 @@ def test_deeper_calibrations_leave_less(sensor):
     rng = np.random.default_rng(1)
     values = {name: rng.normal(size=50) * 0.1 for name in POSE}
     values |= {f"mirror.zernike_{j}_um": rng.normal(size=50) for j in range(4, 16)}
-    merits = Judge.of(sensor).judged(values)
+    merits = TrialEvaluator.of(sensor).evaluate(values)
     left = merits[:, [merit_names().index(after("motion_rms_px", depth)) for depth in CALIBRATIONS]]
     assert (np.diff(left, axis=1) <= 1e-9).all()
 
@@ -185,14 +185,14 @@ def test_deeper_calibrations_leave_less(sensor):
 @pytest.mark.parametrize("distance", few([np.inf, 300.0], 300.0))
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 def test_kernels_judge_as_numpy_does(sensor, refocus, distance):
-    judge = Judge.of(sensor, refocus, object_distance_mm=distance)
+    evaluator = TrialEvaluator.of(sensor, refocus, object_distance_mm=distance)
     rng = np.random.default_rng(2)
     for more in ([], [4, 9], [5, 26], [8, 60, 91]):
         values = {name: rng.normal(size=20) * 0.3 for name in (*POSE, "imager.tilt_x_deg")}
         values |= {name: rng.normal(size=20) * size for name, size in LENS.items()}
         values |= {f"mirror.zernike_{j}_um": rng.normal(size=20) for j in more}
-        merits, moved = evaluate_compiled(judge, states_of(sensor, values))
-        expected, motions = evaluate_numpy(judge, values)
+        merits, moved = evaluate_compiled(evaluator, states_of(sensor, values))
+        expected, motions = evaluate_numpy(evaluator, values)
         close = 1e-4 if refocus == "worst" else 1e-8  # where the golden section ends
         np.testing.assert_allclose(moved, motions, atol=close / 10)
         np.testing.assert_allclose(merits, expected, atol=close, rtol=close)
@@ -214,8 +214,8 @@ def test_mirrors_of_every_shape_have_trials(kind):
 
 def test_what_is_lost_is_counted():  # a decentre takes the rim away from what was seen at it
     sensor = om.load_sensor("paper-spherical")
-    judge = Judge.of(sensor, field_deg=(10.0, sensor.field_deg[1]))
-    merits = judge.judged({"mirror.decentre_x_mm": np.array([0.0, 0.5])})
+    evaluator = TrialEvaluator.of(sensor, field_deg=(10.0, sensor.field_deg[1]))
+    merits = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.0, 0.5])})
     assert merits[0, -1] == 0
     assert np.isfinite(merits[0]).all()
     assert merits[1, -1] > 0
@@ -223,14 +223,14 @@ def test_what_is_lost_is_counted():  # a decentre takes the rim away from what w
 
 
 def test_what_is_no_sensor_sees_nothing():
-    judge = Judge.of(om.load_sensor("paper-spherical"))
-    n = len(judge.field)
+    evaluator = TrialEvaluator.of(om.load_sensor("paper-spherical"))
+    n = len(evaluator.field)
     for name, value in (
         ("lens.f_number", -9.0),
         ("lens.focus_distance_mm", -205.0),
         ("mirror.vertex_radius_mm", -60.0),
     ):
-        merits, moved = judge.judged_with_motions({name: np.array([0.0, value])})
+        merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value])})
         assert merits[:, -1].tolist() == [0, n]
         assert np.isnan(moved[1]).all()
 
@@ -250,12 +250,12 @@ def test_a_field_that_is_none_is_refused(options, words):
 
 @pytest.mark.parametrize("value", [0.0, 1e-50, 1e6])
 def test_tolerances_at_the_ends_of_their_range_have_sensitivities(sensor, value):
-    tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": ErrorBound(value)})
-    (alone,) = sensitivities(Judge.of(sensor), tolerances, {"motion_px": 1.0})
-    assert alone.name == "mirror.decentre_x_mm"
+    tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": Tolerance(value)})
+    (row,) = sensitivities(TrialEvaluator.of(sensor), tolerances, {"motion_px": 1.0})
+    assert row.name == "mirror.decentre_x_mm"
 
 
 @pytest.mark.parametrize("value", [-1e-50, 9e-51, 5e-324, 1.1e6, 1e308])
 def test_tolerances_out_of_range_are_refused(value):
     with pytest.raises(InvalidParameter, match=r"tolerance must be 0, or between 1e-50 and 1e\+06; got "):
-        ErrorBound(value)
+        Tolerance(value)

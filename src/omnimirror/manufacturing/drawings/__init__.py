@@ -1,1 +1,1 @@
-"""Sheets of drawing paper, and DXF."""
+"""Engineering drawings on paper sheets (PDF, SVG, PNG) and as DXF."""

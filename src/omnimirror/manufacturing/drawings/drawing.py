@@ -1,4 +1,4 @@
-"""The drawing: a sheet of the sensor, with rays and housing, and one of each mirror, from which a shop quotes."""
+"""Drawing of a sensor: an assembly sheet with rays and housing, and a part sheet for each mirror."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ...errors import InvalidParameter
 from ...figures.style import render, styled
 from ...housing import Housing
 from ...sensor import Sensor
-from ..body import Body, Part, housed, parts_of
-from ..workshop import Making, TitleBlock, Workshop
+from ..body import Body, Part, parts_of, with_housing
+from ..workshop import PartSpecification, TitleBlock, Workshop
 from .mirror_view import draw_mirror
 from .sensor_view import Assembly, draw_sensor
 from .sheet import SCALES, TABLE_ROW, Region, Sheet, SheetFacts, draw_frame, draw_title, scale_words
@@ -33,25 +33,25 @@ from .tables import (
     tolerance_rows,
 )
 
-LEAST_SCALE, LARGEST_SCALE = SCALES[-1], SCALES[0]
+MIN_SCALE, MAX_SCALE = SCALES[-1], SCALES[0]
 GAP = 5.0
-"""Between tables, mm."""
+"""Gap between tables, mm."""
 NOTES = (
-    "z from the vertex, away from the lens",
-    "Ω from the axis, back past the lens",
-    "each error alone, where it does most",
-    "form: a bump from axis to rim, P-V",
+    "z: from the vertex, away from the lens",
+    "Ω: from the axis, on the lens side",
+    "single errors, maximum over the field",
+    "form: bump between axis and rim, P-V",
 )
 NOTES_OF_TWO = (
-    "z from the vertex, away from the lens",
-    "Ω from the axis, past the secondary",
-    "each error alone, where it does most",
+    "z: from the vertex, away from the lens",
+    "Ω: from the axis, past the secondary",
+    "single errors, maximum over the field",
 )
 
 
 @dataclass(frozen=True)
 class SheetLayout:
-    """Where a size of paper has its view and its tables, mm."""
+    """Regions of the view and the tables on a sheet, mm."""
 
     view: Region
     columns: tuple[Region, ...]
@@ -72,15 +72,16 @@ MIRROR_LAYOUTS = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """Finished sheets: that of the sensor, then one of each mirror.
+    """Finished drawing: the assembly sheet, then one sheet per mirror.
 
     Attributes
     ----------
     figures
+        Matplotlib figures of the sheets.
     names
-        "sensor", "mirror" and "secondary", of the sheets that there are.
+        Names of the sheets: "sensor", "mirror" and, if present, "secondary".
     scales
-        Of the sheets' views, paper over nature.
+        Scales of the views, paper over actual size.
     """
 
     figures: tuple[Figure, ...]
@@ -88,19 +89,19 @@ class Drawing:
     scales: tuple[float, ...]
 
     def render(self, kind: str = "pdf", sheet: int = 0) -> bytes:
-        """The bytes of a .pdf file of all sheets, or of an .svg or .png of one; as large as the paper.
+        """Render all sheets as PDF, or one sheet as SVG or PNG, at paper size.
 
         Parameters
         ----------
         kind
             "pdf", "svg" or "png".
         sheet
-            Which sheet, of pictures.
+            Index of the sheet for SVG and PNG.
 
         Returns
         -------
         bytes
-            The same for the same drawing.
+            File content, identical for identical drawings.
         """
         if kind != "pdf":
             return render(self.figures[sheet], kind)
@@ -122,30 +123,30 @@ def draw_sheets(
     workshop: Workshop | None = None,
     data_files: Sequence[DataFile] | None = None,
 ) -> Drawing:
-    """Draw the sensor and its mirrors, each on a sheet of paper.
+    """Draw a sensor and its mirrors on separate sheets.
 
     Parameters
     ----------
     sensor
     body : optional
-        The solid of the mirror, by default as the rim of the sensor's housing says, or ``Body()``.
+        Body of the mirror, by default from the rim of the housing, or ``Body()``.
     housing : optional
-        Housing that is drawn, by default the sensor's own. Its rims are those of the bodies.
+        Housing to draw, by default that of the sensor. Its rims are those of the bodies.
     sheet : "A3" or "A4"
-        A3 lies, A4 stands upright.
+        Paper size; A3 is landscape, A4 portrait.
     scale : optional
-        Of the sensor's view, paper over nature; by default the largest standard one that fits.
+        Scale of the sensor view, by default the largest standard scale that fits.
     secondary_body : optional
-        The same of a second mirror.
+        Body of the secondary mirror.
     workshop : optional
-        What a shop is told beside shapes: title block, material, texture, tolerances.
+        Title block, material, texture and tolerances.
     data_files : optional
-        Sag table of each mirror, named on its sheet; by default the sheets name none.
+        Sag table of each mirror, to be referenced on its sheet; none by default.
 
     Raises
     ------
     InvalidParameter
-        A sheet that is not known, a scale outside 1:50000 to 500:1, or parts that do not fit each other.
+        If the sheet is unknown, the scale is not between 1:50000 and 500:1, or parts do not fit.
 
     Examples
     --------
@@ -154,10 +155,10 @@ def draw_sheets(
     >>> drawing.names, drawing.scales
     (('sensor', 'mirror'), (1.0, 1.0))
     """
-    if scale is not None and not LEAST_SCALE <= scale <= LARGEST_SCALE:
-        raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
+    if scale is not None and not MIN_SCALE <= scale <= MAX_SCALE:
+        raise InvalidParameter(f"scale must be between {MIN_SCALE:g} and {MAX_SCALE:g}; got {scale:g}")
     parts = parts_of(sensor, body, secondary_body)
-    sensor, workshop = housed(parts, housing), workshop or Workshop()
+    sensor, workshop = with_housing(parts, housing), workshop or Workshop()
     files: Sequence[DataFile | None] = data_files or [None] * len(parts)
     count = 1 + len(parts)
     with styled():
@@ -170,7 +171,7 @@ def draw_sheets(
 
 
 def write_drawing(path: Path, drawing: Drawing, sheet: int = 0) -> None:
-    """Write it as the path's suffix says: all sheets to a .pdf, one to an .svg or .png."""
+    """Write all sheets to a .pdf file, or one sheet to .svg or .png."""
     path.write_bytes(drawing.render(path.suffix.lstrip(".").lower(), sheet))
 
 
@@ -180,18 +181,18 @@ def write_drawing(path: Path, drawing: Drawing, sheet: int = 0) -> None:
 def _draw_sensor_sheet(
     paper: Sheet, sensor: Sensor, parts: list[Part], workshop: Workshop, scale: float | None
 ) -> float:
-    layout, told = SENSOR_LAYOUTS[paper.size], workshop.tolerances
-    scale = draw_sensor(paper, Assembly.of(sensor, *(part.body for part in parts)), layout.view, scale, told)
+    layout, stated = SENSOR_LAYOUTS[paper.size], workshop.tolerances
+    scale = draw_sensor(paper, Assembly.of(sensor, *(part.body for part in parts)), layout.view, scale, stated)
     paper.interrupt_lines()
     draw_frame(paper)
     flow = Flow(paper, layout.columns)
     flow.table(sensor_rows(sensor), "SENSOR")
-    flow.table(hidden_rows(sensor), "HIDDEN FROM THE PICTURE")
+    flow.table(hidden_rows(sensor), "OBSCURATIONS")
     flow.next_column()
-    if allocated := allocated_rows(told):
-        flow.table(allocated, "TOLERANCES AS ALLOCATED")
+    if allocated := allocated_rows(stated):
+        flow.table(allocated, "ALLOCATED TOLERANCES")
     else:
-        flow.table(tolerance_rows(sensor), "MOVES THE PICTURE BY 0.5 px")
+        flow.table(tolerance_rows(sensor), "IMAGE SHIFT OF 0.5 px")
         flow.lines(NOTES if sensor.secondary is None else NOTES_OF_TWO)
     draw_title(
         paper, workshop.title, SheetFacts(sensor.name, "assembly drawing", scale_words(scale), (1, 1 + len(parts)))
@@ -204,35 +205,39 @@ def draw_part_sheet(
 ) -> float:
     """Draw the sheet of one mirror and return the scale of its view."""
     layout = MIRROR_LAYOUTS[paper.size]
-    making: Making = workshop.secondary if part.is_secondary else workshop.mirror
-    told = {} if part.is_secondary else dict(workshop.tolerances)
+    making: PartSpecification = workshop.secondary if part.is_secondary else workshop.mirror
+    stated = {} if part.is_secondary else dict(workshop.tolerances)
     word = "SECONDARY" if part.is_secondary else "MIRROR"
     scale = draw_mirror(paper, part.mirror, part.body, layout.view, making, making.form_um, word)
     paper.interrupt_lines()
     draw_frame(paper)
-    mass, indications = mass_words(part, making), indication_rows(part, making, told, workshop.title)
+    mass, indications = mass_words(part, making), indication_rows(part, making, stated, workshop.title)
     flow = Flow(paper, layout.columns)
-    flow.table(mirror_rows(part.mirror, told, has_data_file=file is not None), "MIRROR SURFACE")
+    flow.table(mirror_rows(part.mirror, stated, has_data_file=file is not None), "MIRROR SURFACE")
     if file is not None:
         flow.table(file.rows(), "DATA FILE")
     flow.next_column()
     flow.table(indications, "INDICATIONS", "ISO 10110")
-    if form_rms_um(told) is not None and making.form_um is None:
+    if form_rms_um(stated) is not None and making.form_um is None:
         flow.lines(("form error along z, after alignment",))
     room = flow.rows_left - 1
     if room > 4:
         flow.table(sag_rows(part, min(room - 1, 14)), "POINTS OF THE SURFACE")
     title: TitleBlock = workshop.title
     facts = SheetFacts(
-        part.name if part.is_secondary else f"{part.name} mirror", "part drawing", scale_words(scale), place,
-        making.material, mass,
-    )  # fmt: skip
+        part.name if part.is_secondary else f"{part.name} mirror",
+        "part drawing",
+        scale_words(scale),
+        place,
+        making.material,
+        mass,
+    )
     draw_title(paper, title, facts)
     return scale
 
 
 class Flow:
-    """Tables below each other in columns, each in the next one with room for it."""
+    """Layout of tables in columns; a table moves to the next column with sufficient space."""
 
     def __init__(self, paper: Sheet, columns: Sequence[Region]) -> None:
         self.paper, self.columns, self.at = paper, list(columns), 0
@@ -251,8 +256,8 @@ class Flow:
         if len(rows) > self.rows_left:
             self.next_column()
         column = self.columns[self.at]
-        kept = rows if len(rows) <= self.rows_left else [*rows[: self.rows_left - 1], (f"and {len(rows)} more", "")]
-        self.y = self.paper.table(column.left, self.y, column.right - column.left, kept, title, note) - GAP
+        retained = rows if len(rows) <= self.rows_left else [*rows[: self.rows_left - 1], (f"and {len(rows)} more", "")]
+        self.y = self.paper.table(column.left, self.y, column.right - column.left, retained, title, note) - GAP
 
     def lines(self, words: Sequence[str]) -> None:
         for line in words:

@@ -1,8 +1,8 @@
-"""DXF: the half-section of the mirror with dimensions, for CAD and for a lathe.
+"""DXF: dimensioned half-section of a mirror, and its drawing sheet as a layout.
 
-The axis is drawn horizontally: X is our z (the lens lies to the left), Y the distance from the axis. The
-upper half is cut and hatched, the lower one seen from outside. All at full size, in mm. The layout beside it is the
-mirror's sheet of the drawing, as large as the paper.
+In model space, the axis is horizontal: X is z (lens on the left), Y the distance from the axis. The
+upper half is a hatched section, the lower half an exterior view, both at full size in mm. The
+layout has the paper size of the drawing sheet.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ...escaping import dxf_mtext, dxf_text
 from ...mirrors import Mirror
 from ..body import Body, Part
-from ..surface_approximation import ProfileCurve, chords, conic_of, curve_of
-from ..workshop import Making, Workshop
+from ..surface_approximation import ProfileCurve, chords, conic_parameters, profile_curve
+from ..workshop import PartSpecification, Workshop
 from .drawing import draw_part_sheet
 from .sheet import CAPITAL, POINT, Sheet
 from .tables import DataFile
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class Layer(NamedTuple):
-    """Name, colour (AutoCAD's number), line width (1/100 mm) and kind of line."""
+    """Name, colour (AutoCAD index), line width (1/100 mm) and line type of a layer."""
 
     name: str
     colour: int
@@ -59,16 +59,16 @@ def write_dxf(
     sheet: str = "A3",
     place: tuple[int, int] = (2, 2),
 ) -> ProfileCurve:
-    """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file.
+    """Write the half-section with an exact arc, conic or line, or with the spline of the STEP file.
 
-    The layout is the part's sheet of the drawing; ``file`` is the sag table that it names, if one is written.
+    The layout is the part sheet of the drawing; ``file`` is the referenced sag table.
     """
     import ezdxf.filemanagement
     from ezdxf.units import MM
 
     mirror, body, workshop = part.mirror, part.body, workshop or Workshop()
-    making = workshop.secondary if part.is_secondary else workshop.mirror
-    curve = curve_of(mirror, body.start_mm())
+    specification = workshop.secondary if part.is_secondary else workshop.mirror
+    curve = profile_curve(mirror, body.start_mm())
     doc = ezdxf.filemanagement.new("R2010", setup=["linetypes", "styles"], units=MM)
     for layer in LAYERS:
         doc.layers.add(layer.name, color=layer.colour, linetype=layer.linetype, lineweight=layer.width)
@@ -81,7 +81,7 @@ def write_dxf(
     _draw_outline(page, curve, section)
     _draw_hatch(page, mirror, body, section, size)
     _draw_axis(page, mirror, body, size)
-    _draw_dimensions(page, mirror, body, size, making)
+    _draw_dimensions(page, mirror, body, size, specification)
     _draw_notes(page, mirror, body, curve, part.name, size)
     paper = Sheet(sheet)
     draw_part_sheet(paper, part, workshop, file, place)
@@ -91,13 +91,13 @@ def write_dxf(
 
 
 def _text_size(mirror: Mirror) -> float:
-    """Height of the text, mm: 3.5 on mirrors of some centimetres, in steps of 1, 2 and 5."""
+    """Return the text height in mm: 3.5 for mirrors of a few centimetres, in steps of 1, 2 and 5."""
     steps = np.array([a * 10.0**n for n in range(-4, 4) for a in (1, 2, 5)])
     return TEXT_MM * float(steps[np.argmin(np.abs(np.log(steps * 45.0 / mirror.rim_radius_mm)))])
 
 
 def _dimension_style(doc: Any, size: float) -> None:
-    """ISO 129: closed arrows, text above the line, lengths to the micrometre without idle zeros."""
+    """Define dimensions by ISO 129: closed arrows, text above the line, up to three decimals."""
     style = doc.dimstyles.add(STYLE)
     style.dxf.dimtxt = size
     style.dxf.dimasz = size
@@ -135,7 +135,7 @@ def _draw_outline(page: Any, curve: ProfileCurve, section: Array) -> None:
 
 
 def _draw_curve(page: Any, curve: ProfileCurve, side: float) -> None:
-    """The meridian, as exact as the format allows; ``side`` -1 mirrors it at the axis."""
+    """Draw the meridian as exactly as DXF permits; ``side`` -1 mirrors it at the axis."""
     (x0, z0), (x1, z1) = curve.ends
     if curve.kind == "line":
         page.add_line((z0, side * x0), (z1, side * x1), dxfattribs=_on(MIRROR))
@@ -166,19 +166,21 @@ def _draw_axis(page: Any, mirror: Mirror, body: Body, size: float) -> None:
 # -- dimensions and notes --------------------------------------------------------------------------
 
 
-def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, making: Making) -> None:
+def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, specification: PartSpecification) -> None:
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
     edge, outer = float(mirror.sag(rim)), body.outer_radius_mm(mirror)
     row = 2.6 * size
 
     def along(z0: float, z1: float, x0: float, x1: float, at: float, **override: Any) -> None:
-        """A length along the axis, from (z0, x0) to (z1, x1), its line at the distance ``at`` from the axis."""
+        """Draw an axial dimension from (z0, x0) to (z1, x1), its line at the distance ``at`` from
+        the axis.
+        """
         _linear(page, (z0, at), (z0, x0), (z1, x1), 0.0, override)
 
     def diameter(x: float, z: float, at: float, **override: Any) -> None:
         _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"} | override)
 
-    along(edge, back, -rim, -outer, -outer - 1.5 * row, **_allowed(making.thickness_tolerance_mm))
+    along(edge, back, -rim, -outer, -outer - 1.5 * row, **_allowed(specification.thickness_tolerance_mm))
     if edge:  # a flat mirror is as thick everywhere
         along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
         along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
@@ -196,11 +198,11 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, making:
         at += row if body.bore_mm else 2 * row
         diameter(outer, back, at)
         along(back - body.flange_thickness_mm, back, outer, outer, outer + 2 * row)
-    diameter(rim, edge, -2 * row, **_allowed(making.diameter_tolerance_mm))
+    diameter(rim, edge, -2 * row, **_allowed(specification.diameter_tolerance_mm))
 
 
 def _allowed(tolerance: float | None) -> dict[str, Any]:
-    """What makes a dimension say plus and minus."""
+    """Return dimension overrides for a symmetric tolerance."""
     if tolerance is None:
         return {}
     places = max(0, min(8, 1 - int(np.floor(np.log10(tolerance)))))
@@ -223,7 +225,7 @@ def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name
 
 
 def surface_words(mirror: Mirror) -> list[str]:
-    """What the surface is, line by line: its kind, vertex radius and conic constant.
+    """Describe a surface line by line: type, vertex radius and conic constant.
 
     >>> from omnimirror.mirrors import Cone
     >>> surface_words(Cone(45.0, 20.0))
@@ -232,7 +234,7 @@ def surface_words(mirror: Mirror) -> list[str]:
     if mirror.is_pointed:
         beta = float(np.degrees(np.arctan(mirror.slope(0.0))))
         return [f"Surface: {mirror.KIND}, {beta:.6g} deg from the plane across the axis"]
-    conic, R = conic_of(mirror), float(mirror.radius_t(0.0))
+    conic, R = conic_parameters(mirror), float(mirror.radius_t(0.0))
     if np.isinf(R):
         return [f"Surface: {mirror.KIND}"]
     k = f", conic constant k = {conic[1]:.9g}" if conic else ""
@@ -247,11 +249,11 @@ PAPER_LAYER, PAPER_STYLE = "SHEET", "OpenSans"
 ALIGNMENTS = {"left": "", "center": "CENTER", "right": "RIGHT"}
 UPRIGHT = {"baseline": "left", "bottom": "left", "center": "center", "top": "right"}
 WIDTHS = (18, 25, 35, 50, 70, 100)
-"""Of lines that DXF files know, 1/100 mm."""
+"""Line widths of the DXF format, 1/100 mm."""
 
 
 def add_layout(doc: Any, sheet: Sheet) -> None:
-    """Add a sheet to an ezdxf document, as a layout as large as its paper."""
+    """Add a sheet to an ezdxf document as a layout of paper size."""
     doc.layers.add(PAPER_LAYER)
     layout = doc.layouts.new(sheet.size)
     layout.page_setup(size=(sheet.width, sheet.height), margins=(0, 0, 0, 0), units="mm")
@@ -277,7 +279,7 @@ def _add_line(doc: Any, layout: Any, line: Line2D) -> None:
 
 
 def _linetype(doc: Any, dashes: list[float]) -> str:
-    """The name of a pattern of dashes and gaps, mm."""
+    """Return the name of a line type for a pattern of dashes and gaps, mm."""
     name = "SHEET_" + "_".join(f"{100 * d:.0f}" for d in dashes)
     if name not in doc.linetypes:
         signed = [d if i % 2 == 0 else -d for i, d in enumerate(dashes)]
@@ -296,9 +298,11 @@ def _add_text(layout: Any, text: Text) -> None:
     side = ALIGNMENTS[across]
     name = f"{level}_{side or 'LEFT'}" if level else side or "LEFT"
     words = layout.add_text(
-        dxf_text(text.get_text()), height=float(text.get_fontsize()) / POINT * CAPITAL, rotation=text.get_rotation(),
+        dxf_text(text.get_text()),
+        height=float(text.get_fontsize()) / POINT * CAPITAL,
+        rotation=text.get_rotation(),
         dxfattribs={"style": PAPER_STYLE, **_look(text.get_color())},
-    )  # fmt: skip
+    )
     words.set_placement(text.get_position(), align=TextEntityAlignment[name])
 
 

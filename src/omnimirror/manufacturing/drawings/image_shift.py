@@ -1,7 +1,7 @@
-"""How far the picture moves when the sensor is not built as drawn, by finite differences of the mapping.
+"""Image shift due to assembly errors, by finite differences of the mapping.
 
-For each field angle the image height is compared between the sensor as drawn and the same one with one error,
-in the meridian in which the error is largest.
+For each field angle, the image heights of the nominal sensor and of the sensor with one error are
+compared in the meridian of maximum effect.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Array = NDArray[np.float64]
 
 POINTS = 2001
 EDGE = 0.01
-"""Share of the meridian left out at both ends, where a moved mirror has no points."""
+"""Fraction of the meridian that is omitted at both ends, where a displaced mirror has no points."""
 
 
 ROUNDING_PX = 1e-9
-"""Motion over one step that is no motion: a cone's picture does not feel its distance."""
+"""Shifts below this value are rounding errors, for example of a cone with another distance."""
 
 
 class Moved(NamedTuple):
-    """A meridian with an error, at distances x (n,) mm from the lens's axis: height (mm) and slope."""
+    """Displaced meridian: distance x (n,) from the lens axis (mm), height (mm) and slope."""
 
     x: Array
     z: Array
@@ -36,14 +36,17 @@ class Moved(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """How an error of one kind moves the picture.
+class ImageShift:
+    """Image shift per unit of one error.
 
     Attributes
     ----------
-    name, unit : of the error
-    px_per_unit : largest motion over the field
-    omega_deg : where that is
+    name, unit
+        Name and unit of the error.
+    px_per_unit
+        Maximum shift over the field.
+    omega_deg
+        Field angle of the maximum.
     """
 
     name: str
@@ -52,21 +55,21 @@ class Sensitivity:
     omega_deg: float
 
     def tolerance(self, px: float = 0.5) -> float:
-        """The error that moves the picture by so many pixels where it moves most, in :attr:`unit`."""
+        """Return the error, in :attr:`unit`, with a maximum image shift of ``px``."""
         return px / self.px_per_unit if self.px_per_unit else np.inf
 
 
-def sensitivities(sensor: Sensor) -> list[Sensitivity]:
-    """What an error of distance, centring, tilt, slope and form does to the picture.
+def image_shifts(sensor: Sensor) -> list[ImageShift]:
+    """Compute the image shift for errors of distance, centring, tilt, slope and form.
 
-    ``form`` is a bump of one period between axis and rim, ``a (1 - cos(2 pi x/M))/2``; a is its peak to valley.
-    What a telecentric lens does not feel is left out. Of two mirrors only what keeps them on one axis is computed:
-    where the lens and each mirror stand.
+    ``form`` is a bump of one period between axis and rim, ``a (1 - cos(2 pi x/M))/2``, with
+    peak-to-valley height a. Errors without an effect on a telecentric lens are omitted. For a folded
+    sensor, only axial displacements of lens and mirrors are evaluated.
 
     Examples
     --------
     >>> import omnimirror as om
-    >>> found = {s.name: s for s in sensitivities(om.load_sensor("paper-spherical"))}
+    >>> found = {s.name: s for s in image_shifts(om.load_sensor("paper-spherical"))}
     >>> round(found["mirror distance"].px_per_unit, 3), round(found["surface slope"].tolerance(0.5), 2)
     (2.339, 0.87)
     """
@@ -93,11 +96,11 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
     }
     if sensor.lens.TELECENTRIC:
         del errors["mirror distance", "mm"]
-    return [_sensitivity(sensor, *key, *error) for key, error in errors.items()]
+    return [_image_shift(sensor, *key, *error) for key, error in errors.items()]
 
 
-def _along_the_axis(sensor: Sensor) -> list[Sensitivity]:
-    """What moving a part of a folded sensor along the axis does, the others left where they are."""
+def _along_the_axis(sensor: Sensor) -> list[ImageShift]:
+    """Compute the image shift for axial displacements of single components of a folded sensor."""
     second = sensor.secondary
     assert second is not None
     m, s, step = sensor.mirror_distance_mm, second.distance_mm, 1e-4 * sensor.mirror.rim_radius_mm
@@ -109,48 +112,48 @@ def _along_the_axis(sensor: Sensor) -> list[Sensitivity]:
     omega = np.linspace(low + 2 * EDGE * (high - low), high - EDGE * (high - low), 201)
 
     def height(dm: float, ds: float) -> Array:
-        moved = replace(sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds))
-        return moved.image_height_px(moved.meridian.trace(moved.meridian.x_from_omega(omega)))
+        displaced = replace(sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds))
+        return displaced.image_height_px(displaced.meridian.trace(displaced.meridian.x_from_omega(omega)))
 
-    found = []
+    result = []
     for name, (dm, ds) in moves.items():
         motion = np.abs(height(dm * step, ds * step) - height(-dm * step, -ds * step)) / (2 * step)
         worst = int(np.argmax(motion))
-        found.append(Sensitivity(name, "mm", float(motion[worst]), float(np.degrees(omega[worst]))))
-    return found
+        result.append(ImageShift(name, "mm", float(motion[worst]), float(np.degrees(omega[worst]))))
+    return result
 
 
-def _sensitivity(
-    sensor: Sensor, name: str, unit: str, step: float, moved: Callable[[Array, Array, Array, float], Moved]
-) -> Sensitivity:
-    """Central difference of the image height over the error, at fixed field angles."""
+def _image_shift(
+    sensor: Sensor, name: str, unit: str, step: float, displaced: Callable[[Array, Array, Array, float], Moved]
+) -> ImageShift:
+    """Compute the central difference of the image height at constant field angles."""
     mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
     start = sensor.meridian.x_min  # before it nothing is seen: rays end at the base of a tube in water
     x = np.linspace(start if not mirror.is_pointed else max(start, EDGE * M), M, POINTS)
     z, slope, _ = mirror.profile(x)
     omega = sensor.meridian.trace(np.linspace(start + 2 * EDGE * (M - start), M - EDGE * (M - start), 501)).omega
-    ahead, behind = (_image_height_px(sensor, moved(x, z, slope, e), omega) for e in (step, -step))
+    ahead, behind = (_image_height_px(sensor, displaced(x, z, slope, e), omega) for e in (step, -step))
     motion = np.abs(ahead - behind) / (2 * step)
     worst = int(np.argmax(motion))
     rate = float(motion[worst]) if motion[worst] * step > ROUNDING_PX else 0.0
-    return Sensitivity(name, unit, rate, float(np.degrees(omega[worst])))
+    return ImageShift(name, unit, rate, float(np.degrees(omega[worst])))
 
 
 def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
-    """Image height of field angles on a meridian that need not be the sensor's own."""
+    """Compute image heights of field angles for an arbitrary meridian."""
     from scipy.interpolate import CubicSpline
 
     w = sensor.lens.pupil.aim(meridian.x, sensor.meridian.m + meridian.z).distance
     beta, theta = np.arctan(meridian.slope), np.arctan2(meridian.x, w)
-    found, height = 2 * beta + theta, sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
+    result, height = 2 * beta + theta, sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
     if (cover := sensor.meridian.cover) is not None:  # it stays where it is, and only directions count
         unknown = np.zeros_like(w)
         gamma, path = beta + theta, np.hypot(meridian.x, w)
         rays = ChiefRays(
-            meridian.x, meridian.z, meridian.slope, unknown, sensor.meridian.m, w, beta, theta, gamma, found, path
+            meridian.x, meridian.z, meridian.slope, unknown, sensor.meridian.m, w, beta, theta, gamma, result, path
         )
-        found = cover.left_by(rays).omega
-        seen = np.isfinite(found)
-        found, height = found[seen], height[seen]
-    heights: Array = CubicSpline(found, height)(omega)
+        result = cover.left_by(rays).omega
+        visible = np.isfinite(result)
+        result, height = result[visible], height[visible]
+    heights: Array = CubicSpline(result, height)(omega)
     return heights

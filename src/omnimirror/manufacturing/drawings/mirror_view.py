@@ -1,4 +1,4 @@
-"""A mirror in half-section, with its dimensions, datums and tolerances."""
+"""Half-section of a mirror with dimensions, datums and tolerances."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ...mirrors import Mirror
 from ..body import Body
-from ..surface_approximation import chords, conic_of, is_straight
-from ..workshop import Making
+from ..surface_approximation import chords, conic_parameters, is_straight
+from ..workshop import PartSpecification
 from .sheet import (
     CHAIN,
     FRAME_HEIGHT,
@@ -29,18 +29,20 @@ from .sheet import (
 Array = NDArray[np.float64]
 
 ROW = 8.0
-"""Distance of dimension lines, mm."""
+"""Distance between dimension lines, mm."""
 
 
 def section_outline(mirror: Mirror, body: Body) -> Array:
-    """Closed half-section (n, 2) as (z, x) in mm, its meridian by chords within a micrometre."""
+    """Return the closed half-section (n, 2) as (z, x) in mm, with chords within 1 um of the
+    meridian.
+    """
     x = chords(mirror, 1.0, body.start_mm())
     meridian = np.stack([mirror.sag(x), x], axis=-1)
     return np.concatenate([meridian, body.outline(mirror)[1:, ::-1]])
 
 
 def length_words(mm: float) -> str:
-    """A length to the micrometre, without idle zeros.
+    """Format a length with up to three decimals.
 
     >>> length_words(180.429), length_words(5.0), length_words(-0.0001)
     ('180.429', '5', '0')
@@ -49,7 +51,7 @@ def length_words(mm: float) -> str:
 
 
 def fixed_words(value: float, digits: int) -> str:
-    """Return a number with a fixed count of decimals; zero has no sign.
+    """Format a number with a fixed number of decimals; zero has no sign.
 
     >>> fixed_words(-1e-9, 4), fixed_words(2.0, 1)
     ('0.0000', '2.0')
@@ -58,7 +60,7 @@ def fixed_words(value: float, digits: int) -> str:
 
 
 def plus_minus(words: str, tolerance: float | None) -> str:
-    """A size with its tolerance, where it has one of its own.
+    """Append a symmetric tolerance to a dimension, if given.
 
     >>> plus_minus("Ø87.81", 0.05), plus_minus("5", None)
     ('Ø87.81 ± 0.05', '5')
@@ -67,12 +69,18 @@ def plus_minus(words: str, tolerance: float | None) -> str:
 
 
 def draw_mirror(
-    sheet: Sheet, mirror: Mirror, body: Body, region: Region, making: Making, form_um: float | None, title: str
+    sheet: Sheet,
+    mirror: Mirror,
+    body: Body,
+    region: Region,
+    making: PartSpecification,
+    form_um: float | None,
+    title: str,
 ) -> float:
-    """A mirror in half-section with its dimensions, datums and tolerances; the scale it is drawn at.
+    """Draw a mirror in half-section with dimensions, datums and tolerances, and return the scale.
 
-    The back is datum A and the axis of the rim, or of the flange, datum B; ``form_um`` (P-V) is the zone of the mirror
-    surface's profile, wherever it stands.
+    The back is datum A, the axis of the rim or flange datum B. ``form_um`` (peak to valley) is the
+    profile tolerance of the mirror surface, independent of its position.
     """
     back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
     left, right, below, above = 62, 46, 34, 18
@@ -98,7 +106,7 @@ def draw_mirror(
 
 
 def _draw_surface(sheet: Sheet, view: View, mirror: Mirror, form_um: float | None) -> None:
-    """What the mirror surface is, and how true its form has to be."""
+    """Draw the description and the profile tolerance of the mirror surface."""
     rim = mirror.rim_radius_mm
     edge = float(mirror.sag(rim))
     tip, words = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(mirror)
@@ -112,7 +120,8 @@ def _draw_surface(sheet: Sheet, view: View, mirror: Mirror, form_um: float | Non
         )
 
 
-def _draw_datums(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: Making) -> None:
+def _draw_datums(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification) -> None:
+    """Draw datum A and the flatness of the back."""
     back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
     low = view.at(back, -0.72 * outer)
     datum(sheet, low, (1.0, 0.0), "A")
@@ -124,7 +133,7 @@ def _draw_datums(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: M
 
 
 def _flatness_y(view: View, mirror: Mirror, body: Body) -> float:
-    """Height of the frame of the back's flatness: beside it, above what is written at a bore."""
+    """Return the height of the flatness frame, above the text of a bore."""
     back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
     beside = float(view.at(back, 0.8 * outer)[1])
     if not body.bore_mm:
@@ -132,8 +141,8 @@ def _flatness_y(view: View, mirror: Mirror, body: Body) -> float:
     return max(beside, float(view.at(back, (body.counterbore_diameter_mm or body.bore_mm) / 2)[1]) + 24)
 
 
-def _draw_textures(sheet: Sheet, region: Region, making: Making) -> None:
-    """Of all surfaces, and in brackets of the mirror."""
+def _draw_textures(sheet: Sheet, region: Region, making: PartSpecification) -> None:
+    """Draw the general surface texture and, in brackets, that of the mirror."""
     special = making.surface_roughness_nm
     words, x, y = f"Ra {making.roughness_um:g}", region.right - (62 if special is not None else 24), region.top - 10
     end = surface_sign(sheet, x, y, words)
@@ -144,7 +153,7 @@ def _draw_textures(sheet: Sheet, region: Region, making: Making) -> None:
 
 
 def _draw_outside(sheet: Sheet, view: View, mirror: Mirror, body: Body) -> None:
-    """The lower half as seen from outside: its silhouette, and the edge of the rim."""
+    """Draw the exterior view of the lower half: silhouette and edge of the rim."""
     corners = body.outline(mirror)
     outside = corners[corners[:, 0] >= mirror.rim_radius_mm * (1 - 1e-12)]
     silhouette = [*outside, (0.0, body.back_mm(mirror))]
@@ -160,7 +169,7 @@ def _draw_outside(sheet: Sheet, view: View, mirror: Mirror, body: Body) -> None:
         sheet.line(view.at([z, z], [-reach, 0.0]), THIN)
 
 
-def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: Making) -> None:
+def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, making: PartSpecification) -> None:
     rim, back, outer = mirror.rim_radius_mm, body.back_mm(mirror), body.outer_radius_mm(mirror)
     edge, low, left = float(mirror.sag(rim)), view.at(0.0, -outer)[1], view.x - 46
     wide = plus_minus(f"Ø{length_words(2 * rim)}", making.diameter_tolerance_mm)
@@ -195,8 +204,8 @@ def _bore_words(body: Body) -> list[str]:
 
 
 def surface_lines(mirror: Mirror) -> list[str]:
-    """What to write at the mirror surface."""
-    conic = conic_of(mirror)
+    """Return the text lines at the mirror surface."""
+    conic = conic_parameters(mirror)
     if is_straight(mirror) and not mirror.is_pointed:
         return ["mirror surface", "flat"]
     if mirror.is_pointed:

@@ -1,4 +1,4 @@
-"""The view of the sensor along its axis, with its rays and what stands around it."""
+"""Longitudinal section of a sensor with rays, mirrors, camera and housing."""
 
 from __future__ import annotations
 
@@ -37,32 +37,32 @@ Array = NDArray[np.float64]
 
 RAY = PALETTE[0]
 HEADING = 56.0
-"""Room at the left for the view's heading, and for what is said of the tube, mm."""
-WIDEST_WINDOW = 8.0
-"""Radius up to which a window without a diameter is drawn as wide as its rays, in radii of the sensor."""
+"""Space for the heading and the label of a tube at the left, mm."""
+MAX_WINDOW_RADIUS = 8.0
+"""Maximum drawn radius of a window without a diameter, in radii of the sensor."""
 STEPS_DEG = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
-"""Steps of the rays that are drawn, the largest first that shows two."""
+"""Candidate steps of the drawn rays; the largest step with at least two rays is used."""
 
 
 # -- the sensor --------------------------------------------------------------------------------------
 
 
 class Assembly(NamedTuple):
-    """What the view of the sensor is made of; lengths in mm."""
+    """Components of the sensor view; lengths in mm."""
 
     sensor: Sensor
     body: Body
     housing: Housing
-    """Fitted to the sensor; its heights are as in the drawing, over the vertex where it is."""
+    """Housing fitted to the sensor, with heights relative to the vertex."""
     lens: float
     imager: float
     back: float
     base: float
-    """Where the tube begins: at the lens, or at the back of a second mirror."""
+    """Start of the tube: at the lens, or at the back of a secondary mirror."""
     end: float
-    """Where the tube or the dome ends; the back without one."""
+    """End of the tube or dome; the back of the mirror without one."""
     outer: float
-    """Radius of the widest part."""
+    """Maximum radius."""
     secondary_body: Body
 
     @classmethod
@@ -84,20 +84,23 @@ class Assembly(NamedTuple):
         if isinstance(housing.shell, FlatWindow):
             base = min(base, housing.shell.heights_mm[1])
             passing = float(sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm])).last[0][0])
-            width = (housing.shell.diameter_mm or 0.0) / 2 or min(passing, WIDEST_WINDOW * max(radii))
+            width = (housing.shell.diameter_mm or 0.0) / 2 or min(passing, MAX_WINDOW_RADIUS * max(radii))
             radii += [width]
         end = back if wall is None else shell_end_mm(sensor, wall, back)
         return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Heights between which everything stands."""
+        """Minimum and maximum height of all components."""
         places = (self.imager, self.lens, self.base, self.back, self.end)
         return min(places), max(places)
 
 
 def shell_end_mm(sensor: Sensor, shell: Tube | Dome, back: float) -> float:
-    """Height z (mm) where a dome ends, or a tube: at the mirror's back, or where the rim's ray has left the wall."""
+    """Return the height z (mm) of the end of a dome or tube.
+
+    A tube ends at the back of the mirror, or beyond it where the ray of the rim has passed the wall.
+    """
     radius = shell.radii_mm[1]
     if isinstance(shell, Dome):
         return radius + shell.centres_mm[1]
@@ -113,7 +116,7 @@ def draw_sensor(
     scale: float | None = None,
     tolerances: Mapping[str, float] | None = None,
 ) -> float:
-    """The sensor along its axis, the lens to the left; the scale it is drawn at."""
+    """Draw the longitudinal section, with the lens on the left, and return the scale."""
     low, high = assembly.ends
     left, right = (31, 29) if assembly.sensor.secondary is None else (60, 40)
     length, below, above = high - low, 27, 20
@@ -136,7 +139,7 @@ def draw_sensor(
 
 
 def _sections(assembly: Assembly) -> list[tuple[Array, Body]]:
-    """Half-sections (z, x) of the mirrors where they stand, each with its body."""
+    """Return half-sections (z, x) of the mirrors at their positions, with their bodies."""
     sensor = assembly.sensor
     sections = [(section_outline(sensor.mirror, assembly.body), assembly.body)]
     if sensor.secondary is not None:
@@ -147,7 +150,7 @@ def _sections(assembly: Assembly) -> list[tuple[Array, Body]]:
 
 
 def shown_angles(sensor: Sensor) -> list[float]:
-    """Field angles (deg) whose rays are drawn: full steps that nothing hides, and the rim."""
+    """Return field angles (deg) of the drawn rays: unobscured multiples of a step, and the rim."""
     low, high = sensor.field_deg
     hidden = [ring.omega_deg for ring in sensor.obscured]
     full: list[float] = []
@@ -160,7 +163,7 @@ def shown_angles(sensor: Sensor) -> list[float]:
 
 
 def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
-    """Chief rays from the world over the mirror through the lens; above all of them, below the rim's."""
+    """Draw chief rays from the object space to the lens: all above the axis, the rim ray below it."""
     sensor = assembly.sensor
     angles = shown_angles(sensor)
     x = sensor.meridian.x_from_omega(np.radians(np.minimum(angles, sensor.field_deg[1])))
@@ -206,7 +209,9 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
 
 
 def _through_wall(rays: ChiefRays, i: int) -> list[tuple[float, float]]:
-    """Return the points (z, x) at which ray ``i`` leaves the cover and enters its wall; none without a cover."""
+    """Return the points (z, x) at which ray ``i`` leaves the cover and enters its wall; empty
+    without a cover.
+    """
     outside = rays.outside
     if outside is None or not outside.refractions[0].way[i]:
         return []
@@ -219,7 +224,7 @@ def _through_wall(rays: ChiefRays, i: int) -> list[tuple[float, float]]:
 
 
 def _draw_housing(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
-    """Tube or dome, rod, and the camera's front."""
+    """Draw tube or dome, rod, and the front of the camera."""
     housing = assembly.housing
     if isinstance(housing.shell, Tube):
         _draw_tube(sheet, view, assembly, housing.shell, region)
@@ -309,7 +314,7 @@ def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindo
 
 
 def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
-    """Lens and imager, with what they are."""
+    """Draw lens and imager with labels."""
     sensor = assembly.sensor
     rim, imager = sensor.mirror.rim_radius_mm, sensor.imager
     half = rim if sensor.lens.TELECENTRIC else max(imager.height_px * imager.pitch_mm, 8 / view.scale)
@@ -345,19 +350,19 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
 
 
 def lens_words(lens: GaussianLens) -> list[str]:
-    """What is written at the lens."""
+    """Return the label of the lens."""
     return [f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}", f"focused at {lens.focus_distance_mm:g}"]
 
 
 def _below_rays(view: View, assembly: Assembly, x: float) -> float:
-    """Height on the sheet of the rim's ray between mirror and lens, at x."""
+    """Return the height on the sheet of the rim ray between mirror and lens, at x."""
     theta = assembly.sensor.meridian.theta_max
     reach = (x - view.at(assembly.lens, 0.0)[0]) * np.tan(theta) if theta else view.scale * assembly.outer
     return float(view.y - reach)
 
 
 def _lens_words_y(sheet: Sheet, view: View, assembly: Assembly) -> float:
-    """Height of what is written at the lens: below the rim's ray, where the words end."""
+    """Return the height of the lens label, below the rim ray."""
     width = max(map(sheet.text_width, lens_words(cast(GaussianLens, assembly.sensor.lens))))
     end = view.at(assembly.lens, 0.0)[0] + 9 + width
     beside = _below_rays(view, assembly, end) - 10
@@ -366,15 +371,15 @@ def _lens_words_y(sheet: Sheet, view: View, assembly: Assembly) -> float:
 
 
 def _words_floor(sheet: Sheet, view: View, assembly: Assembly) -> float:
-    """Height below which no words stand within the view of a sensor of one mirror."""
+    """Return the height below which no labels are placed in the view of a single-mirror sensor."""
     if assembly.sensor.lens.TELECENTRIC or isinstance(assembly.housing.shell, Dome):
         return float(view.y)
     return _lens_words_y(sheet, view, assembly) - (6 if assembly.housing.rod else 0)
 
 
-def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly, told: Mapping[str, float]) -> None:
+def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]) -> None:
     sensor = assembly.sensor
-    _place_mirror(sheet, view, assembly, told)
+    _place_mirror(sheet, view, assembly, allocated)
     if sensor.secondary is not None:
         _dimension_two(sheet, view, assembly)
         return
@@ -383,16 +388,16 @@ def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly, told: Mappin
     if not sensor.lens.TELECENTRIC:
         lens, imager = view.at(assembly.lens, 0.0), view.at(assembly.imager, 0.0)
         edge = view.at(assembly.lens, -assembly.outer if isinstance(assembly.housing.shell, Tube) else 0.0)
-        spacing = plus_minus(length_words(-assembly.lens), told.get("mirror.displacement_mm"))
+        spacing = plus_minus(length_words(-assembly.lens), allocated.get("mirror.displacement_mm"))
         sheet.dimension(edge, vertex, lower - 10, spacing)
         sheet.dimension(imager, lens, lower - 10, length_words(assembly.lens - assembly.imager), before=True)
         sheet.dimension(imager, back, lower - 18, f"({length_words(assembly.back - assembly.imager)})")
     _dimension_width(sheet, view, assembly, view.at(assembly.end, 0.0)[0] + 16)
 
 
-def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, told: Mapping[str, float]) -> None:
-    """How well the mirror has to be centred and squared to the lens's axis, datum C."""
-    frames = place_frames(assembly.sensor, told)
+def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, allocated: Mapping[str, float]) -> None:
+    """Draw position tolerances of the mirror relative to the optical axis of the lens, datum C."""
+    frames = place_frames(assembly.sensor, allocated)
     if not frames:
         return
     low, high = assembly.ends
@@ -408,10 +413,10 @@ def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, told: Mapping[st
         tolerance_frame(sheet, x, y - (i + 1) * FRAME_HEIGHT, sign, cells)
 
 
-def place_frames(sensor: Sensor, told: Mapping[str, float]) -> list[tuple[str, list[str]]]:
-    """Frames of the mirror's place (ISO 1101): a circle within decentres, a zone across the rim."""
-    away = [told[name] for name in ("mirror.decentre_x_mm", "mirror.decentre_y_mm") if told.get(name)]
-    tilts = [told[name] for name in ("mirror.tilt_x_deg", "mirror.tilt_y_deg") if told.get(name)]
+def place_frames(sensor: Sensor, allocated: Mapping[str, float]) -> list[tuple[str, list[str]]]:
+    """Return tolerance frames of the mirror position (ISO 1101): coaxiality and perpendicularity."""
+    away = [allocated[name] for name in ("mirror.decentre_x_mm", "mirror.decentre_y_mm") if allocated.get(name)]
+    tilts = [allocated[name] for name in ("mirror.tilt_x_deg", "mirror.tilt_y_deg") if allocated.get(name)]
     frames = [("coaxiality", [f"Ø{2 * min(away):.3g}", "C"])] if away else []
     if tilts:
         zone = 2 * sensor.mirror.rim_radius_mm * float(np.tan(np.radians(min(tilts))))
@@ -420,7 +425,7 @@ def place_frames(sensor: Sensor, told: Mapping[str, float]) -> list[tuple[str, l
 
 
 def _dimension_two(sheet: Sheet, view: View, assembly: Assembly) -> None:
-    """Of a folded sensor: from mirror to mirror, to the lens, to the imager, and all of it."""
+    """Draw the dimensions of a folded sensor: mirror spacing, lens, imager and total length."""
     second = assembly.sensor.secondary
     assert second is not None
     lower, (low, high) = view.at(0.0, -assembly.outer)[1], assembly.ends
@@ -436,7 +441,7 @@ def _dimension_two(sheet: Sheet, view: View, assembly: Assembly) -> None:
 
 
 def _dimension_width(sheet: Sheet, view: View, assembly: Assembly, side: float) -> None:
-    """The largest diameter, its line at x = ``side``: of the tube, or of the mirror."""
+    """Draw the largest diameter at x = ``side``, of the tube or of the mirror."""
     sensor = assembly.sensor
     shell = assembly.housing.shell
     if isinstance(shell, Tube):

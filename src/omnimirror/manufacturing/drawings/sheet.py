@@ -1,7 +1,8 @@
-"""A sheet of drawing paper: lines, hatching, dimensions, text and tables, placed in millimetres of the paper.
+"""Drawing sheet: lines, hatching, dimensions, symbols, tables and title block in paper millimetres.
 
-Line widths, dash patterns and arrows follow ISO 128 and 129, letters are 2.5 mm high at least (ISO 3098), on every
-sheet: A4 stands upright and A3 lies, so that both are as high and the title block is as wide as an A4 sheet's frame.
+Line widths, dash patterns and arrows conform to ISO 128 and ISO 129, letters of at least 2.5 mm to
+ISO 3098. A4 is portrait and A3 landscape: both have the same height, and the title block has the
+width of the A4 frame.
 """
 
 from __future__ import annotations
@@ -30,30 +31,30 @@ Array = NDArray[np.float64]
 SHEETS = {"A3": (420.0, 297.0), "A4": (210.0, 297.0)}
 """Width and height, mm (ISO 5457)."""
 MARGINS = (20.0, 10.0)
-"""From the edge of the paper to the frame, on the left and elsewhere, mm."""
+"""Left margin and other margins between paper edge and frame, mm."""
 LETTERS = 2.5
-"""Height of the smallest letters, mm (ISO 3098)."""
+"""Minimum letter height, mm (ISO 3098)."""
 FRAME, THICK, THIN, FINE = 0.7, 0.5, 0.25, 0.18
 """Line widths, mm."""
 CHAIN, DASHED, PHANTOM = (20, 4, 2, 4), (8, 4), (20, 4, 2, 4, 2, 4)
 """Dash patterns in line widths: centre lines, hidden edges, neighbouring parts."""
 ARROW = 2.5
-"""Length of an arrow, mm; it is a third as wide."""
+"""Arrow length, mm; the width is a third of it."""
 TABLE_ROW, GUTTER = 4.8, 3.0
-"""Height of a table's row, and room between its columns, mm."""
+"""Row height of tables and gap between columns, mm."""
 CLEAR = 0.5
-"""Between letters and the lines that make way for them, mm."""
+"""Clearance between letters and interrupted lines, mm."""
 CAPITAL = 0.729
-"""Height of capitals over font size, DejaVu Sans."""
+"""Ratio of capital height to font size of DejaVu Sans."""
 MEASURED_AT = 256.0
-"""Size of letters whose width is measured, in points."""
+"""Font size for measuring text widths, points."""
 POINT = 72 / 25.4
 SCALES = [10.0**n * a for n in range(2, -5, -1) for a in (5, 2, 1)]
-"""Of ISO 5455, from 500:1 down."""
+"""Standard scales (ISO 5455), from 500:1 downwards."""
 
 
 def fitting_scale(width: float, height: float, room_width: float, room_height: float) -> float:
-    """The largest standard scale at which something of this size fits the room, all mm.
+    """Return the largest standard scale at which an object fits the available space, all in mm.
 
     >>> fitting_scale(225.0, 100.0, 380.0, 130.0), fitting_scale(500.0, 100.0, 380.0, 130.0)
     (1.0, 0.5)
@@ -63,7 +64,8 @@ def fitting_scale(width: float, height: float, room_width: float, room_height: f
 
 
 def scale_words(scale: float) -> str:
-    """
+    """Format a scale.
+
     >>> scale_words(1.0), scale_words(0.5), scale_words(5.0)
     ('1:1', '1:2', '5:1')
     """
@@ -72,20 +74,20 @@ def scale_words(scale: float) -> str:
 
 @dataclass(frozen=True)
 class View:
-    """A place on the sheet where a part is drawn to scale, its axis along the paper."""
+    """Position and scale of a part on the sheet, with its axis along the paper."""
 
     x: float
     y: float
     scale: float
 
     def at(self, z: ArrayLike, x: ArrayLike) -> Array:
-        """Points (.., 2) on the paper of points z along the axis and x from it, mm."""
+        """Convert axial (z) and radial (x) coordinates in mm to points (..., 2) on the paper."""
         z, x = np.broadcast_arrays(np.asarray(z, dtype=float), np.asarray(x, dtype=float))
         return np.stack([self.x + self.scale * z, self.y + self.scale * x], axis=-1)
 
 
 class Region(NamedTuple):
-    """A rectangle of a sheet, mm."""
+    """Rectangle on a sheet, mm."""
 
     left: float
     bottom: float
@@ -94,9 +96,9 @@ class Region(NamedTuple):
 
 
 def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]:
-    """Lines at 45 degrees inside a closed outline (n, 2), each as its ends (2, 2).
+    """Return hatch lines at 45 deg inside a closed outline (n, 2), each as end points (2, 2).
 
-    They are counted from the sheet's corner, so that neighbouring areas of a part match.
+    Lines are aligned to the corner of the sheet, so that adjacent areas of a part match.
 
     >>> square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     >>> [line.round(6).tolist() for line in hatching(square, 2.0 * np.sqrt(2))]
@@ -118,7 +120,7 @@ def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]
 
 @cache
 def _width_over_height(words: str, weight: str) -> float:
-    """Of words that are set, over the height of their capitals."""
+    """Return the ratio of text width to capital height."""
     from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.ft2font import LoadFlags
 
@@ -129,7 +131,7 @@ def _width_over_height(words: str, weight: str) -> float:
 
 
 def outside_of(points: Array, boxes: Sequence[Region]) -> list[Array] | None:
-    """The pieces of a line (n, 2) outside some boxes; None where it meets none.
+    """Return the pieces of a polyline (n, 2) outside boxes, or None if it intersects none.
 
     >>> [piece.tolist() for piece in outside_of(np.array([[0.0, 0.0], [9.0, 0.0]]), [Region(2.0, -1.0, 4.0, 1.0)])]
     [[[0.0, 0.0], [2.0, 0.0]], [[4.0, 0.0], [9.0, 0.0]]]
@@ -152,7 +154,7 @@ def outside_of(points: Array, boxes: Sequence[Region]) -> list[Array] | None:
 
 
 def _cut(segment: Array, box: Region) -> list[Array]:
-    """A straight line (2, 2) without what lies inside a box."""
+    """Remove the part of a segment (2, 2) inside a box."""
     start, along = segment[0], segment[1] - segment[0]
     enter, leave = 0.0, 1.0
     for i, (low, high) in enumerate(((box.left, box.right), (box.bottom, box.top))):
@@ -169,11 +171,11 @@ def _cut(segment: Array, box: Region) -> list[Array]:
 
 
 class Sheet:
-    """A figure as large as the paper; every method draws in millimetres from its lower left corner."""
+    """Figure of paper size; methods draw in millimetres from the lower left corner."""
 
     def __init__(self, size: str = "A3") -> None:
         if size not in SHEETS:
-            raise InvalidParameter(f"sheet = {size!r} is not one of {', '.join(SHEETS)}")
+            raise InvalidParameter(f"sheet must be one of {', '.join(SHEETS)}; got {size!r}")
         self.size = size
         self.width, self.height = SHEETS[size]
         self.figure = Figure(figsize=(self.width / 25.4, self.height / 25.4))
@@ -185,7 +187,7 @@ class Sheet:
     # -- lines -----------------------------------------------------------------------------------
 
     def line(self, points: ArrayLike, width: float = THIN, dashes: Sequence[float] = (), **look: Any) -> None:
-        """An open line through points (n, 2)."""
+        """Draw a polyline through points (n, 2)."""
         x, y = np.asarray(points, dtype=float).T
         look = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **look}
         line = Line2D(x, y, linewidth=width * POINT, **look)
@@ -194,12 +196,12 @@ class Sheet:
         self.ax.add_artist(line)  # not plot: the paper's limits stand, no line moves them
 
     def hatch(self, outline: ArrayLike, spacing: float = 3.0, rising: bool = True) -> None:
-        """Hatching at 45 degrees inside a closed outline (n, 2)."""
+        """Hatch a closed outline (n, 2) at 45 deg."""
         for start, end in hatching(np.asarray(outline, dtype=float), spacing, rising):
             self.line([start, end], FINE, solid_capstyle="butt")
 
     def arrow(self, tip: ArrayLike, direction: ArrayLike, color: str = INK) -> None:
-        """A filled arrow head whose tip points along a direction."""
+        """Draw a filled arrow head with the tip in a given direction."""
         tip, along = np.asarray(tip, dtype=float), np.asarray(direction, dtype=float)
         along = along / np.hypot(*along) * ARROW
         across = np.array([-along[1], along[0]]) / 6
@@ -207,22 +209,22 @@ class Sheet:
         self.fill(corners, color)
 
     def fill(self, corners: Sequence[ArrayLike], color: str = INK) -> None:
-        """A filled area."""
+        """Fill a polygon."""
         self.ax.add_artist(Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3))
 
     # -- text ------------------------------------------------------------------------------------
 
     def text(self, x: float, y: float, words: str, height: float = LETTERS, **look: Any) -> None:
-        """Words whose capitals are so many mm high."""
+        """Draw text with a given capital height in mm."""
         look = {"ha": "left", "va": "baseline", "color": INK, **look}
         self.ax.text(x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **look)
 
     def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:
-        """How wide words would come out, mm."""
+        """Return the width of a text, mm."""
         return _width_over_height(label(words), str(weight)) * height
 
     def words_boxes(self) -> list[Region]:
-        """Where letters stand, mm."""
+        """Return the bounding boxes of all texts, mm."""
         boxes = []
         for text in self.ax.texts:
             (x, y), high = text.get_position(), float(text.get_fontsize()) / POINT * CAPITAL
@@ -235,7 +237,7 @@ class Sheet:
         return boxes
 
     def interrupt_lines(self) -> None:
-        """Leave thin lines out where letters stand (ISO 129-1)."""
+        """Interrupt thin lines behind text (ISO 129-1)."""
         boxes = [Region(b.left - CLEAR, b.bottom - CLEAR, b.right + CLEAR, b.top + CLEAR) for b in self.words_boxes()]
         for line in list(self.ax.lines):
             if line.get_linewidth() > 1.01 * THIN * POINT:
@@ -254,10 +256,10 @@ class Sheet:
     def dimension(
         self, start: ArrayLike, end: ArrayLike, at: float, words: str, upright: bool = False, before: bool = False
     ) -> None:
-        """A length between two points, its line at the height ``at``, or at that x where ``upright``.
+        """Draw a linear dimension between two points, its line at height ``at``, or at x if ``upright``.
 
-        Arrows stand inside where there is room for them and outside elsewhere; words that do not fit between
-        the ends stand past the second one, or ``before`` the first.
+        Arrows are placed inside if there is space and outside otherwise. Text that does not fit is placed
+        after the second point, or ``before`` the first.
         """
         a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         along = 1 if upright else 0
@@ -291,11 +293,17 @@ class Sheet:
         self.arrow(place(a[along], at), -towards)
         self.arrow(place(b[along], at), towards)
         x, y = place(middle, at - 1 if upright else at + 1)
-        self.text(x, y, words, ha="right" if upright else "center", va="center" if upright else "baseline",
-                  rotation=90 if upright else 0)  # fmt: skip
+        self.text(
+            x,
+            y,
+            words,
+            ha="right" if upright else "center",
+            va="center" if upright else "baseline",
+            rotation=90 if upright else 0,
+        )
 
     def leader(self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True) -> None:
-        """A line with an arrow from words to what they are about; the words stand on its level part."""
+        """Draw a leader line with an arrow and text on its horizontal part."""
         tip, bend = np.asarray(tip, dtype=float), np.asarray(bend, dtype=float)
         width = max(self.text_width(w) for w in words) + 2
         end = bend + np.array([width if rightwards else -width, 0.0])
@@ -310,7 +318,9 @@ class Sheet:
     def table(
         self, x: float, top: float, width: float, rows: Sequence[Sequence[str]], title: str, note: str = ""
     ) -> float:
-        """A titled table from its upper left corner, all columns but the first to the right; its lower edge."""
+        """Draw a titled table and return its lower edge; all columns except the first are right-
+        aligned.
+        """
         self.text(x, top - 3.4, title, fontweight="bold")
         if note:
             self.text(x + width - 0.6, top - 3.4, note, ha="right")
@@ -330,7 +340,7 @@ class Sheet:
 
 
 FRAME_HEIGHT = 2 * LETTERS
-"""Of a frame of a tolerance."""
+"""Height of a tolerance frame, mm."""
 PAD = 1.2
 
 
@@ -345,11 +355,11 @@ CHARACTERISTICS: dict[str, list[Array]] = {
     "coaxiality": [_circle(0.8), _circle(1.6)],
     "surface profile": [np.concatenate([_circle(1.6, 0.0, 180.0) - [0.0, 0.7], [(1.6, -0.7)]])],
 }
-"""Lines of each sign about its middle."""
+"""Lines of each geometric characteristic symbol, relative to its centre."""
 
 
 def tolerance_frame(sheet: Sheet, x: float, y: float, characteristic: str, cells: Sequence[str]) -> float:
-    """A frame from its lower left corner: the sign, the width of the zone, and the datums; its right edge."""
+    """Draw a tolerance frame (symbol, zone, datums) and return its right edge."""
     for line in CHARACTERISTICS[characteristic]:
         sheet.line(np.add(line, [x + FRAME_HEIGHT / 2, y + FRAME_HEIGHT / 2]), THIN)
     edges = [x, x + FRAME_HEIGHT]
@@ -364,12 +374,12 @@ def tolerance_frame(sheet: Sheet, x: float, y: float, characteristic: str, cells
 
 
 def frame_width(sheet: Sheet, cells: Sequence[str]) -> float:
-    """How long a frame becomes."""
+    """Return the width of a tolerance frame."""
     return FRAME_HEIGHT + sum(max(sheet.text_width(cell) + 2 * PAD, FRAME_HEIGHT) for cell in cells)
 
 
 def datum(sheet: Sheet, foot: ArrayLike, direction: ArrayLike, letter: str, reach: float = 6.0) -> None:
-    """A datum: a filled triangle that stands on an edge, and its letter in a box so far along a direction."""
+    """Draw a datum: a filled triangle on an edge and its letter in a box at a given distance."""
     at, along = np.asarray(foot, dtype=float), np.asarray(direction, dtype=float)
     across = np.array([-along[1], along[0]])
     sheet.fill([at + 1.25 * across, at - 1.25 * across, at + 2.2 * along])
@@ -382,7 +392,7 @@ def datum(sheet: Sheet, foot: ArrayLike, direction: ArrayLike, letter: str, reac
 
 
 def surface_sign(sheet: Sheet, x: float, y: float, words: str, removed: bool = True) -> float:
-    """The sign of a surface's texture with its tip at (x, y), words beneath its arm; its right edge."""
+    """Draw a surface texture symbol with its tip at (x, y) and return its right edge."""
     low, high = np.array([-2.2, 3.8]), np.array([4.4, 7.6])
     width = sheet.text_width(words)
     at = np.array([x, y])
@@ -394,7 +404,7 @@ def surface_sign(sheet: Sheet, x: float, y: float, words: str, removed: bool = T
 
 
 def first_angle(sheet: Sheet, x: float, y: float) -> None:
-    """The sign of first-angle projection about (x, y): a cone, and behind it what its left side shows."""
+    """Draw the symbol of first-angle projection at (x, y)."""
     cone = [(-9.0, -1.5), (-9.0, 1.5), (-2.0, 3.0), (-2.0, -3.0), (-9.0, -1.5)]
     sheet.line(np.add(cone, [x, y]), THIN)
     for radius in (1.5, 3.0):
@@ -404,25 +414,25 @@ def first_angle(sheet: Sheet, x: float, y: float) -> None:
 
 
 WIDTH, ROW = 180.0, 10.0
-"""Of the title block and of its rows, mm."""
+"""Width of the title block and height of its rows, mm."""
 HEIGHT = 4 * ROW
 BOTTOM = MARGINS[1]
 
 
 @dataclass(frozen=True)
 class SheetFacts:
-    """What the title block says of one sheet.
+    """Sheet-specific entries of the title block.
 
     Attributes
     ----------
     title, kind
-        Of the sheet, and what kind of drawing it is.
+        Title and type of the drawing.
     scale
-        Of its main view, in words.
+        Scale of the main view as text.
     place
-        Which sheet of how many.
+        Sheet number and number of sheets.
     material, mass
-        Of the part; empty on that of the sensor.
+        Material and mass of the part; empty on the assembly sheet.
     """
 
     title: str
@@ -434,7 +444,7 @@ class SheetFacts:
 
 
 def draw_frame(sheet: Sheet) -> None:
-    """The frame, and the centring marks by which a sheet is copied."""
+    """Draw the frame and the centring marks."""
     wide, narrow = MARGINS
     left, bottom, right, top = wide, narrow, sheet.width - narrow, sheet.height - narrow
     corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
@@ -447,25 +457,32 @@ def draw_frame(sheet: Sheet) -> None:
 
 
 def draw_title(sheet: Sheet, block: TitleBlock, facts: SheetFacts) -> None:
-    """The title block, at the right lower corner of the frame."""
+    """Draw the title block at the lower right corner of the frame."""
     left, right = sheet.width - MARGINS[1] - WIDTH, sheet.width - MARGINS[1]
     sheet.line([(left, BOTTOM), (left, BOTTOM + HEIGHT), (right, BOTTOM + HEIGHT)], FRAME)
     name = block.title or " ".join(facts.title.split())
     rows: list[list[tuple[str, str, float]]] = [
         [
-            ("NUMBER", block.number or "-", 60), ("REVISION", block.revision, 24), ("DATE", block.date or "-", 30),
-            ("SHEET", f"{facts.place[0]}/{facts.place[1]}", 18), ("SIZE", sheet.size, 16), ("SCALE", facts.scale, 32),
+            ("NUMBER", block.number or "-", 60),
+            ("REVISION", block.revision, 24),
+            ("DATE", block.date or "-", 30),
+            ("SHEET", f"{facts.place[0]}/{facts.place[1]}", 18),
+            ("SIZE", sheet.size, 16),
+            ("SCALE", facts.scale, 32),
         ],
         [
-            ("OWNER", block.owner or "-", 60), ("CREATED BY", block.created_by or f"omnimirror {__version__}", 60),
+            ("OWNER", block.owner or "-", 60),
+            ("CREATED BY", block.created_by or f"omnimirror {__version__}", 60),
             ("APPROVED BY", block.approved_by or "-", 60),
         ],
         [("TITLE", name, 130), ("DOCUMENT", facts.kind, 50)],
         [
-            ("MATERIAL", facts.material or "-", 60), ("GENERAL TOLERANCES", block.general_tolerances, 60),
-            ("MASS", facts.mass or "-", 34), ("", "", 26),
+            ("MATERIAL", facts.material or "-", 60),
+            ("GENERAL TOLERANCES", block.general_tolerances, 60),
+            ("MASS", facts.mass or "-", 34),
+            ("", "", 26),
         ],
-    ]  # fmt: skip
+    ]
     for i, cells in enumerate(rows):
         y, x = BOTTOM + ROW * i, left
         if i:
@@ -481,7 +498,7 @@ def draw_title(sheet: Sheet, block: TitleBlock, facts: SheetFacts) -> None:
 
 
 def shortened(sheet: Sheet, words: str, room: float, height: float = LETTERS) -> str:
-    """As many letters of the words as fit the room, mm."""
+    """Truncate a text to a width in mm."""
     if sheet.text_width(words, height) <= room:
         return words
     cuts = [words[:n].rstrip() + " .." for n in range(1, len(words))]

@@ -1,4 +1,6 @@
-"""What the sheets list in tables: surfaces, points of them, the sensor, what is hidden, and what may be off."""
+"""Tables of the sheets: surface parameters, sample points, sensor data, obscurations and
+tolerances.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +18,18 @@ from ...sensor import Sensor
 from ...tracing.walls import passage
 from ..body import Part, omega_of
 from ..formats.sag import format_table, table_points
-from ..surface_approximation import best_sphere, conic_of
-from ..workshop import Making, TitleBlock
-from .image_shift import sensitivities
+from ..surface_approximation import best_fit_sphere, conic_parameters
+from ..workshop import PartSpecification, TitleBlock
+from .image_shift import image_shifts
 from .mirror_view import fixed_words, length_words, plus_minus
 
 Rows = list[tuple[str, ...]]
-MOST_VALUES = 8
-"""Of a parameter, that are printed; more stand in the data file."""
-MOST_LETTERS = 34
-"""Of a file's name."""
+MAX_VALUES = 8
+"""Maximum number of printed values of a parameter; longer lists are in the data file."""
+MAX_LETTERS = 34
+"""Maximum length of a printed file name."""
 AS_AGREED, GENERAL = "as agreed", "ISO 10110-11"
-"""Of what was not said: what no standard gives, and what the standard of data without tolerances does."""
+"""Texts for unspecified entries, without and with an applicable standard."""
 FORMULAS = {
     "even-polynomial": ("z = N Σ c_i (x/N)^(2i), i = 1, 2, ...",),
     "conic-asphere": ("z = conic + N Σ c_i (x/N)^(2i+2)", "conic: x²/(R (1 + √(1 - (1+k) x²/R²)))"),
@@ -40,43 +42,43 @@ FORMULAS = {
 WITHOUT_N = (("N Σ", "Σ"), ("(x/N)^", "x^"))
 """Simplification of the formulas for a normalization radius N of 1 mm, which is not printed."""
 SYMBOLS = {"radius_mm": "radius R", "vertex_radius_mm": "vertex radius R", "conic": "conic constant k"}
-"""Names of parameters that the formulas abbreviate."""
+"""Labels of parameters that occur in the formulas."""
 
 
 @dataclass(frozen=True)
 class DataFile:
-    """The table of a surface that a sheet names."""
+    """Sag table that a sheet references."""
 
     name: str
     checksum: str
-    """SHA-256 of its bytes."""
+    """SHA-256 checksum of the file."""
 
     @classmethod
     def of(
         cls, part: Part, name: str, step_mm: float | None = None, step_deg: float | None = None, digits: int = 6
     ) -> DataFile:
-        """That of a part's sag table."""
+        """Create the reference to the sag table of a part."""
         text = sag_text(part, step_mm, step_deg, digits)
         return cls(name, sha256(text.encode()).hexdigest())
 
     def rows(self) -> Rows:
         first, *others = (self.checksum[i : i + 16] for i in range(0, 64, 16))
-        name = self.name if len(self.name) <= MOST_LETTERS else f"{self.name[:12]}..{self.name[-20:]}"
+        name = self.name if len(self.name) <= MAX_LETTERS else f"{self.name[:12]}..{self.name[-20:]}"
         return [("file", name), ("SHA-256", first), *(("", digits) for digits in others)]
 
 
 def sag_text(part: Part, step_mm: float | None, step_deg: float | None, digits: int) -> str:
-    """The sag table of a part, as its file holds it."""
+    """Format the sag table of a part."""
     x = table_points(part.sensor, step_mm, step_deg, part.is_secondary)
     return format_table(part.sensor, x, digits, part.is_secondary)
 
 
 def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, has_data_file: bool = True) -> Rows:
-    """Return the mirror's formula, its parameters with their tolerances, and the best-fit sphere.
+    """Return the formula of a mirror, its parameters with tolerances, and the best-fit sphere.
 
-    Lists of more than :data:`MOST_VALUES` values are left to the data file, or to the sag table if there is none.
+    Lists of more than :data:`MAX_VALUES` values refer to the data file, or to the sag table without one.
     """
-    told = tolerances or {}
+    allocated = tolerances or {}
     rows: Rows = [("kind", mirror.KIND)]
     for i, formula in enumerate(FORMULAS.get(mirror.KIND, ())):
         if getattr(mirror, "normalization_radius_mm", None) == 1.0:
@@ -88,17 +90,17 @@ def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, h
         name = SYMBOLS.get(f.name) or f.name.removesuffix("_mm").removesuffix("_deg").replace("_", " ")
         name = "N" if f.name == "normalization_radius_mm" else name
         if isinstance(value, tuple):
-            rows += _listed(name, value, told, has_data_file)
+            rows += _listed(name, value, allocated, has_data_file)
         elif isinstance(value, str):
             rows.append((name, value))
         elif value is not None and not (name == "N" and value == 1.0):
-            rows.append((name, plus_minus(f"{value:.9g}", _tolerance_of(f.name, told)) + f" {p.unit}".rstrip()))
+            rows.append((name, plus_minus(f"{value:.9g}", _tolerance_of(f.name, allocated)) + f" {p.unit}".rstrip()))
     radius = float(mirror.radius_t(0.0))
     if not mirror.is_pointed and np.isfinite(radius) and not _is_said(radius, mirror):
-        rows.append(("vertex radius R", plus_minus(f"{radius:.9g}", told.get("mirror.vertex_radius_mm")) + " mm"))
-    if "mirror.conic" in told and "conic" not in mirror.PARAMETERS and (conic := conic_of(mirror)):
-        rows.append(("conic constant k", plus_minus(f"{conic[1]:.6g}", told["mirror.conic"])))
-    sphere = best_sphere(mirror)
+        rows.append(("vertex radius R", plus_minus(f"{radius:.9g}", allocated.get("mirror.vertex_radius_mm")) + " mm"))
+    if "mirror.conic" in allocated and "conic" not in mirror.PARAMETERS and (conic := conic_parameters(mirror)):
+        rows.append(("conic constant k", plus_minus(f"{conic[1]:.6g}", allocated["mirror.conic"])))
+    sphere = best_fit_sphere(mirror)
     if sphere.peak_to_valley_um < 1e-3:
         return rows
     return [
@@ -109,17 +111,17 @@ def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, h
     ]
 
 
-def _tolerance_of(name: str, told: Mapping[str, float]) -> float | None:
-    """Of a parameter; a sphere's radius is its vertex radius."""
-    return told.get("mirror.vertex_radius_mm" if name == "radius_mm" else f"mirror.{name}")
+def _tolerance_of(name: str, allocated: Mapping[str, float]) -> float | None:
+    """Return the tolerance of a parameter; the radius of a sphere is its vertex radius."""
+    return allocated.get("mirror.vertex_radius_mm" if name == "radius_mm" else f"mirror.{name}")
 
 
-def _listed(name: str, values: tuple[float, ...], told: Mapping[str, float], has_data_file: bool) -> Rows:
-    if len(values) > MOST_VALUES:
+def _listed(name: str, values: tuple[float, ...], allocated: Mapping[str, float], has_data_file: bool) -> Rows:
+    if len(values) > MAX_VALUES:
         return [
             (name, f"{len(values)} values, " + ("in the data file" if has_data_file else "see the sag table (csv)"))
         ]
-    tolerances = (told.get(f"mirror.{name}[{i}]") for i in range(len(values)))
+    tolerances = (allocated.get(f"mirror.{name}[{i}]") for i in range(len(values)))
     label = "c" if name == "coefficients" else name
     return [
         (f"{label} {i}", plus_minus(f"{value:.9g}", tolerance))
@@ -128,7 +130,7 @@ def _listed(name: str, values: tuple[float, ...], told: Mapping[str, float], has
 
 
 def _is_said(radius_mm: float, mirror: Mirror) -> bool:
-    """Whether one of the mirror's own parameters is its vertex radius."""
+    """Return whether the vertex radius is a parameter of the mirror."""
     own = (getattr(mirror, name) for name in ("radius_mm", "vertex_radius_mm") if name in mirror.PARAMETERS)
     return any(abs(value - radius_mm) < 1e-9 * radius_mm for value in own)
 
@@ -138,7 +140,7 @@ def _departure_words(um: float) -> str:
 
 
 def sag_rows(part: Part, count: int) -> Rows:
-    """A few points of the surface, the rim among them, to check a part by."""
+    """Return sample points of the surface for inspection, including the rim."""
     rim = part.mirror.rim_radius_mm
     steps = (a * 10.0**n for n in range(-6, 6) for a in (1, 2, 5))
     step = next(s for s in steps if rim / s <= max(count - 1, 1))
@@ -200,9 +202,9 @@ def hidden_rows(sensor: Sensor) -> Rows:
 
 
 def tolerance_rows(sensor: Sensor) -> Rows:
-    """The errors that move the picture by half a pixel where it moves most."""
+    """Return the errors that shift the image by at most 0.5 px."""
     rows: Rows = [("", "", "at Ω")]
-    for s in sensitivities(sensor):
+    for s in image_shifts(sensor):
         unit = {"um": "µm", "deg": "°"}.get(s.unit, s.unit)
         if s.px_per_unit:
             rows.append((s.name, f"± {s.tolerance(0.5):.3g} {unit}", f"{s.omega_deg:.0f}°"))
@@ -220,11 +222,11 @@ ERROR_WORDS = {
 }
 UNITS = {"um": "µm", "deg": "°", "mm": "mm", "px": "px", "ppm": "ppm"}
 OF_PART = ("mirror.vertex_radius_mm", "mirror.conic", "mirror.coefficients", "mirror.zernike")
-"""Errors whose tolerances stand on the sheet of the mirror."""
+"""Errors whose tolerances are listed on the sheet of the mirror."""
 
 
 def allocated_rows(tolerances: Mapping[str, float]) -> Rows:
-    """Tolerances of place, lens and imager, plus and minus; those of the mirror's shape stand on its own sheet."""
+    """Return tolerances of position, lens and imager; shape tolerances are on the part sheet."""
     rows: Rows = []
     for name, value in tolerances.items():
         if name.startswith(OF_PART) or not value:
@@ -236,7 +238,7 @@ def allocated_rows(tolerances: Mapping[str, float]) -> Rows:
 
 
 def form_rms_um(tolerances: Mapping[str, float]) -> float | None:
-    """RMS along the axis of mirrors whose Zernike terms are spread evenly within their tolerances.
+    """Compute the axial RMS form error of uniformly distributed Zernike terms.
 
     >>> form_rms_um({"mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4})
     0.288...
@@ -245,46 +247,51 @@ def form_rms_um(tolerances: Mapping[str, float]) -> float | None:
     return float(np.sqrt(sum(value * value for value in terms) / 3)) if any(terms) else None
 
 
-def indication_rows(part: Part, making: Making, tolerances: Mapping[str, float], title: TitleBlock) -> Rows:
-    """What ISO 10110 asks to be said of a surface, in its codes."""
-    mass = mass_words(part, making)
-    texture = making.surface_roughness_nm
+def indication_rows(
+    part: Part, specification: PartSpecification, tolerances: Mapping[str, float], title: TitleBlock
+) -> Rows:
+    """Return the indications of a mirror surface in the codes of ISO 10110."""
+    mass = mass_words(part, specification)
+    texture = specification.surface_roughness_nm
     return [
-        ("material", making.material or AS_AGREED),
+        ("material", specification.material or AS_AGREED),
         *([("mass", mass)] if mass else []),
         ("clear aperture", f"Øe {length_words(2 * part.mirror.rim_radius_mm)}"),
-        ("form", form_code(making, tolerances)),
-        ("centring to A, B", centring_code(making, tolerances)),
-        ("imperfections", f"5/{making.imperfections}" if making.imperfections else f"5/ {GENERAL}"),
+        ("form", form_code(specification, tolerances)),
+        ("centring to A, B", centring_code(specification, tolerances)),
+        ("imperfections", f"5/{specification.imperfections}" if specification.imperfections else f"5/ {GENERAL}"),
         ("texture", f"Rq {texture:g} nm" if texture is not None else AS_AGREED),
-        ("coating", making.coating or AS_AGREED),
-        ("edges broken", f"{making.chamfer_mm:g} × 45°"),
+        ("coating", specification.coating or AS_AGREED),
+        ("edges broken", f"{specification.chamfer_mm:g} × 45°"),
         ("other sizes", title.general_tolerances),
     ]
 
 
-def mass_words(part: Part, making: Making) -> str:
-    """Mass of a mirror; empty where its density is not known."""
-    density = making.density
+def mass_words(part: Part, specification: PartSpecification) -> str:
+    """Format the mass of a mirror; empty if its density is unknown."""
+    density = specification.density
     return "" if density is None else f"{_written(density * part.body.volume_mm3(part.mirror) / 1000)} g"
 
 
 def _written(value: float) -> str:
-    """Three digits, and all those before the point: nobody writes 4.1e+03 on a drawing."""
+    """Format a number with three significant digits, without an exponent."""
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
-def form_code(making: Making, tolerances: Mapping[str, float]) -> str:
-    """Code 3/ of ISO 10110-5: P-V that was said, or the RMS of what was allocated."""
-    if making.form_um is not None:
-        return f"3/{1000 * making.form_um:.4g} nm"
+def form_code(specification: PartSpecification, tolerances: Mapping[str, float]) -> str:
+    """Return code 3/ (ISO 10110-5): the specified peak-to-valley error or the allocated RMS."""
+    if specification.form_um is not None:
+        return f"3/{1000 * specification.form_um:.4g} nm"
     rms = form_rms_um(tolerances)
     return f"3/ {GENERAL}" if rms is None else f"3/- RMSt < {_written(1000 * rms)} nm"
 
 
-def centring_code(making: Making, tolerances: Mapping[str, float]) -> str:
-    """Code 4/ of ISO 10110-6: what was said, or half of what was allocated, the mount having the other half."""
-    tilt, away = making.centring_deg, making.centring_mm
+def centring_code(specification: PartSpecification, tolerances: Mapping[str, float]) -> str:
+    """Return code 4/ (ISO 10110-6): specified values, or half of the allocated ones.
+
+    The other half is available to the mount.
+    """
+    tilt, away = specification.centring_deg, specification.centring_mm
     tilt = _half(tolerances, "mirror.tilt_x_deg", "mirror.tilt_y_deg") if tilt is None else tilt
     away = _half(tolerances, "mirror.decentre_x_mm", "mirror.decentre_y_mm") if away is None else away
     if tilt is None and away is None:
@@ -294,12 +301,12 @@ def centring_code(making: Making, tolerances: Mapping[str, float]) -> str:
 
 
 def _half(tolerances: Mapping[str, float], *names: str) -> float | None:
-    told = [tolerances[name] for name in names if tolerances.get(name)]
-    return min(told) / 2 if told else None
+    allocated = [tolerances[name] for name in names if tolerances.get(name)]
+    return min(allocated) / 2 if allocated else None
 
 
 def beam_in_bore_mm(sensor: Sensor) -> float:
-    """Diameter of the light on its way to the lens where it enters the bore, the edge of the pupil with it."""
+    """Compute the diameter of the light beam at the entrance of the bore, including the pupil."""
     assert sensor.secondary is not None
     bore = sensor.secondary.bore_radius_mm
     lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)

@@ -1,1 +1,1 @@
-"""Files for workshops and other programs."""
+"""File formats of single mirrors and sensors: STEP, meshes, OpticStudio files, sag and tool paths."""

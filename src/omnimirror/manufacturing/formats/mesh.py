@@ -1,4 +1,4 @@
-"""STL and 3MF: the solid in triangles that stay within a chord tolerance of the mirror."""
+"""STL and 3MF: triangle mesh of a body within a chord tolerance of the mirror."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ..surface_approximation import chords, deviation_um
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MOST_TRIANGLES = 8_000_000
+MAX_TRIANGLES = 8_000_000
 
 
 def mesh_of(mirror: Mirror, body: Body, tolerance_um: float = 10.0) -> tuple[Array, Indices]:
-    """Vertices (n, 3) in mm and triangles (k, 3), their normals outwards, closed.
+    """Triangulate a body: vertices (n, 3) in mm and triangles (k, 3) of a closed, outward-oriented mesh.
 
-    All vertices of the mirror surface lie on it; half of the tolerance is spent along the meridian and half
-    around the axis, where a chord of the rim lies ``r (1 - cos(pi/n)) sin(beta)`` from the surface.
+    All vertices of the mirror surface are on it. Half of the tolerance is used along the meridian and
+    half around the axis, where a chord at radius r deviates by ``r (1 - cos(pi/n)) sin(beta)``.
 
     Raises
     ------
     InvalidParameter
-        A tolerance that is not above 0, or one that takes more than eight million triangles.
+        If the tolerance is not positive or requires more than eight million triangles.
 
     Examples
     --------
@@ -38,21 +38,21 @@ def mesh_of(mirror: Mirror, body: Body, tolerance_um: float = 10.0) -> tuple[Arr
     True
     """
     if not tolerance_um > 0:
-        raise InvalidParameter(f"chord_tolerance_um = {tolerance_um:g} is not valid; give more than 0 um")
+        raise InvalidParameter(f"chord_tolerance_um must be positive; got {tolerance_um:g}")
     x = chords(mirror, tolerance_um / 2, body.start_mm())
     # the outline ends where the meridian begins
     profile = np.concatenate([np.stack([x, mirror.sag(x)], axis=-1), body.outline(mirror)[1:-1]])
     segments = _segments(mirror, tolerance_um / 2)
-    if 2 * segments * len(profile) > MOST_TRIANGLES:
+    if 2 * segments * len(profile) > MAX_TRIANGLES:
         raise InvalidParameter(
-            f"chord_tolerance_um = {tolerance_um:g} takes {2 * segments * len(profile)} triangles, and at most "
-            f"{MOST_TRIANGLES} are made; choose a larger one"
+            f"chord_tolerance_um must result in at most {MAX_TRIANGLES} triangles; {tolerance_um:g} requires "
+            f"{2 * segments * len(profile)}; use a larger value"
         )
     return turned(profile, segments, closed=body.bore_goes_through)
 
 
 def _segments(mirror: Mirror, tolerance_um: float) -> int:
-    """Steps around the axis; a multiple of four, so that the mesh is as wide as the mirror along x and y."""
+    """Return the number of steps around the axis, a multiple of four for exact extents in x and y."""
     x = np.linspace(0.0, mirror.rim_radius_mm, 1025)
     slope = np.abs(mirror.slope(x))
     reach = float((x * slope / np.sqrt(1 + slope**2)).max())  # r sin(beta)
@@ -64,9 +64,9 @@ def _segments(mirror: Mirror, tolerance_um: float) -> int:
 
 
 def turned(profile: Array, segments: int, closed: bool = False) -> tuple[Array, Indices]:
-    """A profile (n, 2) of (x, z) turned about the axis, its inside to the left of its direction.
+    """Revolve a profile (n, 2) of (x, z) about the axis, with its interior on the left.
 
-    An open profile begins and ends on the axis; a closed one goes round a ring.
+    An open profile starts and ends on the axis; a closed one forms a ring.
 
     >>> vertices, triangles = turned(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), 4)
     >>> vertices.shape, triangles.shape  # a square prism
@@ -96,10 +96,10 @@ def turned(profile: Array, segments: int, closed: bool = False) -> tuple[Array, 
 
 
 def mesh_deviation_um(mirror: Mirror, vertices: Array, triangles: Indices, body: Body) -> float:
-    """Largest distance of the triangles of the mirror surface from the mirror, um, by 91 points on each.
+    """Compute the maximum distance of mesh triangles from the mirror, um, at 91 points per triangle.
 
-    The surface's triangles are those whose corners all lie on it. One step around the axis is looked at: the
-    others are the same turned.
+    Triangles of the mirror surface are those with all corners on it. By symmetry, one step around the
+    axis is sufficient.
     """
     r, rim = np.hypot(vertices[:, 0], vertices[:, 1]), mirror.rim_radius_mm
     azimuth = np.arctan2(vertices[:, 1], vertices[:, 0])
@@ -115,9 +115,9 @@ def mesh_deviation_um(mirror: Mirror, vertices: Array, triangles: Indices, body:
 
 
 def write_mesh(path: Path, mirror: Mirror, body: Body, tolerance_um: float) -> tuple[float, int]:
-    """Write .stl or .3mf as the path's suffix says, in mm; the deviation from the mirror (um) and the triangles.
+    """Write .stl or .3mf in mm; return the deviation from the mirror (um) and the number of triangles.
 
-    The deviation is that of the file: an STL file holds single-precision numbers.
+    The deviation includes the rounding of STL files to single precision.
     """
     import trimesh
     from trimesh.exchange.stl import export_stl

@@ -1,4 +1,9 @@
-"""The sag table: a CSV file that a workshop's programs read, with what it is in its head."""
+"""Sag of a mirror as a CSV table and as an OpticStudio Grid Sag surface.
+
+The CSV file has a header of TOML lines. The first line of a grid sag file is
+``nx ny delx dely unitflag xdec ydec``; each following line contains height, both slopes, mixed
+second derivative and 0 (valid point), row by row from the corner at -x, +y.
+"""
 
 from __future__ import annotations
 
@@ -15,32 +20,39 @@ from ...mirrors import Mirror
 from ...mirrors.base import sagittal_radius, tangential_radius
 from ...sensor import Sensor
 from ..body import mirror_of, omega_of
-from ..surface_approximation import best_sphere, conic_of, deviation_um
+from ..surface_approximation import best_fit_sphere, conic_parameters, deviation_um
 
 Array = NDArray[np.float64]
 
 COLUMNS = (
-    "x_mm", "sag_mm", "omega_deg", "slope", "beta_deg", "curvature_per_mm", "radius_t_mm", "radius_s_mm",
+    "x_mm",
+    "sag_mm",
+    "omega_deg",
+    "slope",
+    "beta_deg",
+    "curvature_per_mm",
+    "radius_t_mm",
+    "radius_s_mm",
     "departure_um",
-)  # fmt: skip
-"""The columns of the table; the first two are what :meth:`SampledProfile.from_csv` reads."""
-MOST_ROWS = 1_000_000
+)
+"""Columns of the table; :meth:`SampledProfile.from_csv` reads the first two."""
+MAX_ROWS = 1_000_000
 CLOSE = 1e-9
-"""Points no farther apart than this share of the rim radius are one."""
+"""Minimum distance of table rows as a fraction of the rim radius."""
 
 
 def table_points(
     sensor: Sensor, step_mm: float | None = None, step_deg: float | None = None, secondary: bool = False
 ) -> Array:
-    """Distances from the axis (n,) mm: every ``step_mm``, or where the field angle grows by ``step_deg``.
+    """Return radii (n,) in mm at steps of ``step_mm``, or at steps of ``step_deg`` in field angle.
 
-    The axis and the rim always belong to them; without a step there are a hundred equal ones along x. They are
-    those of the first mirror, or of the ``secondary``.
+    Axis and rim are always included. The default is 100 equal steps along x. The radii refer to the
+    primary mirror or to the ``secondary``.
 
     Raises
     ------
     InvalidParameter
-        Both steps are given, or one that is not above 0 or makes more than a million rows.
+        If both steps are given, or a step is not positive or results in more than a million rows.
 
     Examples
     --------
@@ -50,7 +62,7 @@ def table_points(
     """
     rim, (low, high) = mirror_of(sensor, secondary).rim_radius_mm, sensor.field_deg
     if step_mm is not None and step_deg is not None:
-        raise InvalidParameter("the table has one step; give step_mm or step_deg, not both")
+        raise InvalidParameter("step_mm and step_deg must not be given together")
     if step_deg is not None:
         omega = np.append(_steps("step_deg", step_deg, low, high), high)
         rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(np.minimum(omega, high))))
@@ -65,42 +77,49 @@ def table_points(
 
 def _steps(name: str, step: float, low: float, high: float) -> Array:
     if not (step > 0 and np.isfinite(step)):
-        raise InvalidParameter(f"{name} = {step:g} is no step; it is valid above 0")
-    if (high - low) / step > MOST_ROWS:
-        raise InvalidParameter(f"{name} = {step:g} makes more than {MOST_ROWS} rows; choose a larger one")
+        raise InvalidParameter(f"{name} must be positive; got {step:g}")
+    if (high - low) / step > MAX_ROWS:
+        raise InvalidParameter(f"{name} must result in at most {MAX_ROWS} rows; got {step:g}; use a larger value")
     return low + step * np.arange(int((high - low) / step) + 1, dtype=float)
 
 
 def sag_table(sensor: Sensor, x_mm: ArrayLike, secondary: bool = False) -> dict[str, Array]:
-    """Columns of the table, each (n,): see :data:`COLUMNS`.
+    """Compute the columns (n,) of the table; see :data:`COLUMNS`.
 
-    ``departure_um`` is from the least-squares sphere, positive where a spherical blank has material to
-    be removed. ``omega_deg`` is what is seen by way of a point, NaN where that is nothing.
+    ``departure_um`` refers to the least-squares sphere and is positive if material has to be removed
+    from a spherical blank. ``omega_deg`` is the field angle of the reflected ray, NaN without one.
     """
     mirror, x = mirror_of(sensor, secondary), np.asarray(x_mm, dtype=float)
     z, slope, curvature = mirror.profile(x)
     values = (
-        x, z, np.degrees(omega_of(sensor, x, secondary)), slope, np.degrees(np.arctan(slope)), curvature,
-        tangential_radius(slope, curvature), sagittal_radius(x, slope, curvature),
-        best_sphere(mirror).departure_um(mirror, x),
-    )  # fmt: skip
+        x,
+        z,
+        np.degrees(omega_of(sensor, x, secondary)),
+        slope,
+        np.degrees(np.arctan(slope)),
+        curvature,
+        tangential_radius(slope, curvature),
+        sagittal_radius(x, slope, curvature),
+        best_fit_sphere(mirror).departure_um(mirror, x),
+    )
     return dict(zip(COLUMNS, values, strict=True))
 
 
 def format_table(sensor: Sensor, x_mm: ArrayLike, digits: int = 6, secondary: bool = False) -> str:
-    """The CSV file: a head of TOML behind ``#``, the names of the columns, and a row per point.
+    """Format the sag table as CSV with a header of TOML comments.
 
     Parameters
     ----------
     digits
-        Decimals of lengths in mm and of angles; slopes and curvatures get three more, micrometres three fewer.
+        Decimals of lengths in mm and of angles; slopes and curvatures have three more, micrometres
+        three fewer.
     secondary
-        Whether it is the table of the second mirror.
+        Tabulate the secondary mirror.
 
     Raises
     ------
     InvalidParameter
-        Digits outside 0 to 15.
+        If digits is not between 0 and 15.
 
     Examples
     --------
@@ -113,7 +132,7 @@ def format_table(sensor: Sensor, x_mm: ArrayLike, digits: int = 6, secondary: bo
     20.000,4.178,53.381
     """
     if not (digits == int(digits) and 0 <= digits <= 15):
-        raise InvalidParameter(f"digits = {digits} is not valid; give a whole number from 0 to 15")
+        raise InvalidParameter(f"digits must be an integer between 0 and 15; got {digits}")
     columns = sag_table(sensor, x_mm, secondary)
     decimals = [_decimals(name, int(digits)) for name in COLUMNS]
     rows = zip(*(columns[name] for name in COLUMNS), strict=True)
@@ -130,9 +149,9 @@ def _decimals(name: str, digits: int) -> int:
 
 
 def _head(sensor: Sensor, points: int, secondary: bool) -> list[str]:
-    """What the file is, line by line of TOML."""
+    """Return the TOML lines of the header."""
     mirror = mirror_of(sensor, secondary)
-    sphere = best_sphere(mirror)
+    sphere = best_fit_sphere(mirror)
     z_axis = "along the axis from the lens towards the mirror, 0 at the vertex"
     return [
         'format = "omnimirror sag table 1"',
@@ -145,15 +164,15 @@ def _head(sensor: Sensor, points: int, secondary: bool) -> list[str]:
         *_place_lines(sensor, secondary),
         f"points = {points}",
         f'sag = "{z_axis}"',
-        f"best_sphere_radius_mm = {sphere.radius_mm:.9g}",
-        f"best_sphere_centre_z_mm = {sphere.centre_z_mm:.9g}",
+        f"best_fit_sphere_radius_mm = {sphere.radius_mm:.9g}",
+        f"best_fit_sphere_centre_z_mm = {sphere.centre_z_mm:.9g}",
         f"departure_peak_to_valley_um = {sphere.peak_to_valley_um:.6g}",
         f"departure_rms_um = {sphere.rms_um:.6g}",
     ]
 
 
 def _place_lines(sensor: Sensor, secondary: bool) -> list[str]:
-    """Which of two mirrors it is."""
+    """Return the role of the mirror in a folded sensor."""
     if sensor.secondary is None:
         return []
     role = "secondary" if secondary else "primary"
@@ -161,8 +180,8 @@ def _place_lines(sensor: Sensor, secondary: bool) -> list[str]:
 
 
 def _vertex_lines(mirror: Mirror) -> list[str]:
-    """Vertex radius and conic constant, where the mirror has them."""
-    conic = conic_of(mirror)
+    """Return vertex radius and conic constant if the mirror has them."""
+    conic = conic_parameters(mirror)
     if mirror.is_pointed:
         return ["pointed = true"]
     k = conic[1] if conic else getattr(mirror, "conic", None)
@@ -171,28 +190,28 @@ def _vertex_lines(mirror: Mirror) -> list[str]:
 
 
 MARGIN = 2
-"""Cells past the rim, so that those which hold it have all their corners."""
+"""Cells beyond the rim, which complete the cells that the rim crosses."""
 
 
 def grid_axis(mirror: Mirror, points: int) -> Array:
-    """Coordinates (points,) mm of the grid along each side, symmetric about the axis.
+    """Return the coordinates (points,) in mm along each side of the grid, symmetric about the axis.
 
     Raises
     ------
     InvalidParameter
-        Fewer than 9 or more than 2049 points, or an even number: one must lie on the axis.
+        If the number of points is even or not between 9 and 2049; one point must be on the axis.
     """
     if not (points == int(points) and points % 2 and 9 <= points <= 2049):
-        raise InvalidParameter(f"grid_points = {points} is not valid; give an odd number from 9 to 2049")
+        raise InvalidParameter(f"grid_points must be an odd number between 9 and 2049; got {points}")
     half = points // 2
     return mirror.rim_radius_mm / (half - MARGIN) * np.arange(-half, half + 1, dtype=float)
 
 
 def grid_sag(mirror: Mirror, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Height (mm), slopes along x and y, and mixed derivative (1/mm) of the mirror at points (x, y) in mm.
+    """Compute height (mm), slopes along x and y, and mixed derivative (1/mm) at points (x, y) in mm.
 
-    Past the rim the mirror is continued by the first four terms of its Taylor series there; no light goes
-    there, but a program interpolates up to the rim with it. At a pointed apex the slopes are 0.
+    Beyond the rim, the mirror is extrapolated by a third-order Taylor series, which programs need to
+    interpolate up to the rim. The slopes at a pointed apex are 0.
 
     >>> from omnimirror.mirrors import Paraboloid
     >>> [float(v) for v in grid_sag(Paraboloid(50.0, 20.0), np.array(3.0), np.array(4.0))]
@@ -211,7 +230,7 @@ def grid_sag(mirror: Mirror, x: Array, y: Array) -> tuple[Array, Array, Array, A
 
 
 def format_grid_sag(mirror: Mirror, points: int = 257) -> str:
-    """The text of the .DAT file.
+    """Format the grid sag file.
 
     >>> from omnimirror.mirrors import Sphere
     >>> lines = format_grid_sag(Sphere(50.0, 40.0), 9).splitlines()
@@ -229,9 +248,10 @@ def format_grid_sag(mirror: Mirror, points: int = 257) -> str:
 
 
 def grid_deviation_um(mirror: Mirror, points: int) -> float:
-    """Largest distance of the bicubic surface through the grid from the mirror, um, by 25 points of each cell.
+    """Compute the maximum distance of the bicubic surface from the mirror, um, at 25 points per cell.
 
-    A cell's bicubic Hermite patch is the product of two cubic ones. By symmetry a quarter of the grid is enough.
+    The bicubic Hermite patch of a cell is the product of two cubic interpolations. By symmetry, a
+    quarter of the grid is sufficient.
     """
     axis = grid_axis(mirror, points)[points // 2 :]
     h = float(axis[1] - axis[0])
@@ -247,7 +267,7 @@ def grid_deviation_um(mirror: Mirror, points: int) -> float:
 
 
 def _between(f: Array, rate: Array, t: float, h: float, along: int) -> Array:
-    """Cubic Hermite interpolation a share t of the way from each line of points to the next."""
+    """Interpolate between adjacent grid lines by cubic Hermite polynomials at a fraction t."""
     here, there = (slice(None, -1), slice(None)), (slice(1, None), slice(None))
     if along:
         here, there = here[::-1], there[::-1]
@@ -257,13 +277,13 @@ def _between(f: Array, rate: Array, t: float, h: float, along: int) -> Array:
 
 
 def _third_derivative(mirror: Mirror) -> float:
-    """d3z/dx3 (1/mm^2) at the rim, by a one-sided difference of the curvature."""
+    """Estimate d3z/dx3 (1/mm^2) at the rim by a one-sided difference of the curvature."""
     step = 1e-3 * mirror.rim_radius_mm
     c = mirror.curvature(mirror.rim_radius_mm - step * np.arange(3.0))
     return float((3 * c[0] - 4 * c[1] + c[2]) / (2 * step))
 
 
 def write_grid_sag(path: Path, mirror: Mirror, points: int) -> float:
-    """Write the .DAT file; how far the bicubic surface through it lies from the mirror, um."""
+    """Write the grid sag file and return the deviation of its bicubic surface from the mirror, um."""
     path.write_text(format_grid_sag(mirror, points), encoding="ascii", newline="")
     return grid_deviation_um(mirror, points)

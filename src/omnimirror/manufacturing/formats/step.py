@@ -1,4 +1,6 @@
-"""STEP: the mirror as an exact solid, its meridian a circle, a conic, a line or a spline turned about the axis."""
+"""STEP: exact solid of a mirror, its meridian (circle, conic, line or spline) revolved about the
+axis.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +16,19 @@ from ... import __version__
 from ...escaping import step_string
 from ...mirrors import Mirror
 from ..body import Body
-from ..surface_approximation import ProfileCurve, curve_of
+from ..surface_approximation import ProfileCurve, profile_curve
 
 
 def solid_of(mirror: Mirror, body: Body) -> tuple[Any, ProfileCurve]:
-    """The solid, a ``TopoDS_Shape`` in the mirror's own frame in mm, and the curve that its surface is made of.
+    """Create the solid, a ``TopoDS_Shape`` in mm in the mirror frame, and the curve of its surface.
 
-    The half-section is drawn in the plane y = 0 and turned once about z.
+    The half-section in the plane y = 0 is revolved about z.
     """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
     from OCP.gp import gp
 
-    curve = curve_of(mirror, body.start_mm())
+    curve = profile_curve(mirror, body.start_mm())
     corners = [_point(x, z) for x, z in body.outline(mirror)]
     wire = BRepBuilderAPI_MakeWire(_edge(curve))
     for start, end in pairwise(corners):
@@ -36,12 +38,12 @@ def solid_of(mirror: Mirror, body: Body) -> tuple[Any, ProfileCurve]:
 
 
 def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurve:
-    """Write the solid, with the deviation of its surface in the file's description.
+    """Write the solid; the file description states the deviation of its surface.
 
     Raises
     ------
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_ReturnStatus
@@ -79,7 +81,7 @@ def _point(x: float, z: float) -> Any:
 
 
 def _edge(curve: ProfileCurve) -> Any:
-    """The meridian as an edge from the axis to the rim."""
+    """Create the edge of the meridian from the axis to the rim."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
     from OCP.gp import gp_Ax2, gp_Circ, gp_Dir
 
@@ -113,7 +115,7 @@ def _spline(curve: ProfileCurve) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """OpenCASCADE reports its transfers on the terminal; for the while of a block only its failures."""
+    """Suppress messages of OpenCASCADE except failures."""
     from OCP.Message import Message, Message_Gravity
 
     printers = list(Message.DefaultMessenger_s().Printers())

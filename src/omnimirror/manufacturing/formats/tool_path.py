@@ -1,12 +1,12 @@
-"""The path of a round-nosed tool that turns a mirror on a lathe, and the files that machines read of it.
+"""Tool paths of a round-nosed tool for turning a mirror, as G-code or as a list of points.
 
-A tool of nose radius r that touches the surface at x has its centre r away along the surface's normal. A machine goes
-straight from point to point; how far its centre leaves the curve of all such centres is how far the surface it cuts
-lies from the mirror. Points are as close together as that asks for.
+If a tool of nose radius r touches the surface at x, its centre is at distance r along the surface
+normal. Machines move the tool in straight lines between points; the distance of the moving centre
+from the offset curve is the form error of the cut surface and determines the point spacing.
 
-The machine's frame: X is the distance from the spindle's axis, Z grows from the work towards the tool, and (0, 0) is
-where the tool touches the vertex. X and Z are those of the tool's lowest point, as lathes count them: of the centre,
-less r in Z.
+Machine frame: X is the distance from the spindle axis, Z increases from the workpiece to the tool,
+and (0, 0) is the contact at the vertex. X and Z refer to the lowest point of the nose, as is usual
+for lathes: the centre minus r in Z.
 """
 
 from __future__ import annotations
@@ -24,40 +24,40 @@ from ...errors import InvalidParameter
 from ...escaping import gcode_comment, line_comment
 from ...mirrors import Mirror
 from ...parameters import Parameter
-from ..surface_approximation import steps_of
+from ..surface_approximation import step_density
 
 Array = NDArray[np.float64]
 
 FINE = 8193  # points of the meridian by which steps are chosen
 SHARE = 0.8  # of the tolerance that steps may use; the rest is for rounding and for what curvature does within a step
 BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]  # places along each step where its distance is taken
-LEAST_STEPS = 8
+MIN_STEPS = 8
 ROUNDS = 6  # of Newton's method, which has no more than rounding left after three
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A round-nosed tool, and how it is led over the work.
+    """Round-nosed tool and its cutting parameters.
 
     Parameters
     ----------
     radius_mm
-        Of its nose.
+        Nose radius.
     feed_um
-        Along the surface in a turn of the spindle.
+        Feed along the surface per revolution.
     tolerance_nm
-        How far the path may leave the curve that makes the mirror.
+        Maximum distance of the path from the offset curve of the mirror.
     spindle_rpm
-        Turns of the spindle a minute.
+        Spindle speed.
     clearance_mm
-        Between tool and work before and after.
+        Distance between tool and workpiece before and after the cut.
     x_is_diameter
-        Whether the machine counts X as a diameter.
+        Whether the machine interprets X as a diameter.
 
     Raises
     ------
     InvalidParameter
-        A value outside its range.
+        If a value is out of range.
 
     Examples
     --------
@@ -86,24 +86,30 @@ class Tool:
             parameter.check(name, getattr(self, name))
 
     def cusp_nm(self, curvature_per_mm: float) -> float:
-        """Height from crest to trough of what the nose leaves where the meridian bends so, f^2 / 8 (1/r + 1/R)."""
+        """Compute the peak-to-valley height of cusps for a meridional curvature, f^2 / 8 (1/r +
+        1/R).
+        """
         return 1e6 * (1e-3 * self.feed_um) ** 2 / 8 * (1 / self.radius_mm + curvature_per_mm)
 
 
 @dataclass(frozen=True)
 class ToolPath:
-    """Points of a tool's way from the rim to the axis, n of them.
+    """Points (n,) of the tool from the rim to the axis.
 
     Attributes
     ----------
     contact_mm : (n,)
-        Distances from the axis where it touches the mirror.
+        Radii of the points of contact.
     x_mm, z_mm : (n,)
-        The point of the tool that is lowest along Z, in the machine's frame.
-    deviation_nm : how far the surface that is cut lies from the mirror at most
-    edge_deg : (least, most) angle from Z of the nose where it cuts: as far round the edge must be good
-    cusp_nm : largest height from crest to trough that the feed leaves
-    length_mm : of the way over the surface
+        Lowest point of the nose in the machine frame.
+    deviation_nm
+        Maximum distance of the cut surface from the mirror.
+    edge_deg : (minimum, maximum)
+        Angular range of the used cutting edge, from Z.
+    cusp_nm
+        Maximum peak-to-valley height of cusps.
+    length_mm
+        Length of the path over the surface.
     """
 
     tool: Tool
@@ -117,30 +123,30 @@ class ToolPath:
 
     @property
     def minutes(self) -> float:
-        """How long a cut takes."""
+        """Duration of one cut in minutes."""
         return self.length_mm / (1e-3 * self.tool.feed_um * self.tool.spindle_rpm)
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Summary of the path."""
         low, high = self.edge_deg
         return (
-            f"{len(self.x_mm)} points of a tool of {self.tool.radius_mm:g} mm, edge from {low:.1f} to {high:.1f} deg, "
-            f"cusps of {self.cusp_nm:.2g} nm, {self.minutes:.0f} min a cut"
+            f"{len(self.x_mm)} points, nose radius {self.tool.radius_mm:g} mm, edge from {low:.1f} to {high:.1f} deg, "
+            f"cusps of {self.cusp_nm:.2g} nm, {self.minutes:.0f} min per cut"
         )
 
 
 @checked
 def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> ToolPath:
-    """The way of a tool's nose over a mirror, from the rim to the axis.
+    """Compute the path of the tool nose over a mirror, from the rim to the axis.
 
     Parameters
     ----------
     mirror
     tool : optional
-        By default ``Tool()``.
+        Tool, by default ``Tool()``.
     digits
-        Decimals of a millimetre that the machine is told.
+        Decimals of a millimetre in the machine file.
 
     Returns
     -------
@@ -149,7 +155,8 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
     Raises
     ------
     InvalidParameter
-        A nose too round for a hollow of the mirror, or decimals too few for the tolerance.
+        If the nose radius exceeds a concave radius of the mirror, or the decimals are too few for the
+        tolerance.
 
     Examples
     --------
@@ -164,9 +171,9 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
     rounding_nm = 1e6 * 10.0**-digits / np.sqrt(2)  # of X and Z together
     if rounding_nm > (1 - SHARE) * tool.tolerance_nm:
         raise InvalidParameter(
-            f"digits = {digits} rounds by up to {rounding_nm:.2g} nm, too coarse for tolerance_nm = "
-            f"{tool.tolerance_nm:g}; give more digits, or a tolerance of at least "
-            f"{rounding_nm / (1 - SHARE):.2g} nm"
+            f"tolerance_nm must be at least {rounding_nm / (1 - SHARE):.2g} for digits = {digits}, which rounds "
+            "by up to "
+            f"{rounding_nm:.2g} nm; got {tool.tolerance_nm:g}; increase digits or the tolerance"
         )
     fine = np.linspace(0.0, mirror.rim_radius_mm, FINE)
     _, slope, bend = mirror.profile(fine)
@@ -188,39 +195,42 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
 
 
 def _check_hollows(tool: Tool, x: Array, curvature: Array) -> None:
-    """A nose fits everywhere if it fits each hollow by itself: it then bends away from the surface on both sides
-    faster than the surface can follow."""
+    """Raise an error if the nose is larger than a concave radius of curvature of the meridian.
+
+    A nose that fits the smallest concave radius fits everywhere, as it then curves away from the
+    surface on both sides.
+    """
     deepest = int(np.argmin(curvature))
     if curvature[deepest] < 0 and -curvature[deepest] * tool.radius_mm >= 1:
         raise InvalidParameter(
-            f"radius_mm = {tool.radius_mm:g} mm is too round for the hollow at x = {x[deepest]:.4g} mm; it is valid "
-            f"below {-1 / curvature[deepest]:.4g} mm"
+            f"radius_mm must be less than the concave radius {-1 / curvature[deepest]:.4g} mm of the mirror at x = "
+            f"{x[deepest]:.4g} mm; got {tool.radius_mm:g}"
         )
 
 
 def _contacts(tool: Tool, x: Array, slope: Array, curvature: Array) -> Array:
-    """Distances from the axis, growing, between which the tool's centre may go straight.
+    """Return increasing radii between which the tool centre can move in straight lines.
 
-    A chord c of a curve of radius R leaves it by c^2 / (8 R); the curve of the centres has the radius R + r, and its
-    arcs are (R + r) / R as long as those of the mirror. A pointed apex is a point of the path like others.
+    A chord of length c deviates by c^2 / (8 R) from a curve of radius R. The offset curve has the
+    radius R + r, and its arcs are longer by (R + r) / R. A pointed apex is an ordinary point.
     """
     per_arc = np.sqrt(np.abs(curvature) * np.abs(1 + tool.radius_mm * curvature) / (8e-6 * SHARE * tool.tolerance_nm))
-    total, share = steps_of(x, np.sqrt(1 + slope**2) * per_arc)
-    steps: Array = np.interp(np.linspace(0.0, 1.0, max(total, LEAST_STEPS) + 1), share, x)
+    total, share = step_density(x, np.sqrt(1 + slope**2) * per_arc)
+    steps: Array = np.interp(np.linspace(0.0, 1.0, max(total, MIN_STEPS) + 1), share, x)
     return steps
 
 
 def _lowest(mirror: Mirror, radius: float, x: Array) -> tuple[Array, Array]:
-    """X and Z of the point of the tool that is lowest, where it touches the mirror at x (n,)."""
+    """Return X and Z of the lowest point of the nose for contacts at radii x (n,)."""
     sag, slope, _ = mirror.profile(x)
     up = 1 / np.sqrt(1 + slope**2)
     return x + radius * slope * up, radius * (up - 1) - sag
 
 
 def _worst_nm(mirror: Mirror, radius: float, contact: Array, x: Array, z: Array) -> float:
-    """Largest distance of the straight pieces between points (n,) from the curve of the tool, nm.
+    """Compute the maximum distance of straight segments between points (n,) from the offset curve, nm.
 
-    Of each place the point of contact is sought whose normal goes through it.
+    For each position, Newton's method finds the point of contact whose normal passes through it.
     """
     along = np.concatenate([[0.0], BETWEEN, [1.0]])[:, None]
     at_x, at_z = x[:-1] + along * np.diff(x), z[:-1] + along * np.diff(z) + radius
@@ -238,13 +248,13 @@ def _worst_nm(mirror: Mirror, radius: float, contact: Array, x: Array, z: Array)
 
 
 def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
-    """The path as a program of G-code: in from the rim along its tangent, over the surface to the axis, and up.
+    """Format the path as G-code: tangential approach at the rim, cut to the axis, retraction.
 
     Parameters
     ----------
     path
     name
-        Of the part, for its head.
+        Name of the part for the header.
     digits
         Decimals of a millimetre.
 
@@ -269,10 +279,10 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
         f"(omnimirror tool path of {gcode_comment(name)})",
         f"(omnimirror {__version__})",
         f"(nose radius {tool.radius_mm:g} mm; X and Z of its lowest point; X is a {counted})",
-        "(Z grows from the work towards the tool; 0 where the nose touches the vertex)",
+        "(Z increases from the workpiece to the tool; 0 at the contact with the vertex)",
         f"(edge used from {path.edge_deg[0]:g} to {path.edge_deg[1]:g} deg from Z)",
         f"(cut surface within {path.deviation_nm:.3g} nm of the mirror; cusps of {path.cusp_nm:.3g} nm)",
-        f"(one finishing cut of {path.minutes:.3g} min; no roughing, no tool wear, no spindle error in it)",
+        f"(one finishing cut of {path.minutes:.3g} min; roughing, tool wear and spindle error are not included)",
         "G21 G18 G90",
         f"G97 S{tool.spindle_rpm:g} M3",
         f"G0 Z{top:.{digits}f}",
@@ -285,13 +295,13 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
 
 
 def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
-    """The path as a list: where the tool touches the mirror, and its lowest point, with tabs between columns.
+    """Format the path as tab-separated points of contact and of the lowest point of the nose.
 
     Parameters
     ----------
     path
     name
-        Of the part, for its head.
+        Name of the part for the header.
     digits
         Decimals of a millimetre.
 
@@ -311,7 +321,7 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
 
 
 def write_tool_path(path: Path, mirror: Mirror, tool: Tool, name: str, digits: int, listed: bool) -> ToolPath:
-    """Write the program, or the list of points if ``listed``."""
+    """Write G-code, or the list of points if ``listed``."""
     way = tool_path(mirror, tool, digits=digits)
     text = (format_points if listed else format_gcode)(way, name, digits)
     path.write_text(text, encoding="utf-8", newline="")

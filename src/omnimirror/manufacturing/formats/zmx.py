@@ -1,12 +1,13 @@
-"""OpticStudio: the sensor as a sequential .zmx file, traced from the imager through the lens onto the mirror.
+"""OpticStudio: the sensor as a sequential .zmx file, traced from the imager through the lens to the mirror.
 
-Field angles beyond 90 degrees cannot be given to a sequential program from the outside, so the light runs
-backwards. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a paraxial
-surface), 2 the mirror, 3 the same shape again without an effect: there the direction of a ray, not its
-place, is that in which the sensor looks. A second mirror comes between 1 and 2, and the first one is then met
-the other way round. Our z runs from the lens towards the mirror as theirs does, so a
-convex mirror has a positive radius. Mirrors that eight terms do not follow are extended aspheres, whose
-terms stand in extra data: their number, the normalization radius, and the coefficients in mm.
+Sequential programs do not accept object-side field angles beyond 90 deg, so that the light path is
+reversed. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a
+paraxial surface), 2 the mirror, and 3 a dummy surface of the same shape, after which the ray
+directions are the viewing directions of the sensor. A secondary mirror is inserted between 1 and
+2, and the primary mirror is then traversed in the opposite direction. z points from the lens to
+the mirror in both conventions, so that convex mirrors have positive radii. Mirrors that eight
+terms do not represent are extended aspheres with extra data: number of terms, normalization
+radius, and coefficients in mm.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ from ...housing import wall_words
 from ...lenses import GaussianLens, Orthographic
 from ...sensor import Sensor
 from ...tracing.meridian import ChiefRays
-from ..surface_approximation import Asphere, asphere_of
+from ..surface_approximation import Asphere, fit_asphere
 
 Array = NDArray[np.float64]
 
 FIELDS = 7
-"""Field angles in equal steps from the axis to the rim."""
+"""Number of field points, in equal steps of the field angle from the axis to the rim."""
 WAVELENGTH_UM = 0.55
 
 
 def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str:
-    """The text of the .zmx file; ``aspheres`` stand for the mirrors, the first one first.
+    """Format the .zmx file; ``aspheres`` represent the mirrors, the primary mirror first.
 
     Examples
     --------
@@ -43,7 +44,7 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
     >>> [line.split()[1] for line in text.splitlines() if line.startswith("  TYPE")]
     ['STANDARD', 'PARAXIAL', 'EVENASPH', 'EVENASPH']
     """
-    aspheres = aspheres_of(sensor) if aspheres is None else aspheres
+    aspheres = fit_aspheres(sensor) if aspheres is None else aspheres
     lines = [
         "VERS 181107 0 0 0 0",
         "MODE SEQ",
@@ -57,20 +58,22 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
 
 
 def write_zmx(path: Path, sensor: Sensor) -> list[Asphere]:
-    """Write the file in UTF-16, as OpticStudio does; the aspheres that stand for the mirrors, the first one first."""
-    aspheres = aspheres_of(sensor)
+    """Write the file in UTF-16, as OpticStudio does, and return the aspheres, the primary mirror
+    first.
+    """
+    aspheres = fit_aspheres(sensor)
     path.write_bytes(format_zmx(sensor, aspheres).replace("\n", "\r\n").encode("utf-16"))
     return aspheres
 
 
-def aspheres_of(sensor: Sensor) -> list[Asphere]:
-    """What stands for the first mirror, and for the second one."""
+def fit_aspheres(sensor: Sensor) -> list[Asphere]:
+    """Represent the primary mirror, and the secondary mirror if present, as aspheres."""
     second = [] if sensor.secondary is None else [sensor.secondary.mirror]
-    return [asphere_of(mirror) for mirror in (sensor.mirror, *second)]
+    return [fit_asphere(mirror) for mirror in (sensor.mirror, *second)]
 
 
 def field_angles(sensor: Sensor) -> Array:
-    """Field angles (n,) of the file's field points, degrees; the tip of a pointed mirror has no direction."""
+    """Return the field angles (n,) of the field points in deg, without the tip of a pointed mirror."""
     start = int(sensor.mirror.is_pointed)
     return np.linspace(*sensor.field_deg, FIELDS + start)[start:]
 
@@ -110,7 +113,7 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
 
 
 def _field_rays(sensor: Sensor) -> ChiefRays:
-    """Return the chief rays of the field points."""
+    """Trace the chief rays of the field points."""
     return sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
 
 
@@ -125,7 +128,7 @@ def _deviation(asphere: Asphere) -> str:
 
 
 def _system(sensor: Sensor) -> list[str]:
-    """Aperture, field points and wavelength."""
+    """Return the lines of aperture, field points and wavelength."""
     rays = _field_rays(sensor)
     if sensor.lens.TELECENTRIC:
         wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
@@ -153,12 +156,12 @@ def _system(sensor: Sensor) -> list[str]:
 
 def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     second, m = sensor.secondary, sensor.meridian.m
-    seen = sensor.mirror if second is None else second.mirror
+    facing = sensor.mirror if second is None else second.mirror
     if sensor.lens.TELECENTRIC:
         # the object is the plane in focus, behind the vertex; the stop of a telecentric lens is at infinity
-        to_mirror = 2 * seen.rim_radius_mm
+        to_mirror = 2 * facing.rim_radius_mm
         first = ["  COMM plane in focus", *_flat(-(sensor.lens.focus_distance_mm + to_mirror), 0.0)]
-        stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, seen.rim_radius_mm)]
+        stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, facing.rim_radius_mm)]
     else:
         lens = cast(GaussianLens, sensor.lens)
         to_mirror = (m if second is None else m - second.distance_mm) - lens.pupil.at_mm
@@ -181,8 +184,12 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
 
 def _mirror(name: str, asphere: Asphere, to_next: float, rim: float) -> list[str]:
     return [
-        f"  COMM {name}", *_shape(asphere), "  GLAS MIRROR 0 0 1.5 40", f"  DISZ {_number(to_next)}", _diameter(rim)
-    ]  # fmt: skip
+        f"  COMM {name}",
+        *_shape(asphere),
+        "  GLAS MIRROR 0 0 1.5 40",
+        f"  DISZ {_number(to_next)}",
+        _diameter(rim),
+    ]
 
 
 def _diameter(radius: float) -> str:
@@ -190,7 +197,7 @@ def _diameter(radius: float) -> str:
 
 
 def _shape(asphere: Asphere) -> list[str]:
-    """The mirror's own lines, the same for both surfaces that have its shape."""
+    """Return the lines of a mirror shape, used by the mirror and the dummy surface."""
     lines = [f"  CURV {_number(asphere.curvature)} 0 0 0 0", f"  CONI {_number(asphere.conic)}"]
     if asphere.is_extended:
         data = (float(len(asphere.coefficients)), asphere.normalization_mm, *asphere.coefficients)
@@ -203,10 +210,10 @@ def _shape(asphere: Asphere) -> list[str]:
 
 
 def _flat(thickness: float, radius: float, kind: str = "STANDARD") -> list[str]:
-    """A flat surface: the distance to the next one and its own radius, mm."""
+    """Return the lines of a plane surface with the distance to the next one and its radius, mm."""
     return [f"  TYPE {kind}", "  CURV 0 0 0 0 0", f"  DISZ {_number(thickness)}", _diameter(radius)]
 
 
 def _number(value: float) -> str:
-    """As many digits as bring the same double back, and 0 as 0."""
+    """Format a number so that it is restored exactly, and zero as 0."""
     return repr(float(value)) if value else "0"

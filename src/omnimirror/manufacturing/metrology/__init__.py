@@ -1,1 +1,1 @@
-"""What a mirror that was made is, from points that were measured on it, and what that does to the picture."""
+"""Metrology of manufactured mirrors: measurement files, alignment, form error and Forbes aspheres."""

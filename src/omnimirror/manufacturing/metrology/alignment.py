@@ -1,9 +1,9 @@
-"""Position of a measured mirror in the machine: the rigid motion that aligns its points with the nominal mirror.
+"""Alignment of measured points with the nominal mirror by a rigid motion.
 
-Distances along the normal are minimised by least squares with outlier rejection. Rotationally symmetric departures of
-the mirror are estimated beside the motion, so that a mirror with another radius is neither tilted nor shifted by them.
-A sphere has no axis: its rotation stays that of the machine, or follows the outline of the points, and its radius is
-estimated.
+Distances along the normal are minimised by least squares with outlier rejection. Rotationally
+symmetric departures are estimated simultaneously, so that a radius error causes neither tilt nor
+shift. A sphere has no axis: its rotation is that of the machine or follows the outline of the
+points, and its radius is estimated.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ROUNDS = 60
-LEAST_WIDE = 0.2  # of the rim radius, across
+MIN_WIDTH = 0.2  # of the rim radius, across
 CENTRINGS = 3  # of what no distance tells, by the outline
 DONE = 1e-10  # of the rim radius, a step that is none
 UNDETERMINED = 1e-4  # of the best determined motion: a motion that changes distances less is left alone
@@ -42,33 +42,33 @@ FOOT_POINTS = 4001  # of the table of probe centres over the mirror
 
 @dataclass(frozen=True)
 class Alignment:
-    """Points in the frame of the mirror, and the motion that brings them there.
+    """Points in the frame of the mirror, and the motion to this frame.
 
     Attributes
     ----------
     points : (n, 3)
-        mm, vertex at the origin, z away from the lens.
+        Points in mm, vertex at the origin, z away from the lens.
     distance_mm : (n,)
-        From the mirror along its normal, positive away from the lens; NaN past the rim.
-    turned_over
-        Whether the machine's z grows towards the tool: its axes were turned about x.
+        Distance from the mirror along its normal, positive away from the lens; NaN beyond the rim.
+    is_inverted
+        Whether the machine's z points towards the tool; its axes were rotated by 180 deg about x.
     vertex_mm : (3,)
-        In the machine's axes, or these turned over.
+        Vertex in the machine frame (rotated if ``is_inverted``).
     tilt_deg : (2,)
-        Of the mirror's axis about the same x and y.
+        Tilt of the mirror axis about x and y of this frame.
     free : (k, 5)
-        Motions that the points do not determine, such as the rotation of a sphere about its centre; they were left out.
+        Motions that the points do not determine, such as the rotation of a sphere about its centre.
     radius_mm, radius_sigma_mm
-        Of the sphere that fits the points, with its standard uncertainty; None of mirrors that are no sphere.
+        Radius of the best-fit sphere and its standard uncertainty; None for aspheres.
     is_profile
-        Whether the points lie in one plane through the axis.
+        Whether the points are in one plane through the axis.
     is_centred_by_outline
-        Whether the outline of the points gave the axis, because distances do not determine it.
+        Whether the outline of the points determines the axis, because distances do not.
     """
 
     points: Array = field(repr=False)
     distance_mm: Array = field(repr=False)
-    turned_over: bool
+    is_inverted: bool
     vertex_mm: Array
     tilt_deg: Array
     free: Array = field(repr=False)
@@ -79,25 +79,25 @@ class Alignment:
 
 
 def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radius_mm: float = 0.0) -> Alignment:
-    """Align points (n, 3) mm with a mirror by least squares of their distances, with outlier rejection.
+    """Align points (n, 3) in mm with a mirror by robust least squares.
 
-    Points of one plane through the axis are a profile; only its motions in that plane are estimated.
+    For points in one plane through the axis (a profile), only motions in that plane are estimated.
 
     Parameters
     ----------
     mirror
         Nominal mirror.
     points : (n, 3)
-        In the machine's axes; centres of the probe where that has a radius.
+        Points in the machine frame; centres of the probe ball if it has a radius.
     source
         Name of the points in messages.
     probe_radius_mm
-        Radius of the probe's ball, which touches the mirror from the side of the lens.
+        Radius of the probe ball, which touches the mirror from the side of the lens.
 
     Raises
     ------
     OmnimirrorError
-        Points that are not of this mirror; the message states the cause.
+        If the points do not match the mirror; the message states the cause.
     """
     rim = mirror.rim_radius_mm
     line = _Line.through(points)
@@ -105,33 +105,41 @@ def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radi
         points = line.flattened(points)
     _check_extent(mirror, points, source, is_profile=line is not None)
     middle = np.median(points, axis=0)
-    p, turned_over, start = _upright(mirror, points - middle, source)
-    upright = p + middle * ([1.0, -1.0, -1.0] if turned_over else 1.0)
-    vertex = start + middle * ([1.0, -1.0, -1.0] if turned_over else 1.0)
+    p, is_inverted, start = _upright(mirror, points - middle, source)
+    upright = p + middle * ([1.0, -1.0, -1.0] if is_inverted else 1.0)
+    vertex = start + middle * ([1.0, -1.0, -1.0] if is_inverted else 1.0)
     allowed = [0, 2, 4] if line is not None else [0, 1, 2, 3, 4]
     fit = _Sphere if _is_spherical(mirror) else _General
-    pose, found = fit.aligned(mirror, _Pose(upright - vertex, np.eye(3), vertex), allowed, source, probe_radius_mm)
+    pose, result = fit.aligned(mirror, _Pose(upright - vertex, np.eye(3), vertex), allowed, source, probe_radius_mm)
     for _ in range(CENTRINGS if probe_radius_mm else 0):
         centres = (upright - pose.vertex) @ pose.turn.T
-        touched = fit.touched(mirror, centres, probe_radius_mm, found)
-        pose, found = fit.aligned(mirror, pose._replace(points=touched), allowed, source)
+        touched = fit.touched(mirror, centres, probe_radius_mm, result)
+        pose, result = fit.aligned(mirror, pose._replace(points=touched), allowed, source)
     p = pose.points
-    distance, _, seen = distances(mirror, p)
-    _check_likeness(mirror, points, distance, seen, source, is_profile=line is not None)
+    distance, _, visible = distances(mirror, p)
+    _check_likeness(mirror, points, distance, visible, source, is_profile=line is not None)
     if line is not None and not (p[:, 0].min() < -BOTH_SIDES * rim and p[:, 0].max() > BOTH_SIDES * rim):
         raise OmnimirrorError(
-            f"{source} is a profile from {p[:, 0].min():.4g} to {p[:, 0].max():.4g} mm beside the axis; a profile must "
-            "cover both sides of the axis"
+            f"{source} must cover both sides of the axis; got a profile from {p[:, 0].min():.4g} to "
+            f"{p[:, 0].max():.4g} mm"
         )
     axis = pose.turn.T @ [0.0, 0.0, 1.0]  # of the mirror, as the machine sees it
     tilt = np.degrees([-np.arctan2(axis[1], axis[2]), np.arctan2(axis[0], axis[2])])
     vertex = pose.vertex
     if line is not None:
-        vertex, tilt = line.unflattened(vertex, tilt, turned_over)
+        vertex, tilt = line.unflattened(vertex, tilt, is_inverted)
     return Alignment(
-        p, np.where(seen, distance, np.nan), turned_over, vertex, tilt, found.free, found.radius, found.sigma,
-        line is not None, found.by_outline,
-    )  # fmt: skip
+        p,
+        np.where(visible, distance, np.nan),
+        is_inverted,
+        vertex,
+        tilt,
+        result.free,
+        result.radius,
+        result.sigma,
+        line is not None,
+        result.by_outline,
+    )
 
 
 def is_line(points: Array) -> bool:
@@ -140,7 +148,7 @@ def is_line(points: Array) -> bool:
 
 
 class _Line(NamedTuple):
-    """Line in the machine's x-y plane along which a profile was measured: a point, and a unit vector (2,)."""
+    """Line of a profile in the machine's x-y plane: a point and a unit vector (2,)."""
 
     origin: Array
     along: Array
@@ -160,35 +168,39 @@ class _Line(NamedTuple):
         x = points[:, :2] @ self.along
         return np.column_stack([x, np.zeros(len(x)), points[:, 2]])
 
-    def unflattened(self, vertex: Array, tilt_deg: Array, turned_over: bool) -> tuple[Array, Array]:
-        """Return vertex (3,) and tilt (2,) in the machine's axes, or these turned over about x."""
-        flip = np.array([1.0, -1.0 if turned_over else 1.0])
+    def unflattened(self, vertex: Array, tilt_deg: Array, is_inverted: bool) -> tuple[Array, Array]:
+        """Return vertex (3,) and tilt (2,) in the machine frame, rotated by 180 deg about x if
+        ``is_inverted``.
+        """
+        flip = np.array([1.0, -1.0 if is_inverted else 1.0])
         (ux, uy), place = self.along * flip, (self.origin + vertex[0] * self.along) * flip
         return np.append(place, vertex[2]), tilt_deg[1] * np.array([-uy, ux])
 
 
 class _Pose(NamedTuple):
-    """Points (n, 3) as they lie now, how they were turned from the machine's axes, and where the vertex is in these."""
+    """Points (n, 3) in the current pose, rotation from the machine frame, and vertex in that frame."""
 
     points: Array
     turn: Array
     vertex: Array
 
     def moved(self, step: Array, rim: float) -> _Pose:
-        """Turned about x, y, z by the last three of a step (6,) mm at the rim, and then shifted by the others."""
+        """Apply a step (6,) in mm at the rim: rotate about x, y, z by its last three components,
+        then shift.
+        """
         return self.turned(_rotation(step[3:] / rim)).shifted(step[:3])
 
     def turned(self, about: Array) -> _Pose:
-        """Turned about the origin by a rotation (3, 3)."""
+        """Rotate about the origin by a matrix (3, 3)."""
         return _Pose(self.points @ about.T, about @ self.turn, self.vertex)
 
     def shifted(self, by: Array) -> _Pose:
-        """Shifted by (3,) mm."""
+        """Shift by a vector (3,) in mm."""
         return _Pose(self.points + by, self.turn, self.vertex - self.turn.T @ by)
 
 
 class _Found(NamedTuple):
-    """Result of an alignment beside the pose."""
+    """Result of an alignment except the pose."""
 
     free: Array
     radius: float | None = None
@@ -197,13 +209,13 @@ class _Found(NamedTuple):
 
 
 class _General:
-    """Alignment of mirrors that have an axis, or are flat."""
+    """Alignment of mirrors with a defined axis, and of plane mirrors."""
 
     @staticmethod
     def aligned(
         mirror: Mirror, pose: _Pose, allowed: list[int], source: str, probe_radius_mm: float = 0.0
     ) -> tuple[_Pose, _Found]:
-        """Align by the distances, and by the outline where they do not determine the motion."""
+        """Align by distances, and by the outline for motions that distances do not determine."""
         rim = mirror.rim_radius_mm
         pose, free = _settled(mirror, pose, allowed)
         for _ in range(CENTRINGS if len(free) and len(allowed) == 5 else 0):
@@ -212,19 +224,18 @@ class _General:
         return pose, _Found(free, by_outline=bool(len(free)) and len(allowed) == 5)
 
     @staticmethod
-    def touched(mirror: Mirror, centres: Array, radius: float, found: _Found) -> Array:
-        """Return the points (n, 3) that a ball touches from the side of the lens, by its centres (n, 3).
+    def touched(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
+        """Convert centres (n, 3) of a probe ball to points of contact on the side of the lens.
 
-        The normal is that of the nominal mirror at the foot of the centre. An error of it by a small angle e changes
-        the result by ``radius e^2 / 2`` along the normal.
+        The normal is that of the nominal mirror at the foot of the centre. An angular error e of the normal
+        changes the result by ``radius e^2 / 2`` along the normal.
         """
         x = np.linspace(0.0, mirror.rim_radius_mm, FOOT_POINTS)
         _, slope, _ = mirror.profile(x)
         out = x + radius * slope / np.sqrt(1 + slope**2)
         if not np.all(np.diff(out) > 0):
             raise OmnimirrorError(
-                f"probe_radius_mm = {radius:g} is larger than the mirror's smallest hollow; such a ball does not touch "
-                "all of it"
+                f"probe_radius_mm must be less than the smallest concave radius of the mirror; got {radius:g}"
             )
         r = np.hypot(centres[:, 0], centres[:, 1])
         foot = np.interp(r, out, x)
@@ -235,18 +246,20 @@ class _General:
 
 
 class _Sphere:
-    """Alignment of a sphere, whose rotation distances do not determine, and whose radius is estimated."""
+    """Alignment of a sphere: the radius is estimated, the rotation is undetermined."""
 
     @staticmethod
     def aligned(
         mirror: Mirror, pose: _Pose, allowed: list[int], source: str, probe_radius_mm: float = 0.0
     ) -> tuple[_Pose, _Found]:
-        """Bring the vertex of the fitted sphere to the origin; keep the axes unless the outline is off."""
+        """Move the vertex of the best-fit sphere to the origin; keep the axes unless the outline is
+        decentred.
+        """
         nominal = float(mirror.radius_t(0.0)) + probe_radius_mm  # of the centres of a ball in front of the mirror
         centre, radius, sigma, near = _fitted_sphere(pose.points, nominal)
         if abs(radius / nominal - 1) > SAME_RADIUS and abs(radius - nominal) > CERTAIN * sigma:
             raise OmnimirrorError(
-                f"{source} lies on a sphere of radius {radius:.5g} mm, and the mirror has {nominal:.5g} mm; "
+                f"{source} has a best-fit sphere of radius {radius:.5g} mm, and the mirror has {nominal:.5g} mm; "
                 f"{_unit_advice(radius / nominal) or 'check that the points belong to this mirror'}"
             )
         pose = pose.shifted(-(centre - [0.0, 0.0, radius]))
@@ -264,8 +277,10 @@ class _Sphere:
         return pose, _Found(free, radius, sigma, by_outline)
 
     @staticmethod
-    def touched(mirror: Mirror, centres: Array, radius: float, found: _Found) -> Array:
-        """Return the points (n, 3) that a ball touches, on the way from its centres to that of the sphere."""
+    def touched(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
+        """Convert centres (n, 3) of a probe ball to points of contact, towards the centre of the
+        sphere.
+        """
         centre, *_ = _fitted_sphere(centres, float(mirror.radius_t(0.0)) + radius)
         inwards = centre - centres
         return np.asarray(centres + radius * inwards / np.linalg.norm(inwards, axis=1)[:, None])
@@ -282,11 +297,13 @@ def _is_spherical(mirror: Mirror) -> bool:
 
 
 def _fitted_sphere(points: Array, nominal: float) -> tuple[Array, float, float, Mask]:
-    """Fit a sphere to points (n, 3) by iteratively reweighted least squares of their distances.
+    """Fit a sphere to points (n, 3) by iteratively reweighted least squares of distances.
 
     Returns
     -------
-    centre (3,), radius with the sign of the nominal one, its standard deviation, and which points are no outliers
+    tuple
+        Centre (3,), radius with the sign of the nominal one, its standard deviation, and a mask of
+        inliers.
     """
     sign = np.sign(nominal)
     middle = np.median(points, axis=0)
@@ -313,9 +330,9 @@ def _fitted_sphere(points: Array, nominal: float) -> tuple[Array, float, float, 
 
 
 def _axis_turn(points: Array, radius: float, is_first: bool) -> Array | None:
-    """Return the rotation (3, 3) about a sphere's centre that brings the outline of points (n, 3) about the axis.
+    """Return the rotation (3, 3) about the centre of a sphere that centres the outline of points (n, 3).
 
-    None where the outline is about the axis within its own uncertainty: the machine's axis is the better one then.
+    None if the outline is centred within its uncertainty; the machine axis is then more accurate.
     """
     edge = points[_edge(points)]
     x, y = outline_centre(points)
@@ -336,21 +353,21 @@ def _scatter(residuals: Array) -> float:
 
 
 def _weights(residuals: Array, least: float) -> Array:
-    """Return square roots of weights (n,) that fall for points far off."""
+    """Return square roots of weights (n,) that decrease with the distance of outliers."""
     return 1 / np.sqrt(1 + (residuals / (FAR * max(_scatter(residuals), least))) ** 2)
 
 
 def _settled(mirror: Mirror, pose: _Pose, allowed: list[int]) -> tuple[_Pose, Array]:
-    """Return the pose of least distances, and the motions (k, 5) that they do not determine."""
+    """Return the pose with minimum distances, and the motions (k, 5) that they do not determine."""
     rim, free = mirror.rim_radius_mm, np.zeros((0, 5))
     weight = np.ones(len(pose.points))
     for _ in range(ROUNDS):
-        distance, normal, seen = distances(mirror, pose.points)
-        if not seen.any():
+        distance, normal, visible = distances(mirror, pose.points)
+        if not visible.any():
             break
         on_mirror = pose.points - (distance / normal[:, 2])[:, None] * [0.0, 0.0, 1.0]
-        step, free, weight[seen] = _step(
-            on_mirror[seen], distance[seen], normal[seen], weight[seen], rim, allowed, mirror.is_pointed
+        step, free, weight[visible] = _step(
+            on_mirror[visible], distance[visible], normal[visible], weight[visible], rim, allowed, mirror.is_pointed
         )
         pose = pose.moved(step, rim)
         if np.abs(step).max() < DONE * rim:
@@ -359,14 +376,14 @@ def _settled(mirror: Mirror, pose: _Pose, allowed: list[int]) -> tuple[_Pose, Ar
 
 
 def _inliers(mirror: Mirror, points: Array) -> Array:
-    """Return the points (m, 3) near the mirror, those past its rim included."""
-    distance, _, seen = distances(mirror, points)
-    away = np.abs(distance - np.median(distance[seen]))
-    return points[away < OUTLIER * max(_scatter(distance[seen]), 1e-9 * mirror.rim_radius_mm) + 1e-3]
+    """Return points (m, 3) near the mirror, including points beyond its rim."""
+    distance, _, visible = distances(mirror, points)
+    away = np.abs(distance - np.median(distance[visible]))
+    return points[away < OUTLIER * max(_scatter(distance[visible]), 1e-9 * mirror.rim_radius_mm) + 1e-3]
 
 
 def _centring(points: Array, free: Array, rim: float) -> Array:
-    """The motion (6,) of those that distances do not determine which brings the points' outline about the axis."""
+    """Return the undetermined motion (6,) that centres the outline of the points about the axis."""
     z = float(points[_edge(points), 2].mean()) / rim
     shifts = np.stack([free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]])  # of the edge, by each motion
     step = np.zeros(6)
@@ -375,9 +392,10 @@ def _centring(points: Array, free: Array, rim: float) -> Array:
 
 
 def outline_centre(points: Array) -> Array:
-    """Return the centre (2,) of the circle about the outline of points (n, 3), seen along z.
+    """Return the centre (2,) of the circle around the outline of points (n, 3) in the x-y plane.
 
-    Points end somewhere within the rim: corners of the convex hull outside of the circle count more than those inside.
+    Measured points end somewhere inside the rim: corners of the convex hull outside the circle have a
+    larger weight than those inside.
     """
     edge = points[_edge(points), :2]
     a = np.column_stack([2 * edge, np.ones(len(edge))])
@@ -390,34 +408,40 @@ def outline_centre(points: Array) -> Array:
 
 
 def _edge(points: Array) -> NDArray[np.intp]:
+    """Return the indices of the convex hull in the x-y plane."""
     from scipy.spatial import ConvexHull
 
     return np.asarray(ConvexHull(points[:, :2]).vertices)
 
 
 def distances(mirror: Mirror, points: Array) -> tuple[Array, Array, Mask]:
-    """Signed distance (n,) mm along the normal, to first order; the normals (n, 3); which lie within the rim."""
+    """Compute first-order signed normal distances (n,) in mm, normals (n, 3), and a mask within the
+    rim.
+    """
     r = np.hypot(points[:, 0], points[:, 1])
-    seen = r <= mirror.rim_radius_mm
+    visible = r <= mirror.rim_radius_mm
     sag, slope, _ = mirror.profile(np.minimum(r, mirror.rim_radius_mm))
     up = 1 / np.sqrt(1 + slope**2)
     outwards = points[:, :2] / np.maximum(r, 1e-300)[:, None]
     normal = np.concatenate([-(slope * up)[:, None] * outwards, up[:, None]], axis=1)
-    return (points[:, 2] - sag) * up, normal, seen
+    return (points[:, 2] - sag) * up, normal, visible
 
 
 def tangents(points: Array, normal: Array, rim: float) -> Array:
-    """How distances (n,) change with motions of the points: along x, y, z, and turns about x, y, per mm of rim."""
+    """Return derivatives of distances (n,) with respect to shifts x, y, z and rotations x, y per mm
+    at the rim.
+    """
     return np.concatenate([normal, np.cross(points, normal)[:, :2] / rim], axis=1)
 
 
 def _step(
     p: Array, distance: Array, normal: Array, weight: Array, rim: float, allowed: list[int], is_pointed: bool
 ) -> tuple[Array, Array, Array]:
-    """Return the motion (x, y, z, turns about x, y, z) mm that reduces distances, motions that change nothing, weights.
+    """Return the motion (x, y, z, rotations) in mm that reduces distances, undetermined motions, and weights.
 
-    Departures about the axis in low powers of r, orthogonal to a motion along the axis, are estimated with it: the
-    step is that of least squares without them, but weights and uneven coverage do not feel them.
+    Rotationally symmetric departures in low powers of r, orthogonal to an axial shift, are estimated
+    simultaneously. The step equals that of ordinary least squares, but weights and uneven coverage are
+    not biased by such departures.
     """
     rho = np.hypot(p[:, 0], p[:, 1]) / rim
     powers = (1, 2, 3, 4) if is_pointed else (2, 4, 6)
@@ -440,16 +464,17 @@ def _step(
 
 
 def _rotation(vector: Array) -> Array:
-    """The rotation by a vector, radians."""
+    """Return the matrix of a rotation vector in rad."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, Array]:
-    """Return points with z growing away from the lens, whether they were turned over, and about where their vertex is.
+    """Return points with z away from the lens, whether they were rotated, and an initial vertex.
 
-    A bowl is fitted by iteratively reweighted least squares; of a flat mirror it is a plane.
+    The initial values follow from a paraboloid (a plane for plane mirrors), fitted by iteratively
+    reweighted least squares.
     """
     rim = mirror.rim_radius_mm
     deep = float(mirror.sag(rim))
@@ -462,8 +487,8 @@ def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, A
         weight = _weights(left, 1e-12 * rim)
     if not deep:
         return points, False, np.array([0.0, 0.0, float(bowl[0])])
-    turned_over = bool(bowl[3] * np.sign(deep) < 0)
-    if turned_over:
+    is_inverted = bool(bowl[3] * np.sign(deep) < 0)
+    if is_inverted:
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
     if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(left) / (np.sqrt(len(points)) * rim**2):
         raise OmnimirrorError(
@@ -472,14 +497,14 @@ def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, A
     x, y = np.clip(-bowl[1:3] / (2 * bowl[3]), -rim, rim)
     away = np.hypot(points[:, 0] - x, points[:, 1] - y)
     near = away < max(0.1 * rim, float(np.partition(away, min(9, len(away) - 1))[min(9, len(away) - 1)]))
-    return points, turned_over, np.array([x, y, float(np.median(points[near, 2]))])
+    return points, is_inverted, np.array([x, y, float(np.median(points[near, 2]))])
 
 
 def _check_extent(mirror: Mirror, points: Array, source: str, is_profile: bool) -> None:
-    """Refuse points that are too narrow or too wide for the mirror, by their unit or their coverage."""
+    """Raise an error if the extent of the points suggests a wrong unit or insufficient coverage."""
     size = np.ptp(points[:, :2], axis=0)
     if not np.ptp(points, axis=0).any():
-        raise OmnimirrorError(f"{source} is one and the same point; the points must lie all over the mirror")
+        raise OmnimirrorError(f"{source} must contain points all over the mirror; got one single point")
     low, high = (np.quantile(points[:, :2], q, axis=0) for q in (0.01, 0.99))
     width, deepness = float((high - low).max()), float(abs(mirror.sag(mirror.rim_radius_mm)))
     sizes = (
@@ -488,33 +513,34 @@ def _check_extent(mirror: Mirror, points: Array, source: str, is_profile: bool) 
     )
     if advice := _unit_advice(width / (2 * mirror.rim_radius_mm)):
         raise OmnimirrorError(f"{sizes}: {advice}")
-    if size[0 if is_profile else slice(None)].min() <= LEAST_WIDE * mirror.rim_radius_mm:
+    if size[0 if is_profile else slice(None)].min() <= MIN_WIDTH * mirror.rim_radius_mm:
         raise OmnimirrorError(
-            f"{sizes}: the points cover too little of it; at least {LEAST_WIDE * mirror.rim_radius_mm:.3g} mm across "
-            "are valid"
+            f"{sizes}: the points must cover at least {MIN_WIDTH * mirror.rim_radius_mm:.3g} mm in both directions"
         )
 
 
 def _unit_advice(ratio: float) -> str:
-    """Return the likely unit of points whose size has a ratio to that of the mirror; empty if mm is plausible."""
+    """Suggest the likely unit for a size ratio of points to mirror; empty if mm is plausible."""
     for factor, unit in UNITS.items():
         if factor * (1 - UNIT_SLACK) < ratio < factor * (1 + UNIT_SLACK):
             return f"the unit seems to be {unit}; give the unit of the points (--unit {unit})"
     return ""
 
 
-def _check_likeness(mirror: Mirror, points: Array, distance: Array, seen: Mask, source: str, is_profile: bool) -> None:
-    """Refuse points that do not follow the mirror, or mostly lie past its rim."""
+def _check_likeness(
+    mirror: Mirror, points: Array, distance: Array, visible: Mask, source: str, is_profile: bool
+) -> None:
+    """Raise an error if the points do not follow the mirror, or most are beyond its rim."""
     rim = mirror.rim_radius_mm
     width = float(np.ptp(points[:, :2], axis=0).max())
-    if seen.sum() < len(points) / 2:
+    if visible.sum() < len(points) / 2:
         raise OmnimirrorError(
-            f"{source} is not of this mirror: {100 * (1 - seen.mean()):.0f} % of its points lie past the rim; it is "
-            f"{width:.4g} mm wide, the mirror {2 * rim:.4g} mm; check unit and sensor"
+            f"{source} does not match the mirror: {100 * (1 - visible.mean()):.0f} % of its points are beyond the rim; "
+            f"it is {width:.4g} mm wide, the mirror {2 * rim:.4g} mm; check unit and sensor"
         )
-    away = float(np.sqrt(np.median(distance[seen] ** 2)))
+    away = float(np.sqrt(np.median(distance[visible] ** 2)))
     if not away < UNLIKE * rim:
         raise OmnimirrorError(
-            f"{source} is not of this mirror: after alignment half of its points are more than {away:.3g} mm off, and "
-            f"up to {UNLIKE * rim:.3g} mm are valid; check sensor, unit and order of the columns"
+            f"{source} does not match the mirror: after alignment, the median distance is {away:.3g} mm and must be "
+            f"less than {UNLIKE * rim:.3g} mm; check sensor, unit and order of the columns"
         )

@@ -1,4 +1,4 @@
-"""A mirror about its axis as an asphere of Forbes: a sphere through vertex and rim, and terms along its normal."""
+"""Forbes Qbfs representation of a rotationally symmetric mirror."""
 
 from __future__ import annotations
 
@@ -15,67 +15,71 @@ from ...numerics.forbes import qbfs_values
 Array = NDArray[np.float64]
 
 POINTS = 400
-MOST_TERMS = 16
+MAX_TERMS = 16
 LEFT_UM = 1e-3  # so little left needs no more terms
 UM = 1e3
 
 
 @dataclass(frozen=True)
 class ForbesAsphere:
-    """A Qbfs asphere: ``z = c x^2/(1 + phi) + u^2 (1 - u^2)/phi sum(a_m Q_m(u^2))``.
+    """Qbfs asphere: ``z = c x^2/(1 + phi) + u^2 (1 - u^2)/phi sum(a_m Q_m(u^2))``.
 
-    With ``phi = sqrt(1 - c^2 x^2)`` and u = x/M.
+    ``phi = sqrt(1 - c^2 x^2)`` and u = x/M.
 
     Attributes
     ----------
-    radius_mm : of the best-fit sphere, 1/c
-    rim_radius_mm : M
-    um : coefficients a_m
-    left_um : rms over the meridian of what the terms do not hold, along the axis
+    radius_mm
+        Radius 1/c of the best-fit sphere through vertex and rim.
+    rim_radius_mm
+        Rim radius M.
+    um
+        Coefficients a_m.
+    rms_residual_um
+        Axial RMS residual over the meridian.
     """
 
     radius_mm: float
     rim_radius_mm: float
     um: tuple[float, ...]
-    left_um: float
+    rms_residual_um: float
 
     def sag(self, x_mm: ArrayLike) -> Array:
-        """Sag (n,) mm at distances x (n,) mm from the axis, up to the rim.
+        """Compute the sag (n,) in mm at radii x (n,) in mm, up to the rim.
 
         Raises
         ------
         InvalidParameter
-            Distances that are no numbers.
+            If the radii are not numbers.
         """
         x = numbers("x_mm", x_mm)
         return _sphere(x, self.radius_mm) + _terms(x, self.radius_mm, self.rim_radius_mm, len(self.um)) @ self.um / UM
 
 
-def forbes_asphere(mirror: Mirror, left_um: float = LEFT_UM) -> ForbesAsphere:
-    """The asphere of Forbes that is a mirror, of as few terms as leave so little (rms), up to 16.
+def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAsphere:
+    """Fit a Qbfs asphere with the minimum number of terms, up to 16.
 
     Parameters
     ----------
     mirror
-        Smooth at its apex, flatter than half a ball.
-    left_um
-        Of the meridian, along the axis.
+        Mirror with a smooth apex, flatter than a hemisphere.
+    rms_residual_um
+        Permitted axial RMS residual over the meridian.
 
     Returns
     -------
     ForbesAsphere
-        Its sphere and its terms.
+        Best-fit sphere and coefficients.
 
     Raises
     ------
     InvalidParameter
-        A pointed mirror, or one as deep as its rim is wide: no such sphere passes both.
+        If the mirror is pointed, or its depth is not smaller than its rim radius.
 
     Examples
     --------
     >>> from omnimirror.mirrors import Paraboloid
     >>> found = forbes_asphere(Paraboloid(40.0, 20.0))
-    >>> round(found.radius_mm, 9), len(found.um), found.left_um < 1e-3
+    >>> round(found.radius_mm, 9), len(found.um), found.rms_residual_um < 1e-3
     (42.5, 3, True)
     """
     M = mirror.rim_radius_mm
@@ -83,17 +87,17 @@ def forbes_asphere(mirror: Mirror, left_um: float = LEFT_UM) -> ForbesAsphere:
     z, (deep,) = mirror.sag(x), mirror.sag(np.array([M]))
     if mirror.is_pointed or not 0 < abs(deep) < M:
         raise InvalidParameter(
-            f"a mirror {deep:.4g} mm deep with a rim of {M:g} mm{' and a pointed apex' if mirror.is_pointed else ''} "
-            "is no asphere about a sphere; valid are smooth ones less deep than their rim is wide from the axis"
+            "a Qbfs asphere requires a smooth mirror with a depth less than its rim radius; got a depth of "
+            f"{deep:.4g} mm and a rim radius of {M:g} mm{' with a pointed apex' if mirror.is_pointed else ''}"
         )
     radius = float((deep**2 + M**2) / (2 * deep))
-    departure, basis = UM * (z - _sphere(x, radius)), _terms(x, radius, M, MOST_TERMS)
-    for count in range(1, MOST_TERMS + 1):
-        found, *_ = np.linalg.lstsq(basis[:, :count], departure, rcond=None)
-        left = float(np.sqrt(np.mean((departure - basis[:, :count] @ found) ** 2)))
-        if left <= left_um:
+    departure, basis = UM * (z - _sphere(x, radius)), _terms(x, radius, M, MAX_TERMS)
+    for count in range(1, MAX_TERMS + 1):
+        result, *_ = np.linalg.lstsq(basis[:, :count], departure, rcond=None)
+        left = float(np.sqrt(np.mean((departure - basis[:, :count] @ result) ** 2)))
+        if left <= rms_residual_um:
             break
-    return ForbesAsphere(radius, M, tuple(found.tolist()), left)
+    return ForbesAsphere(radius, M, tuple(result.tolist()), left)
 
 
 def _sphere(x: Array, radius: float) -> Array:
@@ -103,7 +107,7 @@ def _sphere(x: Array, radius: float) -> Array:
 
 
 def _terms(x: Array, radius: float, rim: float, count: int) -> Array:
-    """What each term does along the axis (n, count), per its coefficient."""
+    """Return the axial contribution (n, count) of each term per unit coefficient."""
     phi = np.sqrt(1 - (x / radius) ** 2)
     terms: Array = qbfs_values(np.ravel(x) / rim, count) / np.ravel(phi)[:, None]
     return terms

@@ -1,9 +1,10 @@
-"""What a measured mirror is, beside the one that was meant: its error of form, apart from its place and from noise.
+"""Form error of a measured mirror, separated from its alignment and from measurement noise.
 
-Heights along the axis over the mirror that was meant are fitted by Zernike terms over the disk of the rim: those about
-the axis as far as they explain anything, the others up to an order. What neighbouring points do not share is noise;
-what they share and the terms do not hold is said too. A shift or a tilt of the mirror is its place in the machine:
-what a motion explains as well as a form error is counted as the motion.
+Axial heights above the nominal mirror are fitted by Zernike terms over the disk of the rim:
+rotationally symmetric terms up to a high order, others up to an order that the data support.
+Uncorrelated residuals of neighbouring points are noise; correlated residuals are reported as
+unexplained. Effects of a shift or tilt belong to the alignment, also if a form error would explain
+them equally well.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from .alignment import Alignment, aligned, distances, is_line, outline_centre
 
 Array = NDArray[np.float64]
 
-FEWEST = 200  # points
-FEWEST_OF_PROFILE = 50
+MIN_POINTS = 200  # points
+MIN_PROFILE_POINTS = 50
 PER_TERM = 5  # points, at least
 ORDERS = (2, 4, 6, 8, 10, 12)
 ABOUT_AXIS = tuple(range(2, 42, 2))  # orders of rotational terms that are tried
@@ -35,24 +36,27 @@ PATIENCE = 3  # orders that bring nothing end the search
 STEADY = 30.0  # condition of the terms at the points up to which they are told apart
 STEADY_OF_PROFILE = 1e4  # the same of a profile, whose terms are few
 WRONG = 6.0  # scatters that a point must be off to be wrong
-LEAST_WRONG_MM = 1e-6  # off, to be wrong: no machine measures that
+MIN_OUTLIER_MM = 1e-6  # off, to be wrong: no machine measures that
 ROUNDING = 1e-14  # of sums of squares
 CELLS = 12  # sectors, and half as many rings, of points whose errors may go together
 AT_A_TIME = 8192  # points
 PROFILE_POINTS = 401
-LEAST_TERM_UM = 1e-6  # of a radius that is off, to be listed
+MIN_TERM_UM = 1e-6  # of a radius that is off, to be listed
 UM = 1e3
 
 
 @dataclass(frozen=True)
 class FormTerm:
-    """One Zernike term of a form error.
+    """Zernike term of a form error.
 
     Attributes
     ----------
-    noll : number, by Noll
-    um : rms over the disk, along the axis
-    sigma_um : standard uncertainty
+    noll
+        Noll index.
+    um
+        RMS amplitude over the disk, along the axis.
+    sigma_um
+        Standard uncertainty.
     """
 
     noll: int
@@ -61,41 +65,49 @@ class FormTerm:
 
     @property
     def name(self) -> str:
-        """What opticians call it, or its order and frequency."""
+        """Common name of the aberration, or radial order and azimuthal frequency."""
         n, m = noll(self.noll)
         return NAMES.get((n, abs(m)), f"order {n}, {f'{abs(m)}-fold' if m else 'about the axis'}")
 
 
 NAMES = {
-    (0, 0): "piston", (1, 1): "tilt", (2, 0): "power", (2, 2): "astigmatism", (3, 1): "coma", (3, 3): "trefoil",
-    (4, 0): "spherical", (4, 2): "secondary astigmatism", (4, 4): "tetrafoil", (5, 1): "secondary coma",
+    (0, 0): "piston",
+    (1, 1): "tilt",
+    (2, 0): "power",
+    (2, 2): "astigmatism",
+    (3, 1): "coma",
+    (3, 3): "trefoil",
+    (4, 0): "spherical",
+    (4, 2): "secondary astigmatism",
+    (4, 4): "tetrafoil",
+    (5, 1): "secondary coma",
     (6, 0): "secondary spherical",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class FormError:
-    """The form error of a measured mirror.
+    """Form error of a measured mirror.
 
     Attributes
     ----------
     mirror
-        That was meant.
+        Nominal mirror.
     place
-        Where it stood in the machine.
+        Alignment of the points.
     terms : tuple of FormTerm
-        Those about the axis, and all others up to :attr:`order`.
+        Rotationally symmetric terms, and all others up to :attr:`order`.
     order
-        Of the terms that are not about the axis.
-    wrong
-        How many points were left out as wrong.
+        Maximum order of the asymmetric terms.
+    outliers
+        Number of rejected outliers.
     noise_um
-        Standard deviation of what neighbouring points do not share, along the normal.
+        Standard deviation of uncorrelated residuals, along the normal.
     unexplained_um
-        Of what they share and the terms do not hold.
+        Standard deviation of correlated residuals.
     x_mm, y_mm, height_um, residual_um : (n,)
-        Of the points that were used: where, how far above the mirror that was meant (away from the lens, along the
-        axis), and how far above the terms.
+        Points used: coordinates, axial height above the nominal mirror (positive away from the lens),
+        and residual after subtraction of the terms.
 
     Examples
     --------
@@ -103,7 +115,7 @@ class FormError:
     >>> mirror = om.load_sensor("paper-spherical").mirror
     >>> x, y = (v.ravel() for v in np.meshgrid(np.linspace(-30, 30, 31), np.linspace(-30, 30, 31)))
     >>> form = om.form_error(mirror, np.stack([x, y, mirror.sag(np.hypot(x, y))], axis=-1))
-    >>> form.rms_um < 1e-6, form.wrong
+    >>> form.rms_um < 1e-6, form.outliers
     (True, 0)
     """
 
@@ -111,7 +123,7 @@ class FormError:
     place: Alignment
     terms: tuple[FormTerm, ...]
     order: int
-    wrong: int
+    outliers: int
     noise_um: float
     unexplained_um: float
     x_mm: Array = field(repr=False)
@@ -120,27 +132,27 @@ class FormError:
     residual_um: Array = field(repr=False)
 
     def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
-        """Form error along the axis at places of the mirror, by the terms.
+        """Evaluate the terms at points of the mirror.
 
         Parameters
         ----------
         x_mm, y_mm : (n,)
-            Where, in the mirror's frame.
+            Coordinates in the mirror frame.
 
         Returns
         -------
         (n,) array
-            um, positive away from the lens; NaN past the rim.
+            Axial form error in um, positive away from the lens; NaN beyond the rim.
 
         Raises
         ------
         InvalidParameter
-            Rows of different lengths.
+            If the coordinates differ in length.
         """
         rim = self.mirror.rim_radius_mm
         x, y = (row(name, value) / rim for name, value in (("x_mm", x_mm), ("y_mm", y_mm)))
         if len(x) != len(y):
-            raise InvalidParameter(f"x_mm has {len(x)} places and y_mm {len(y)}; they need the same number")
+            raise InvalidParameter(f"x_mm and y_mm must have equal lengths; got {len(x)} and {len(y)}")
         inside = np.hypot(x, y) <= 1 + 1e-9
         values = zernike_values(x[inside], y[inside], [term.noll for term in self.terms])
         form = np.full(len(x), np.nan)
@@ -149,7 +161,7 @@ class FormError:
 
     @cached_property
     def _map(self) -> tuple[Array, Array]:
-        """The form on a grid over the mirror, all of it and its part about the axis."""
+        """Form error on a grid over the mirror: total and rotationally symmetric part."""
         axis = np.linspace(-1.0, 1.0, 201)
         x, y = np.meshgrid(axis, axis)
         inside = x**2 + y**2 <= 1
@@ -160,46 +172,38 @@ class FormError:
 
     @property
     def radius_mm(self) -> float | None:
-        """Radius of the sphere that fits the points; None of mirrors that are no sphere."""
+        """Radius of the best-fit sphere; None for aspheres."""
         return self.place.radius_mm
 
     @property
     def rms_um(self) -> float:
-        """Of the terms over the disk, less their mean."""
+        """RMS of the terms over the disk, without their mean."""
         return float(self._map[0].std())
 
     @property
     def peak_to_valley_um(self) -> float:
-        """Of the terms over the disk."""
+        """Peak-to-valley value of the terms over the disk."""
         return float(np.ptp(self._map[0]))
 
     @property
     def rotational_rms_um(self) -> float:
-        """Of the terms about the axis."""
+        """RMS of the rotationally symmetric terms."""
         return float(self._map[1].std())
 
     @property
-    def reach_mm(self) -> tuple[float, float]:
-        """Least and largest distance of a point from the axis."""
+    def radial_range_mm(self) -> tuple[float, float]:
+        """Minimum and maximum distance of a point from the axis."""
         r = np.hypot(self.x_mm, self.y_mm)
         return float(r.min()), float(r.max())
 
     @property
     def vertex_um(self) -> float:
-        """How far the vertex is from where it was meant, by the terms about the axis."""
+        """Axial displacement of the vertex by the rotationally symmetric terms."""
         about = [term for term in self.terms if noll(term.noll)[1] == 0]
         return float((zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0])
 
     def corrected(self) -> SampledProfile:
-        """The mirror as it is about its axis: the one that was meant and the rotational terms, as a sampled profile.
-
-        Its heights count from its own vertex, :attr:`vertex_um` from the one that was meant.
-
-        Returns
-        -------
-        SampledProfile
-            That meets its points exactly.
-        """
+        """Return the as-built mirror with its rotationally symmetric terms, as a sampled profile."""
         mirror, about = self.mirror, [term for term in self.terms if noll(term.noll)[1] == 0]
         x = np.linspace(0.0, mirror.rim_radius_mm, PROFILE_POINTS)
         values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [t.um for t in about]
@@ -278,11 +282,11 @@ def form_error(
     if not is_profile:
         check_distance(points, "the cloud")
         is_profile = len(points) > 1 and is_line(points)
-    fewest, what = (FEWEST_OF_PROFILE, "profile") if is_profile else (FEWEST, "cloud")
+    fewest, what = (MIN_PROFILE_POINTS, "profile") if is_profile else (MIN_POINTS, "cloud")
     if len(points) < fewest:
-        raise OmnimirrorError(f"the {what} has {len(points)} points; at least {fewest} are valid")
+        raise OmnimirrorError(f"the {what} must have at least {fewest} points; got {len(points)}")
     if is_profile and order is not None:
-        raise InvalidParameter(f"order = {order} needs points all over the mirror; got a profile")
+        raise InvalidParameter(f"order must be None for a profile; got {order}")
     if not is_profile:
         check_spread(points, "the cloud")
     if are_departures:
@@ -298,7 +302,7 @@ def form_error(
     while True:
         fit = equations.of_profile() if place.is_profile else equations.chosen(order)
         left = part.distance - part.modelled(fit.terms, fit.values)
-        far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), LEAST_WRONG_MM)
+        far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
         if not far.any():
             break
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
@@ -311,13 +315,24 @@ def form_error(
         heights = heights + UM * sphere.departure(np.hypot(part.x, part.y))
     terms = tuple(FormTerm(j, *amounts[j]) for j in sorted(amounts))
     return FormError(
-        mirror, place, terms, fit.order, inside - len(part.x), UM * noise, UM * shared,
-        part.x * rim, part.y * rim, heights, UM * left / part.up,
-    )  # fmt: skip
+        mirror,
+        place,
+        terms,
+        fit.order,
+        inside - len(part.x),
+        UM * noise,
+        UM * shared,
+        part.x * rim,
+        part.y * rim,
+        heights,
+        UM * left / part.up,
+    )
 
 
 def _risen(mirror: Mirror, departures: Array) -> Array:
-    """Points on the mirror, moved along its normal; a null test does not tell how far all of them have moved."""
+    """Convert departures along the normal to points; a null test does not determine the mean
+    departure.
+    """
     points = departures - np.append(outline_centre(departures), np.median(departures[:, 2]))
     r = np.hypot(points[:, 0], points[:, 1])
     points = points[r <= mirror.rim_radius_mm]
@@ -327,7 +342,7 @@ def _risen(mirror: Mirror, departures: Array) -> Array:
 
 
 class _Sphere(NamedTuple):
-    """Sphere that fits the points of a spherical mirror; terms describe what it leaves, and its radius exactly."""
+    """Best-fit sphere of a spherical mirror; Zernike terms describe only the residual."""
 
     radius: float
     sigma: float
@@ -336,7 +351,7 @@ class _Sphere(NamedTuple):
 
     @classmethod
     def of(cls, mirror: Mirror, place: Alignment) -> _Sphere | None:
-        """Return the fitted sphere, or None if it ends before the rim."""
+        """Return the best-fit sphere, or None if it ends inside the rim."""
         assert place.radius_mm is not None
         assert place.radius_sigma_mm is not None
         rim = mirror.rim_radius_mm
@@ -345,28 +360,32 @@ class _Sphere(NamedTuple):
         return cls(place.radius_mm, place.radius_sigma_mm, float(mirror.radius_t(0.0)), rim)
 
     def departure(self, rho: Array, more: float = 0.0) -> Array:
-        """Return the height (n,) mm over the nominal sphere at distances (n,) in rim radii; ``more`` adds to R."""
+        """Return heights (n,) in mm above the nominal sphere at normalised radii (n,); ``more`` is
+        added to R.
+        """
         return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(rho * self.rim, self.nominal)
 
     def less(self, heights: _Heights) -> _Heights:
-        """Return distances from the fitted sphere in place of those from the nominal one."""
+        """Convert distances from the nominal sphere to distances from the best-fit sphere."""
         rho = np.hypot(heights.x, heights.y)
         up = np.sqrt(np.maximum(1 - (rho * self.rim / self.radius) ** 2, 0.0))
         distance = (heights.distance / heights.up - self.departure(np.minimum(rho, 1.0))) * up
         return _Heights(heights.x, heights.y, distance, up)
 
     def added_to(self, amounts: dict[int, tuple[float, float]]) -> dict[int, tuple[float, float]]:
-        """Return amounts and uncertainties (um) of terms with those of the departure of the fitted sphere."""
+        """Add the departure of the best-fit sphere to amplitudes and uncertainties (um) of the
+        terms.
+        """
         terms = _terms(0, ABOUT_AXIS[-1])
         rho = np.sin(np.linspace(0.0, np.pi / 2, PROFILE_POINTS))
         values = zernike_values(rho, 0 * rho, terms)
         right = np.stack([self.departure(rho), self.departure(rho, self.sigma) - self.departure(rho)], axis=1)
-        found = UM * np.linalg.lstsq(values, right, rcond=None)[0]
-        found[0] -= found[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
+        result = UM * np.linalg.lstsq(values, right, rcond=None)[0]
+        result[0] -= result[:, 0] @ zernike_values(np.zeros(1), np.zeros(1), terms)[0] * np.array([1.0, 0.0])
         added = dict(amounts)
-        for j, (um, sigma) in zip(terms, found.tolist(), strict=True):
+        for j, (um, sigma) in zip(terms, result.tolist(), strict=True):
             before, spread = added.get(j, (0.0, 0.0))
-            if j in added or abs(um) > LEAST_TERM_UM:
+            if j in added or abs(um) > MIN_TERM_UM:
                 added[j] = before + um, float(np.hypot(spread, sigma))
         return added
 
@@ -381,7 +400,7 @@ def _sphere_sag(x: Array, radius: float) -> Array:
 
 
 class _Heights(NamedTuple):
-    """Places (n,) in rim radii, distances along the normal mm, and the cosine of the surface's slope."""
+    """Normalised coordinates (n,), normal distances in mm, and cosines of the slope angle."""
 
     x: Array
     y: Array
@@ -394,17 +413,17 @@ class _Heights(NamedTuple):
         _, normal, _ = distances(mirror, place.points)
         return cls(place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2])
 
-    def those(self, kept: NDArray[np.bool_]) -> _Heights:
-        return _Heights(*(column[kept] for column in self))
+    def those(self, retained: NDArray[np.bool_]) -> _Heights:
+        return _Heights(*(column[retained] for column in self))
 
     def bases(self, terms: list[int]) -> Iterator[tuple[slice, Array]]:
-        """What each term does to the distances, (m, t), of so many points at a time that they fit into the cache."""
+        """Yield the distances per unit of each term, (m, t), in blocks that fit the cache."""
         for start in range(0, len(self.x), AT_A_TIME):
             some = slice(start, start + AT_A_TIME)
             yield some, self.up[some, None] * zernike_values(self.x[some], self.y[some], terms)
 
     def modelled(self, terms: list[int], values: Array) -> Array:
-        """Distances (n,) that terms make."""
+        """Return the distances (n,) of given terms."""
         return np.concatenate([basis @ values for _, basis in self.bases(terms)])
 
 
@@ -413,12 +432,12 @@ class _Fit(NamedTuple):
     terms: list[int]
     values: Array
     inverse: Array
-    """Of the normal equations, (t, t)."""
+    """Inverse (t, t) of the normal equations."""
 
 
 @dataclass(frozen=True)
 class _Gram:
-    """Normal equations of all terms that are tried; those of fewer terms are a part of them."""
+    """Normal equations of all candidate terms; subsets of terms use submatrices."""
 
     terms: list[int]
     matrix: Array
@@ -436,7 +455,7 @@ class _Gram:
         return cls(terms, matrix, right, float(part.distance @ part.distance), len(part.x))
 
     def less(self, other: _Gram) -> _Gram:
-        """Without some of the points."""
+        """Subtract the contribution of some points."""
         return _Gram(
             self.terms,
             self.matrix - other.matrix,
@@ -446,47 +465,47 @@ class _Gram:
         )
 
     def chosen(self, order: int | None) -> _Fit:
-        """The fit that Schwarz's criterion chooses, or that of an order with the terms about the axis that it chooses.
+        """Select the fit by the Schwarz criterion, for a given order or all orders.
 
         Raises
         ------
         OmnimirrorError
-            Terms that the points do not tell apart.
+            If the points do not determine the terms.
         """
         best = self._best((n, n) for n in (ORDERS if order is None else (order,)))
         if best is None:
             valid = [n for n in ORDERS if self._fit(n, n) is not None]
-            words = f"; order {valid[-1]} is valid" if valid else ", which leave too large holes"
-            raise OmnimirrorError(f"terms up to order {order or ORDERS[0]} are not told apart by the points{words}")
+            words = f"; use order {valid[-1]}" if valid else ": gaps are too large"
+            raise OmnimirrorError(f"the points do not determine terms up to order {order or ORDERS[0]}{words}")
         again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
         return again or best
 
     def of_profile(self) -> _Fit:
-        """Return the fit of terms about the axis alone.
+        """Select the fit of rotationally symmetric terms.
 
         Raises
         ------
         OmnimirrorError
-            Terms that the points do not tell apart.
+            If the points do not determine the terms.
         """
         best = self._best(((0, n) for n in ABOUT_AXIS), STEADY_OF_PROFILE)
         if best is None:
-            raise OmnimirrorError("the profile covers too little of the mirror to determine its form")
+            raise OmnimirrorError("the profile must cover more of the mirror to determine its form")
         return best
 
     def _best(self, orders: Iterable[tuple[int, int]], steady: float = STEADY) -> _Fit | None:
-        found: list[tuple[float, _Fit]] = []
+        result: list[tuple[float, _Fit]] = []
         for order, about_axis in orders:
             fit = self._fit(order, about_axis, steady)
             if fit is None:
                 break
-            found.append((self._price(fit), fit))
-            if len(found) - int(np.argmin([price for price, _ in found])) > PATIENCE:
+            result.append((self._price(fit), fit))
+            if len(result) - int(np.argmin([price for price, _ in result])) > PATIENCE:
                 break
-        return min(found, key=lambda one: one[0])[1] if found else None
+        return min(result, key=lambda one: one[0])[1] if result else None
 
     def _fit(self, order: int, about_axis: int, steady: float = STEADY) -> _Fit | None:
-        """None if the points do not tell the terms apart."""
+        """Solve for the terms; None if they are ill-conditioned."""
         terms = _terms(order, about_axis)
         if PER_TERM * len(terms) > self.count:
             return None
@@ -499,13 +518,14 @@ class _Gram:
         return _Fit(order, terms, inverse @ self.right[at], inverse)
 
     def _price(self, fit: _Fit) -> float:
+        """Return the Schwarz criterion (BIC) of a fit."""
         at = np.searchsorted(self.terms, fit.terms)
         left = max(self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300)
         return self.count * float(np.log(left)) + len(fit.terms) * float(np.log(self.count))
 
 
 def _terms(order: int, about_axis: int) -> list[int]:
-    """Noll's numbers of all terms up to an order, and of those about the axis up to another.
+    """Return Noll indices of all terms up to an order, and of symmetric terms up to another.
 
     >>> _terms(2, 4)
     [1, 2, 3, 4, 5, 6, 11]
@@ -514,7 +534,9 @@ def _terms(order: int, about_axis: int) -> list[int]:
 
 
 def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
-    """Standard deviations (mm) of what neighbouring points do not share of what is left, and of what they do."""
+    """Return standard deviations (mm) of uncorrelated and correlated residuals of neighbouring
+    points.
+    """
     from scipy.spatial import KDTree
 
     places = np.stack([part.x, part.y], axis=-1)
@@ -525,10 +547,10 @@ def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
 
 
 def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
-    """Standard uncertainties (t,) mm of the terms.
+    """Compute standard uncertainties (t,) in mm of the terms by a cluster-robust estimate.
 
-    Not all that is left is noise: errors of one cell of the mirror may go together, those of different ones do
-    not. A term is at least as uncertain as the noise makes it.
+    Residuals within one cell of the mirror may be correlated; those of different cells are
+    independent. The uncertainty is at least that of uncorrelated noise.
     """
     ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # of equal areas
     sector = (np.floor((np.arctan2(part.y, part.x) / (2 * np.pi)) * CELLS) % CELLS).astype(int)

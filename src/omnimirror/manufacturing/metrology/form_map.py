@@ -1,4 +1,4 @@
-"""Drawings of a form error: its map, what the terms leave, and its meridian about the axis."""
+"""Figures of a form error: map, residuals, meridian and largest terms."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from .form_error import FormError
 
 Array = NDArray[np.float64]
 
-MOST_DOTS = 20_000
+MAX_DOTS = 20_000
 GRID = 301
-MOST_BARS = 12
+MAX_BARS = 12
 
 
-def form_figure(form: FormError) -> Figure:
-    """Four panels: the terms over the mirror, what they leave at the points, the meridian, and the largest terms.
+def plot_form_error(form: FormError) -> Figure:
+    """Plot the fitted form, residuals of the points, the meridian, and the largest terms.
 
     Parameters
     ----------
     form
-        Of a mirror that was measured.
+        Form error of a measured mirror.
 
     Returns
     -------
     Figure
-        In um along the axis.
+        Four panels, in um along the axis.
     """
     figure = new_figure(PAGE, 6.2)
     (fitted, left), (meridian, terms) = figure.subplots(2, 2)
@@ -40,15 +40,21 @@ def form_figure(form: FormError) -> Figure:
     height[inside] = form.at(x[inside], y[inside])
     height -= np.nanmean(height)
     extent = (axis[0], axis[-1], axis[0], axis[-1])
-    shown = fitted.imshow(height, origin="lower", extent=extent, cmap="RdBu_r", **_limits(height[inside]))
-    figure.colorbar(shown, ax=fitted, label="um")
+    imaged = fitted.imshow(height, origin="lower", extent=extent, cmap="RdBu_r", **_limits(height[inside]))
+    figure.colorbar(imaged, ax=fitted, label="um")
     fitted.set_title(f"form: {form.peak_to_valley_um:.3g} um PV, {form.rms_um:.3g} um rms")
-    some = slice(None, None, max(len(form.x_mm) // MOST_DOTS, 1))
+    some = slice(None, None, max(len(form.x_mm) // MAX_DOTS, 1))
     residual = form.residual_um[some]
     dots = left.scatter(
-        form.x_mm[some], form.y_mm[some], c=residual, s=1.5, cmap="RdBu_r", linewidths=0, rasterized=True,
+        form.x_mm[some],
+        form.y_mm[some],
+        c=residual,
+        s=1.5,
+        cmap="RdBu_r",
+        linewidths=0,
+        rasterized=True,
         **_limits(residual),
-    )  # fmt: skip
+    )
     figure.colorbar(dots, ax=left, label="um")
     left.set_title(f"left: noise {form.noise_um:.2g} um, more {form.unexplained_um:.2g} um")
     for ax in (fitted, left):
@@ -77,7 +83,7 @@ def _draw_meridian(ax: Axes, form: FormError) -> None:
 
 
 def _draw_terms(ax: Axes, form: FormError) -> None:
-    ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))[:MOST_BARS]
+    ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))[:MAX_BARS]
     places = np.arange(len(ranked))
     colours = [PALETTE[0] if noll(t.noll)[1] == 0 else PALETTE[1] for t in ranked]
     ax.barh(places, [t.um for t in ranked], xerr=[t.sigma_um for t in ranked], color=colours, ecolor=INK)

@@ -1,4 +1,6 @@
-"""Files of measuring machines: points by the line, grids of heights, and what interferometers and profilers write."""
+"""Readers of measurement files: point lists, grids of heights, and formats of measuring
+instruments.
+"""
 
 from __future__ import annotations
 
@@ -21,41 +23,42 @@ Array = NDArray[np.float64]
 Unit = Literal["mm", "um", "m", "inch"]
 MM: dict[str, float] = {"mm": 1.0, "um": 1e-3, "m": 1e3, "inch": 25.4}
 CLOUDS = (".csv", ".txt", ".xyz", ".asc", ".pts", ".tsv")
-"""Suffixes of points by the line, x, y, z."""
+"""Suffixes of point lists x, y, z."""
 MACHINES = (".x3p", ".datx", ".dat", ".opd", ".opdx", ".sur", ".plu", ".plux", ".al3d", ".zmg", ".sdf", ".nms")
-"""Suffixes of grids of heights by machines; .dat is Zygo's MetroPro, or a grid sag file if it is text."""
-LARGEST_MACHINE_FILE = 256 << 20
-"""Bytes of a file, and of what is packed in it."""
-MOST_GRID_POINTS = 20_000_000
-"""Points of a grid of heights, which take about 2 GB of memory."""
+"""Suffixes of instrument formats; .dat is Zygo MetroPro, or a grid sag file if it is text."""
+MAX_MACHINE_FILE_BYTES = 256 << 20
+"""Maximum size of a file and of its decompressed content, bytes."""
+MAX_GRID_POINTS = 20_000_000
+"""Maximum number of points of a grid, which require about 2 GB of memory."""
 BEGINNING = 512  # bytes that tell text from numbers
 
 
 @checked
 def read_points(path: str | Path, unit: Unit = "mm") -> Array:
-    """Read points of a surface, mm, from the file of a measuring machine.
+    """Read points of a surface in mm from a measurement file.
 
-    Rows may be separated by blanks, tabs, semicolons or commas, have decimal points or commas, exponents with E or D,
-    and hold row numbers and labels. Lines before the first row are a header; if it names x, y and z, these columns are
-    taken, otherwise the first three, or two of a profile.
+    Values may be separated by blanks, tabs, semicolons or commas, use decimal points or commas, and
+    exponents with E or D; row numbers and labels are accepted. Lines before the first row are a header.
+    If it names x, y and z, these columns are used; otherwise the first three, or two for a profile.
 
     Parameters
     ----------
     path
-        Rows of x, y, z, or of x, z of a profile (.csv, .txt, .xyz, ...), an OpticStudio grid sag (.dat), or a
-        file of a machine (ISO 25178-72 .x3p, Zygo .dat and .datx, Bruker .opd, ...; by the package SurfaceTopography).
+        Rows of x, y, z, or of x, z for a profile (.csv, .txt, .xyz, ...), an OpticStudio grid sag
+        (.dat), or an instrument file (ISO 25178-72 .x3p, Zygo .dat and .datx, Bruker .opd, ...; these
+        require the package SurfaceTopography).
     unit
-        Of points by the line: mm, um, m or inch. The other files say theirs.
+        Unit of point lists: mm, um, m or inch. Other formats contain their unit.
 
     Returns
     -------
-    (n, 3) array, or (n, 2) of a profile
-        Without the places where nothing was measured.
+    (n, 3) array, or (n, 2) for a profile
+        Valid points.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing, is none of these, names another unit, or its package is not installed.
+        If the file is missing, has an unknown format or another unit, or its package is not installed.
 
     Examples
     --------
@@ -72,31 +75,33 @@ def read_points(path: str | Path, unit: Unit = "mm") -> Array:
         return MM[unit] * parsed_points(read_text(path, "points"), path, unit)
     if suffix in MACHINES:
         try:
-            check_file(path, LARGEST_MACHINE_FILE, LARGEST_MACHINE_FILE)
+            check_file(path, MAX_MACHINE_FILE_BYTES, MAX_MACHINE_FILE_BYTES)
             is_grid = suffix == ".dat" and _is_text(path)
         except OSError as e:
             raise OmnimirrorError(f"cannot read the points {path}: {e.strerror or e}") from None
         return grid_points(path) if is_grid else _of_machine(path)
-    raise OmnimirrorError(f"{path} is no file of points that is known; valid are {', '.join((*CLOUDS, *MACHINES))}")
+    raise OmnimirrorError(f"{path} must have one of the suffixes {', '.join((*CLOUDS, *MACHINES))}")
 
 
 def _is_text(path: Path) -> bool:
-    with open_file(path, LARGEST_MACHINE_FILE) as file:
+    with open_file(path, MAX_MACHINE_FILE_BYTES) as file:
         return file.read(BEGINNING).isascii()
 
 
 def _of_machine(path: Path) -> Array:
-    """Read a grid of heights with SurfaceTopography; its size is checked before the heights are read."""
+    """Read a grid of heights with SurfaceTopography after a check of its size."""
     if find_spec("SurfaceTopography") is None:
-        raise OmnimirrorError(f"{path.suffix} files need SurfaceTopography: pip install 'omnimirror[metrology]'")
+        raise OmnimirrorError(
+            f"{path.suffix} files require SurfaceTopography; install with pip install 'omnimirror[metrology]'"
+        )
     from SurfaceTopography.IO import open_topography
 
     try:
         with open_topography(str(path)) as reader:
             count = prod(map(int, reader.default_channel.nb_grid_pts))
-            if count > MOST_GRID_POINTS:
+            if count > MAX_GRID_POINTS:
                 raise OmnimirrorError(
-                    f"{path} must not have more than {MOST_GRID_POINTS} points; got {count}; reduce its resolution"
+                    f"{path} must not have more than {MAX_GRID_POINTS} points; got {count}; reduce its resolution"
                 )
             x, y, z = reader.topography().to_unit("mm").positions_and_heights()
     except OmnimirrorError:

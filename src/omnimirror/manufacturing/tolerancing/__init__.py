@@ -1,1 +1,1 @@
-"""How well a sensor must be built, and how many of those built will be good."""
+"""Tolerance analysis: perturbations, Monte Carlo yield, sensitivities, compensation and allocation."""

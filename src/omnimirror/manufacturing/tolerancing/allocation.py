@@ -1,9 +1,9 @@
-"""The cheapest tolerances that reach a yield.
+"""Tolerance allocation: tolerances of minimum cost for a target yield.
 
-The price of a tolerance t is taken as a / t: half of it costs twice as much. At the cheapest set, what a per cent of
-each tolerance costs is in one proportion to what it does to the yield. Both sides are measured on traced trials that
-share their random numbers, with limits softened by a few per cent so that the yield has a slope; no model of a merit is
-fitted, since straight lines through merits that calibration leaves promise yields that are not there.
+The cost of a tolerance t is a / t. At minimum cost, the ratio of relative cost to relative yield
+change is equal for all tolerances. Both are evaluated with traced trials with common random numbers;
+limits are softened by a few per cent to obtain a differentiable yield. No merit model is fitted:
+linear models of merits after calibration would overestimate the yield.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from ...sensor import Sensor
-from .evaluator import Judge
-from .monte_carlo import Share, check_limits, monte_carlo, told
-from .perturbation import GRADES, errors_of
-from .requirement_merits import is_least
+from .evaluator import TrialEvaluator
+from .monte_carlo import YieldEstimate, check_limits, format_limit, monte_carlo
+from .perturbation import GRADES, error_sources
+from .requirement_merits import is_lower_limit
 from .tolerances import BLOCK, Tolerances
 
 Array = NDArray[np.float64]
@@ -29,154 +29,154 @@ STEP = 0.1  # of the logarithm of a tolerance
 SOFT = 0.08  # of a limit, over which the yield is smeared
 DAMPING = 1 / 3  # what errors do grows with the square of their tolerance, as a rule
 ROUNDS = 8
-LEAST = 1e-3  # of the largest effect, below which an effect is noise
+MIN_PREFIX = 1e-3  # of the largest effect, below which an effect is noise
 NEAR = 0.95
-"""Of how wide a tolerance may be, from which it is said to be as wide as that."""
+"""Fraction of the maximum from which a tolerance counts as being at its maximum."""
 HALVINGS = 12
-MOST = 1e6
+MAX_FACTOR = 1e6
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """Tolerances for a yield.
+    """Allocated tolerances.
 
     Attributes
     ----------
     tolerances
-        By the names of errors.
-    price
-        Sum of a / t, where the tolerances that were asked cost 1 each, or what was said.
-    price_of_equal
-        Of tolerances that are all scaled alike for the same yield.
-    reached
-        Yield of traced trials that were not used on the way.
+        Tolerances by error source.
+    cost
+        Sum of a / t; each initial tolerance has cost 1 unless specified.
+    uniform_cost
+        Cost of uniformly scaled tolerances with the same yield.
+    confirmed_yield
+        Yield of independent trials.
     trials
-        How many those were.
-    at_widest
-        Names of errors whose tolerances are as wide as they may be, or nearly.
+        Number of these trials.
+    at_maximum
+        Error sources whose tolerances are (nearly) at their maximum.
     """
 
     tolerances: Mapping[str, float]
-    price: float
-    price_of_equal: float
-    reached: Share
+    cost: float
+    uniform_cost: float
+    confirmed_yield: YieldEstimate
     trials: int
-    at_widest: tuple[str, ...] = ()
+    at_maximum: tuple[str, ...] = ()
 
 
 def allocate(
-    judge: Judge,
+    evaluator: TrialEvaluator,
     tolerances: Tolerances,
     limits: Mapping[str, float],
-    wanted: float,
+    target_yield: float,
     *,
-    prices: Mapping[str, float] | None = None,
-    widest: Mapping[str, float] | None = None,
+    costs: Mapping[str, float] | None = None,
+    max_tolerances: Mapping[str, float] | None = None,
     seed: int = 0,
     trials: int = 20_000,
 ) -> Allocation:
-    """The cheapest tolerances of which a share of all sensors is good.
+    """Find the tolerances of minimum cost for a target yield.
 
     Parameters
     ----------
-    judge
-        Of the sensor.
+    evaluator
+        Evaluator of the sensor.
     tolerances
-        To begin with; their distributions are kept, errors of 0 stay out.
+        Initial tolerances; distributions are kept, tolerances of 0 are excluded.
     limits
-        What a good sensor stays within.
-    wanted
-        The yield, between 0 and 1.
-    prices
-        What each tolerance costs as it was asked; 1 by default.
-    widest
-        How wide each may become; by default as a coarse shop holds it unasked, or as it was asked where that is wider:
-        wider ones would save nothing.
+        Limits of a good sensor.
+    target_yield
+        Yield between 0 and 1.
+    costs
+        Cost of each initial tolerance, 1 by default.
+    max_tolerances
+        Maximum of each tolerance; by default that of the coarse grade, or the initial tolerance if
+        larger, because larger tolerances do not reduce the cost.
     seed
-        Of the trials.
+        Random seed.
     trials
-        That confirm it.
+        Number of independent trials for confirmation.
 
     Returns
     -------
     Allocation
-        The tolerances, and the yield that was traced with them.
+        Tolerances and their confirmed yield.
 
     Raises
     ------
     InvalidParameter
-        A yield that is none, or limits that a sensor without errors misses.
+        If the yield is invalid or the nominal sensor violates a limit.
     """
-    check_wanted(wanted, limits)
+    check_target_yield(target_yield, limits)
     names = [name for name, bound in tolerances.errors.items() if bound.value > 0]
-    asked = np.array([tolerances.errors[name].value for name in names])
+    requested = np.array([tolerances.errors[name].value for name in names])
     most = np.array(
         [
-            (widest or {}).get(name) or widest_of(judge.field.sensor, name, a)
-            for name, a in zip(names, asked, strict=True)
+            (max_tolerances or {}).get(name) or default_max_tolerance(evaluator.field.sensor, name, a)
+            for name, a in zip(names, requested, strict=True)
         ]
     )
-    case = _Case(judge, tolerances, limits, seed, names, most)
-    price = np.array([(prices or {}).get(name, 1.0) for name in case.names])
-    if not np.isfinite(case.excess(1e-6 * asked)).all() or case.good(1e-6 * asked) < 1:
+    case = _Case(evaluator, tolerances, limits, seed, names, most)
+    cost = np.array([(costs or {}).get(name, 1.0) for name in case.names])
+    if not np.isfinite(case.excess(1e-6 * requested)).all() or case.good(1e-6 * requested) < 1:
         raise InvalidParameter(
-            f"a sensor without errors misses the limits {' and '.join(told(n, v) for n, v in limits.items())}; ease "
-            "them, or design another"
+            "the nominal sensor must satisfy the limits "
+            f"{' and '.join(format_limit(n, v) for n, v in limits.items())}; relax them or change the design"
         )
-    equal = case.scaled(asked, wanted)
+    equal = case.scaled(requested, target_yield)
     sizes = equal
     for _ in range(ROUNDS):
         effect = case.effects(sizes)
-        effect = np.maximum(effect, LEAST * effect.max())
-        ratio = price * asked / sizes / effect
+        effect = np.maximum(effect, MIN_PREFIX * effect.max())
+        ratio = cost * requested / sizes / effect
         sizes = np.minimum(sizes * (ratio / np.exp(np.log(ratio).mean())) ** DAMPING, most)
-        sizes = case.scaled(sizes, wanted)
-    if (price * asked / sizes).sum() > (price * asked / equal).sum():
+        sizes = case.scaled(sizes, target_yield)
+    if (cost * requested / sizes).sum() > (cost * requested / equal).sum():
         sizes = equal
-    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, wanted)  # those trials were chosen by
+    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, target_yield)  # those trials were chosen by
     chosen = dict(zip(case.names, (float(v) for v in sizes), strict=True))
-    confirmed = monte_carlo(judge, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
+    confirmed = monte_carlo(evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
     return Allocation(
         chosen,
-        float((price * asked / sizes).sum()),
-        float((price * asked / equal).sum()),
+        float((cost * requested / sizes).sum()),
+        float((cost * requested / equal).sum()),
         confirmed.yields,
         confirmed.trials,
         tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end),
     )
 
 
-def check_wanted(wanted: float, limits: Mapping[str, float]) -> None:
-    """Refuse a yield that is none, and limits that it cannot be of."""
+def check_target_yield(target_yield: float, limits: Mapping[str, float]) -> None:
+    """Raise an error for an invalid target yield or missing limits."""
     check_limits(limits)
-    if not 0 < wanted < 1:
-        raise InvalidParameter(f"a yield of {wanted:g} is valid between 0 and 1")
+    if not 0 < target_yield < 1:
+        raise InvalidParameter(f"target_yield must be between 0 and 1; got {target_yield:g}")
     if not limits:
-        raise InvalidParameter("there is no limit that a good sensor stays within; name one at least")
+        raise InvalidParameter("limits must contain at least one limit")
 
 
-def widest_of(sensor: Sensor, name: str, asked: float) -> float:
-    """How wide a tolerance may become where nothing is said: as a coarse shop holds it, but no less than was asked.
+def default_max_tolerance(sensor: Sensor, name: str, requested: float) -> float:
+    """Return the default maximum of a tolerance: that of the coarse grade, at least the initial one.
 
     >>> import omnimirror as om
-    >>> widest_of(om.load_sensor("paper-spherical"), "mirror.decentre_x_mm", 0.01)
+    >>> default_max_tolerance(om.load_sensor("paper-spherical"), "mirror.decentre_x_mm", 0.01)
     0.2
     """
-    known = errors_of(sensor).get(name)
-    return max(asked, known.usual[GRADES[0]] if known else asked)
+    known = error_sources(sensor).get(name)
+    return max(requested, known.typical_tolerances[GRADES[0]] if known else requested)
 
 
 @dataclass(frozen=True)
 class _Case:
-    """Trials with the same random numbers, whatever their tolerances."""
+    """Trials with common random numbers for any tolerances."""
 
-    judge: Judge
+    evaluator: TrialEvaluator
     tolerances: Tolerances
     limits: Mapping[str, float]
     seed: int
     names: list[str]
     most: Array
-    """(n,) of each tolerance."""
+    """Maximum tolerances (n,)."""
     draws: int = DRAWS
 
     def with_sizes(self, sizes: Array) -> Tolerances:
@@ -187,11 +187,12 @@ class _Case:
         return replace(self.tolerances, errors=errors)
 
     def excess(self, sizes: Array) -> Array:
-        """The largest (t,) of all merits in units of their limits; infinite where rays are lost."""
-        merits = self.judge.judged(self.with_sizes(sizes).drawn(self.seed, 0, self.draws))
-        columns = {name: merits[:, self.judge.names.index(name)] for name in self.limits}
+        """Return the maximum (t,) of merits over limits; infinite if rays are lost."""
+        merits = self.evaluator.evaluate(self.with_sizes(sizes).drawn(self.seed, 0, self.draws))
+        columns = {name: merits[:, self.evaluator.names.index(name)] for name in self.limits}
         shares = [
-            limit / columns[name] if is_least(name) else columns[name] / limit for name, limit in self.limits.items()
+            limit / columns[name] if is_lower_limit(name) else columns[name] / limit
+            for name, limit in self.limits.items()
         ]
         worst = np.max(shares, axis=0)
         return np.where(np.isnan(worst), np.inf, worst)
@@ -200,7 +201,7 @@ class _Case:
         return float((self.excess(sizes) <= 1).mean())
 
     def effects(self, sizes: Array) -> Array:
-        """How much (n,) of the softened yield goes with each logarithm of a tolerance."""
+        """Return the derivatives (n,) of the softened yield by the logarithm of each tolerance."""
         effect = np.empty(len(sizes))
         for i in range(len(sizes)):
             step = np.ones(len(sizes))
@@ -209,24 +210,24 @@ class _Case:
             effect[i] = (soft[0] - soft[1]) / (2 * STEP)
         return effect
 
-    def scaled(self, sizes: Array, wanted: float) -> Array:
-        """The same proportions, as large as the yield allows, and as each may be."""
+    def scaled(self, sizes: Array, target_yield: float) -> Array:
+        """Scale tolerances to the target yield, limited to their maxima."""
         low, high, end = 1.0, 1.0, max(float((self.most / sizes).max()), 1.0)
 
         def at(times: float) -> Array:
             return np.minimum(times * sizes, self.most)
 
-        while low < end and self.good(at(high)) >= wanted:
+        while low < end and self.good(at(high)) >= target_yield:
             low, high = high, 2 * high
-        while self.good(at(low)) < wanted and low > 1 / MOST:
+        while self.good(at(low)) < target_yield and low > 1 / MAX_FACTOR:
             low, high = low / 2, low
         for _ in range(HALVINGS):
             middle = float(np.sqrt(low * high))
-            low, high = (middle, high) if self.good(at(middle)) >= wanted else (low, middle)
+            low, high = (middle, high) if self.good(at(middle)) >= target_yield else (low, middle)
         return at(low)
 
 
 def _softened(excess: Array) -> float:
-    """Share of trials within their limits, smeared."""
+    """Return the softened fraction of trials within the limits."""
     with np.errstate(over="ignore"):
         return float((1 / (1 + np.exp((excess - 1) / SOFT))).mean())

@@ -1,9 +1,10 @@
-"""What is left of the motion of a picture after calibrations of stated depth.
+"""Compensation: residual image motion after calibrations of increasing depth, and merits of trials.
 
-A calibration fits a model of the sensor to what the built one shows. What it can take away of a motion is, column by
-column: a shift of the principal point; an affine change of the picture; decentre, displacement and tilt of the mirror
-with their squares and products, since a straight line in them would leave up to a pixel that is not there; and a radial
-mapping of its own. All sums over the field are made once: a trial costs products with some thirty vectors.
+A calibration fits a sensor model to the images of the as-built sensor. It can remove, one model
+after another: a shift of the principal point; an affine transformation of the image; decentre,
+displacement and tilt of the mirror with their squares and products, because a linear model leaves
+spurious residuals of up to 1 px; and a radial mapping. All sums over the field are precomputed: a
+trial requires about thirty scalar products.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .object_field import BEYOND, Field
-from .perturbation import errors_of
+from .perturbation import error_sources
 from .perturbed_states import Values
-from .trial_images import Picture, Refocus, largest_diameter
+from .trial_images import Refocus, TrialImages, largest_diameter
 
 Array = NDArray[np.float64]
 
 Calibration = Literal["none", "principal-point", "affine", "pose", "radial"]
 CALIBRATIONS: tuple[Calibration, ...] = get_args(Calibration)
-"""Each takes away what those before it do, and more."""
+"""Calibration models, each including those before it."""
 POSE = (
     "mirror.decentre_x_mm",
     "mirror.decentre_y_mm",
@@ -37,25 +38,25 @@ STEP = 0.02  # mm and deg, of the differences: third derivatives and rounding st
 OUTSIDE = 1e-6  # share of a column outside the ones before it, below which it is the same once more
 RADIAL_POWERS = (2, 3, 4, 5, 6, 7)
 ROUNDS = 3
-"""Of Gauss and Newton, in the few numbers of a pose; from .5 mm and .5 deg the fourth moves nothing."""
+"""Gauss-Newton iterations for the pose; from 0.5 mm and 0.5 deg, the fourth has no effect."""
 
 
 @dataclass(frozen=True)
 class Compensators:
-    """What calibrations take away, over vectors (2 n,) of motions: x of all objects, then y.
+    """Compensable image motions, as vectors (2 n,): x of all objects, then y.
 
     Attributes
     ----------
     affine : (k, 2 n)
-        Orthonormal rows; the first two are the shifts.
+        Orthonormal rows; the first two are shifts.
     basis : (e, 2 n)
-        Orthonormal rows, beside those, in which a pose moves the picture.
+        Orthonormal rows of pose motions, orthogonal to ``affine``.
     straight : (e, p)
-        How, by each number of the pose.
+        First-order coefficients of the pose parameters.
     bent : (e, p (p + 1) / 2)
-        And by each product of two of them, in the order of ``combinations_with_replacement``.
+        Second-order coefficients, in the order of ``combinations_with_replacement``.
     radial : (k, 2 n)
-        Orthonormal rows of a radial mapping, beside all others of first order.
+        Orthonormal rows of a radial mapping, orthogonal to all first-order motions.
     """
 
     affine: Array
@@ -65,24 +66,24 @@ class Compensators:
     radial: Array
 
     def left(self, motion: Array) -> Array:
-        """Residuals (calibrations, t, 2 n) of motions (t, 2 n)."""
+        """Return residuals (calibrations, t, 2 n) of motions (t, 2 n)."""
         shifted = motion - (motion @ self.affine[:2].T) @ self.affine[:2]
         stretched = motion - (motion @ self.affine.T) @ self.affine
         posed = stretched - self.moved(self.pose(motion))[0] @ self.basis
         return np.stack([motion, shifted, stretched, posed, posed - (posed @ self.radial.T) @ self.radial])
 
     def pose(self, motion: Array) -> Array:
-        """Poses (t, p) that explain motions best, beside affine changes."""
-        seen = motion @ self.basis.T
+        """Fit poses (t, p) to motions by the Gauss-Newton method, after the affine part."""
+        projected = motion @ self.basis.T
         pose = np.zeros((len(motion), self.straight.shape[1]))
         for _ in range(ROUNDS):
             moved, rate = self.moved(pose)
             normal = rate.swapaxes(1, 2) @ rate
-            pose = pose + np.linalg.solve(normal, np.einsum("tep,te->tp", rate, seen - moved)[..., None])[..., 0]
+            pose = pose + np.linalg.solve(normal, np.einsum("tep,te->tp", rate, projected - moved)[..., None])[..., 0]
         return pose
 
     def moved(self, pose: Array) -> tuple[Array, Array]:
-        """Motion (t, e) by poses (t, p), and its derivatives (t, e, p)."""
+        """Return motions (t, e) of poses (t, p) and their derivatives (t, e, p)."""
         pairs = list(combinations_with_replacement(range(pose.shape[1]), 2))
         moved = pose @ self.straight.T
         rate = np.broadcast_to(self.straight, (len(pose), *self.straight.shape)).copy()
@@ -93,20 +94,20 @@ class Compensators:
         return moved, rate
 
 
-def compensators_of(field: Field) -> Compensators:
-    """What calibrations of a sensor take away.
+def fit_compensators(field: Field) -> Compensators:
+    """Compute the compensable motions of a sensor.
 
-    Numbers of a pose whose effect is that of others are left out: a tilted sphere is a decentred one.
+    Pose parameters with the effect of other ones are omitted: a tilted sphere is a decentred sphere.
 
     Parameters
     ----------
     field
-        The objects.
+        Objects over the field.
 
     Returns
     -------
     Compensators
-        Of all depths.
+        Motions of all calibration models.
     """
     n = len(field)
     x, y = (field.offsets_px / np.abs(field.offsets_px).max()).T
@@ -116,22 +117,22 @@ def compensators_of(field: Field) -> Compensators:
     r = np.hypot(x, y)
     straight, bent = _by_pose(field)
     affine = _orthonormal(np.zeros((0, 2 * n)), shift + stretch)
-    taken, kept = affine, []
+    taken, retained = affine, []
     for i, column in enumerate(straight):
         before = len(taken)
         taken = _orthonormal(taken, [column])
         if len(taken) > before:
-            kept.append(i)
-    pairs = list(combinations_with_replacement(kept, 2))
+            retained.append(i)
+    pairs = list(combinations_with_replacement(retained, 2))
     basis = _orthonormal(taken, [bent[pair] for pair in pairs])[len(affine) :]
-    lines = np.stack([basis @ straight[i] for i in kept], axis=-1)
+    lines = np.stack([basis @ straight[i] for i in retained], axis=-1)
     curves = np.stack([basis @ bent[pair] for pair in pairs], axis=-1)
     mapping = [np.append(x * r ** (p - 1), y * r ** (p - 1)) for p in RADIAL_POWERS]
     return Compensators(affine, basis, lines, curves, _orthonormal(taken, mapping)[len(taken) :])
 
 
 def _orthonormal(rows: Array, more: list[Array]) -> Array:
-    """Those rows (k, 2 n), and what more vectors add to them."""
+    """Extend orthonormal rows (k, 2 n) by vectors that are not in their span."""
     for vector in more:
         rest = _outside(rows, vector)
         if np.linalg.norm(rest) > OUTSIDE * np.linalg.norm(vector):
@@ -140,15 +141,15 @@ def _orthonormal(rows: Array, more: list[Array]) -> Array:
 
 
 def _outside(rows: Array, vector: Array) -> Array:
-    """A vector less what rows have of it; twice, since once leaves rounding."""
+    """Subtract the projection onto rows, twice to reduce rounding errors."""
     for _ in range(2):
         vector = vector - (rows @ vector) @ rows
     return vector
 
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
-    """First derivatives of motion by each number of a pose, and the terms of second order by pairs of them."""
-    pose = [name for name in POSE if name in errors_of(field.sensor)]  # two mirrors move along their axis alone
+    """Compute first derivatives of motion by each pose parameter, and second-order terms of pairs."""
+    pose = [name for name in POSE if name in error_sources(field.sensor)]  # two mirrors move along their axis alone
     pairs = list(combinations_with_replacement(range(len(pose)), 2))
     steps = []
     for i, j in pairs:
@@ -172,7 +173,9 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
 
 
 def motion(offsets_px: Array, reference_px: Array) -> Array:
-    """Motions (t, 2 n) px of pictures (t, n, 2) against those (n, 2) of a sensor without errors."""
+    """Return image motions (t, 2 n) in px of images (t, n, 2) relative to reference positions (n,
+    2).
+    """
     moved = offsets_px - reference_px
     return np.concatenate([moved[..., 0], moved[..., 1]], axis=-1)
 
@@ -184,7 +187,7 @@ MERITS = 4 * len(CALIBRATIONS) + len(OF_BLUR) + 1
 
 
 def merit_names() -> tuple[str, ...]:
-    """Names of what a trial is evaluated by; those of motions end in their calibration.
+    """Return the names of trial merits; names of motions end in their calibration.
 
     >>> merit_names()[:2], merit_names()[-4:]
     (('motion_rms_px', 'motion_px'), ('blur_px', 'floored_area_deg2', 'focus_distance_mm', 'lost_rays'))
@@ -194,7 +197,7 @@ def merit_names() -> tuple[str, ...]:
 
 
 def after(name: str, calibration: Calibration) -> str:
-    """Name of a merit of motion after a calibration.
+    """Return the name of a motion merit after a calibration.
 
     >>> after("motion_px", "none"), after("motion_px", "affine")
     ('motion_px', 'motion_px after affine')
@@ -204,20 +207,20 @@ def after(name: str, calibration: Calibration) -> str:
 
 @dataclass(frozen=True)
 class Reference:
-    """What trials of a sensor are evaluated against.
+    """Precomputed reference data of a sensor for the evaluation of trials.
 
     Attributes
     ----------
     field
-        The objects.
+        Objects over the field.
     compensators
-        What calibrations take away.
+        Compensable motions.
     reference_px : (n, 2)
-        Where a sensor without errors shows them, focused as trials are: what motions are counted from.
+        Nominal image positions with the focus of the trials.
     refocus
-        Whether each trial is focused.
+        Refocusing mode.
     floor_px2
-        What a pixel and the Airy disk add to the square of a blur.
+        Contribution of pixel and Airy disk to the squared blur.
     """
 
     field: Field
@@ -228,7 +231,7 @@ class Reference:
 
 
 def evaluate_numpy(reference: Reference, values: Values) -> tuple[Array, Array]:
-    """Merits (t, m) of trials, and motions (t, 2 n) px; NaN where rays are lost."""
+    """Compute merits (t, m) and motions (t, 2 n) in px of trials; NaN if rays are lost."""
     with np.errstate(all="ignore"):
         shown, are_lost, focus_mm = reference.field.shown(values, refocus=reference.refocus)
         lost = are_lost.sum(axis=1)
@@ -244,7 +247,7 @@ def evaluate_numpy(reference: Reference, values: Values) -> tuple[Array, Array]:
     return merits, moved
 
 
-def _of_blur(reference: Reference, shown: Picture, focus_mm: Array) -> Array:
+def _of_blur(reference: Reference, shown: TrialImages, focus_mm: Array) -> Array:
     blur, floor = shown.blur_px, reference.floor_px2
     squares = (blur**2).sum(axis=(-2, -1))
     area_px2 = np.sqrt(np.linalg.det(blur) ** 2 + floor * squares + floor**2)
@@ -253,7 +256,7 @@ def _of_blur(reference: Reference, shown: Picture, focus_mm: Array) -> Array:
 
 
 def _of_motion(left: Array, deg_per_px: Array) -> Array:
-    """rms and worst (t, 4) of residuals (t, 2 n), in px and in deg."""
+    """Return RMS and maximum (t, 4) of residuals (t, 2 n), in px and in deg."""
     vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
     turned = np.einsum("nij,tnj->tni", deg_per_px, vectors)
     squares = [(v**2).sum(axis=-1) for v in (vectors, turned)]

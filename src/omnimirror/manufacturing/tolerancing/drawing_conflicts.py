@@ -1,7 +1,8 @@
-"""Consistency of the tolerances on a drawing: workshop file against allocated tolerances, in both directions.
+"""Consistency of the tolerances on a drawing: workshop file against allocated tolerances.
 
-Each allocated tolerance is a budget that several entries of the workshop file share: the tilt of the mirror, its
-decentre, its spacing to the lens, and its form. An entry that uses up the whole budget leaves nothing for the mount.
+Each allocated tolerance is a budget for several entries of the workshop file: the tilt of the mirror,
+its decentre, its spacing to the lens, and its form. An entry that uses the whole budget leaves no
+tolerance for the mount.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ...mirrors import Mirror
 from ...sensor import Sensor
 from ..body import Body
 from ..drawings.tables import form_rms_um
-from ..workshop import Making, Workshop
+from ..workshop import PartSpecification, Workshop
 from .perturbation import perturbed
 
 Array = NDArray[np.float64]
@@ -30,9 +31,9 @@ GENERAL_MM = {
     "c": (0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0),
     "v": (np.inf, 0.5, 1.0, 1.5, 2.5, 4.0, 6.0),
 }
-"""Permissible deviations of linear sizes by ISO 2768-1, plus and minus, between these lengths."""
+"""Permissible deviations of linear sizes by ISO 2768-1 in the ranges of ``LENGTHS_MM``."""
 PV_PER_RMS = 2 * np.sqrt(3)
-"""Peak to valley over RMS of defocus, the smallest ratio among Zernike terms."""
+"""Ratio of peak to valley and RMS of defocus, the smallest ratio of all Zernike terms."""
 POINTS = 401
 
 
@@ -59,51 +60,60 @@ def tolerance_conflicts(
     Examples
     --------
     >>> import omnimirror as om
-    >>> from omnimirror.manufacturing import Making, Workshop
-    >>> workshop = Workshop(mirror=Making(centring_deg=0.2), tolerances={"mirror.tilt_x_deg": 0.1})
+    >>> from omnimirror.manufacturing import PartSpecification, Workshop
+    >>> workshop = Workshop(mirror=PartSpecification(centring_deg=0.2), tolerances={"mirror.tilt_x_deg": 0.1})
     >>> print(*tolerance_conflicts(om.load_sensor("paper-spherical"), workshop), sep="\\n")
     mirror.centring_deg = 0.2 uses 0.2 deg of the 0.1 deg allocated to the tilt of the mirror and leaves nothing for its
     mount; reduce it below 0.1 deg or allocate more
     """
-    found = _of_mirror(sensor, workshop, body or Body.of(sensor.housing.rim, sensor.mirror))
+    result = _of_mirror(sensor, workshop, body or Body.of(sensor.housing.rim, sensor.mirror))
     if sensor.secondary is not None:
         second = secondary_body or Body.of(sensor.housing.secondary_rim, sensor.secondary.mirror)
         tilt = _back_tilt_deg(workshop.secondary, second, sensor.secondary.mirror)
-        found += _flatness_conflict("secondary", workshop.secondary, tilt)
-    return found
+        result += _flatness_conflict("secondary", workshop.secondary, tilt)
+    return result
 
 
 def _of_mirror(sensor: Sensor, workshop: Workshop, body: Body) -> list[str]:
-    making, told, general = workshop.mirror, workshop.tolerances, workshop.title.general_tolerances
+    specification, allocated, general = workshop.mirror, workshop.tolerances, workshop.title.general_tolerances
     mirror = sensor.mirror
-    back_tilt = _back_tilt_deg(making, body, mirror)
+    back_tilt = _back_tilt_deg(specification, body, mirror)
     tilt = [
-        (f"mirror.centring_deg = {making.centring_deg:g}", making.centring_deg) if making.centring_deg else None,
-        (f"mirror.back_flatness_mm = {making.back_flatness_mm:g}", back_tilt) if back_tilt else None,
+        (f"mirror.centring_deg = {specification.centring_deg:g}", specification.centring_deg)
+        if specification.centring_deg
+        else None,
+        (f"mirror.back_flatness_mm = {specification.back_flatness_mm:g}", back_tilt) if back_tilt else None,
     ]
-    diameter = _size("diameter", 2 * body.outer_radius_mm(mirror), making.diameter_tolerance_mm, general)
+    diameter = _size("diameter", 2 * body.outer_radius_mm(mirror), specification.diameter_tolerance_mm, general)
     decentre = [
-        (f"mirror.centring_mm = {making.centring_mm:g}", making.centring_mm) if making.centring_mm else None,
+        (f"mirror.centring_mm = {specification.centring_mm:g}", specification.centring_mm)
+        if specification.centring_mm
+        else None,
         diameter,
     ]
-    thickness = _size("thickness", body.thickness_mm, making.thickness_tolerance_mm, general)
-    found = [
-        *_flatness_conflict("mirror", making, back_tilt),
-        *_budget("tilt of the mirror", "deg", _least(told, "mirror.tilt_x_deg", "mirror.tilt_y_deg"), tilt),
+    thickness = _size("thickness", body.thickness_mm, specification.thickness_tolerance_mm, general)
+    result = [
+        *_flatness_conflict("mirror", specification, back_tilt),
+        *_budget("tilt of the mirror", "deg", _least(allocated, "mirror.tilt_x_deg", "mirror.tilt_y_deg"), tilt),
         *_budget(
-            "decentre of the mirror", "mm", _least(told, "mirror.decentre_x_mm", "mirror.decentre_y_mm"), decentre
+            "decentre of the mirror",
+            "mm",
+            _least(allocated, "mirror.decentre_x_mm", "mirror.decentre_y_mm"),
+            decentre,
         ),
-        *_budget("spacing of the mirror", "mm", _least(told, "mirror.displacement_mm"), [thickness]),
+        *_budget("spacing of the mirror", "mm", _least(allocated, "mirror.displacement_mm"), [thickness]),
     ]
-    return found + (_form_conflicts(sensor, told, making.form_um) if making.form_um is not None else [])
+    return result + (
+        _form_conflicts(sensor, allocated, specification.form_um) if specification.form_um is not None else []
+    )
 
 
-def _least(told: Mapping[str, float], *names: str) -> float | None:
-    return min((told[name] for name in names if told.get(name)), default=None)
+def _least(allocated: Mapping[str, float], *names: str) -> float | None:
+    return min((allocated[name] for name in names if allocated.get(name)), default=None)
 
 
 def _budget(what: str, unit: str, total: float | None, parts: list[tuple[str, float] | None]) -> list[str]:
-    """Return the conflict of an allocated total with what the entries use of it."""
+    """Return a message if entries exceed an allocated budget."""
     used = [part for part in parts if part is not None]
     amount = sum(value for _, value in used)
     if total is None or not used or amount < total:
@@ -116,18 +126,19 @@ def _budget(what: str, unit: str, total: float | None, parts: list[tuple[str, fl
     ]
 
 
-def _back_tilt_deg(making: Making, body: Body, mirror: Mirror) -> float:
+def _back_tilt_deg(specification: PartSpecification, body: Body, mirror: Mirror) -> float:
     """Return the tilt between back and mount that the flatness of the back permits, degrees."""
-    flatness = making.back_flatness_mm or 0.0
+    flatness = specification.back_flatness_mm or 0.0
     return float(np.degrees(np.arctan(flatness / (2 * body.outer_radius_mm(mirror)))))
 
 
-def _flatness_conflict(part: str, making: Making, tilt_deg: float) -> list[str]:
-    if making.centring_deg is None or tilt_deg < making.centring_deg:
+def _flatness_conflict(part: str, specification: PartSpecification, tilt_deg: float) -> list[str]:
+    if specification.centring_deg is None or tilt_deg < specification.centring_deg:
         return []
     return [
-        f"{part}.back_flatness_mm = {making.back_flatness_mm:g} lets datum A tilt by {tilt_deg:.3g} deg, and "
-        f"{part}.centring_deg = {making.centring_deg:g} refers to it; reduce back_flatness_mm or allow a larger tilt"
+        f"{part}.back_flatness_mm = {specification.back_flatness_mm:g} lets datum A tilt by {tilt_deg:.3g} deg, and "
+        f"{part}.centring_deg = {specification.centring_deg:g} refers to it; reduce back_flatness_mm or allow a "
+        "larger tilt"
     ]
 
 
@@ -144,36 +155,40 @@ def _size(name: str, length_mm: float, tolerance: float | None, general: str) ->
     return None
 
 
-def _form_conflicts(sensor: Sensor, told: Mapping[str, float], form_um: float) -> list[str]:
-    """Return the tolerances of the shape that the zone of the form does not hold, and the form that exceeds its RMS."""
-    found = []
-    rms = form_rms_um(told)
+def _form_conflicts(sensor: Sensor, allocated: Mapping[str, float], form_um: float) -> list[str]:
+    """Return messages for shape tolerances outside the profile zone and for a form above its RMS
+    budget.
+    """
+    result = []
+    rms = form_rms_um(allocated)
     steepest = float(np.abs(sensor.mirror.slope(np.linspace(0, sensor.mirror.rim_radius_mm, POINTS))).max())
     permitted = form_um * float(np.hypot(1.0, steepest)) / PV_PER_RMS
     if rms is not None and permitted > rms:
-        found.append(
+        result.append(
             f"mirror.form_um = {form_um:g} permits an RMS of {permitted:.3g} um along z, and {rms:.3g} um are "
             f"allocated to the form; reduce form_um to {form_um * rms / permitted:.3g} or allocate more"
         )
-    for name in ("mirror.vertex_radius_mm", "mirror.conic", *(n for n in told if n.startswith("mirror.coeff"))):
-        if not (tolerance := told.get(name)):
+    for name in ("mirror.vertex_radius_mm", "mirror.conic", *(n for n in allocated if n.startswith("mirror.coeff"))):
+        if not (tolerance := allocated.get(name)):
             continue
         departure = _departure_um(sensor.mirror, perturbed(sensor, {name: tolerance}).mirror)
         if departure > form_um:
-            found.append(
+            result.append(
                 f"{name} ± {tolerance:.3g} departs by {departure:.3g} um P-V from the surface, and mirror.form_um = "
                 f"{form_um:g} permits less; reduce it to ± {tolerance * form_um / departure:.2g} or increase form_um"
             )
-    return found
+    return result
 
 
-def _departure_um(meant: Mirror, other: Mirror) -> float:
-    """Return the smallest zone along the normal that holds another surface, um, free to move along the axis."""
+def _departure_um(nominal: Mirror, other: Mirror) -> float:
+    """Return the smallest profile zone (um) that contains another surface, free to shift along the
+    axis.
+    """
     from scipy.optimize import minimize_scalar
 
-    x = np.linspace(0.0, meant.rim_radius_mm, POINTS)
-    up = 1 / np.sqrt(1 + meant.slope(x) ** 2)
-    away = 1e3 * (other.sag(x) - meant.sag(x))
+    x = np.linspace(0.0, nominal.rim_radius_mm, POINTS)
+    up = 1 / np.sqrt(1 + nominal.slope(x) ** 2)
+    away = 1e3 * (other.sag(x) - nominal.sag(x))
     span = float(np.abs(away).max()) or 1.0
     return float(
         minimize_scalar(

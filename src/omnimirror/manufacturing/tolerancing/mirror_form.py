@@ -1,8 +1,9 @@
-"""Random figures: what a surface has of form errors that only their size and their power spectrum are known of.
+"""Form errors of mirrors in tolerance analysis: random figures, measured forms, and their effects.
 
-A Zernike term of order n has about n/2 periods over the mirror. Of a power spectral density that falls as the
-``exponent`` of the spatial frequency, in two dimensions, each term of order n has the variance ``A n^-exponent``; an
-order has n + 1 terms. The whole is as large as its rms, its peak to valley, or the rms of its slope says.
+A Zernike term of order n has about n/2 periods over the mirror. For a power spectral density
+proportional to the spatial frequency to the power of ``-exponent`` in two dimensions, each term of
+order n has the variance ``A n^-exponent``; an order has n + 1 terms. The amplitude follows from RMS,
+peak-to-valley value or RMS slope.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ...sensor import Sensor
 from ..metrology.form_error import FormError, form_error
 from ..metrology.readers import Unit, read_points
 from .compensation import merit_names
-from .evaluator import Judge
+from .evaluator import TrialEvaluator
 
 Array = NDArray[np.float64]
 
@@ -36,21 +37,22 @@ MM_PER_UM = 1e-3
 
 @dataclass(frozen=True)
 class RandomFigure:
-    """Form errors of a power spectrum.
+    """Random form error with a power spectrum.
 
     Parameters
     ----------
     exponent
-        Of the spectral density over spatial frequency, which falls with it; 2 to 3 of turned and polished surfaces.
+        Exponent of the power spectral density; 2 to 3 for turned and polished surfaces.
     orders
-        First and last order of Zernike terms that it has; one period over the mirror is order 2.
+        First and last Zernike order; order 2 has one period over the mirror.
     rms_um, peak_to_valley_um, slope_mrad
-        One of them: of the whole figure over the disk of the rim, along the axis; the slope's is an rms of its length.
+        Exactly one amplitude over the disk of the rim, along the axis; the slope is the RMS of its
+        magnitude.
 
     Raises
     ------
     InvalidParameter
-        Orders that are none, or not exactly one size.
+        If the orders are invalid or not exactly one amplitude is given.
 
     Examples
     --------
@@ -72,28 +74,28 @@ class RandomFigure:
         low, high = self.orders
         if not (LOWEST_ORDER <= low <= high <= LARGEST_ORDER and (low, high) == (int(low), int(high))):
             raise InvalidParameter(
-                f"orders = {low:g} to {high:g} is valid from {LOWEST_ORDER} to {LARGEST_ORDER}; finer figures than "
-                "that are not traced"
+                f"orders must be between {LOWEST_ORDER} and {LARGEST_ORDER}, in ascending order; got {low:g} to "
+                f"{high:g}"
             )
         sizes = [self.rms_um, self.peak_to_valley_um, self.slope_mrad]
-        given = [size for size in sizes if size is not None]
-        if len(given) != 1 or not 0 < given[0] < np.inf:
+        specified = [size for size in sizes if size is not None]
+        if len(specified) != 1 or not 0 < specified[0] < np.inf:
             raise InvalidParameter(
-                "one of rms_um, peak_to_valley_um and slope_mrad, above 0, says how large a random figure is"
+                "exactly one of rms_um, peak_to_valley_um and slope_mrad must be given, and it must be positive"
             )
 
     def sigmas_um(self, rim_mm: float) -> dict[int, float]:
-        """Standard deviation of each Zernike term, um rms, by Noll's number.
+        """Return the standard deviation of each Zernike term.
 
         Parameters
         ----------
         rim_mm
-            Radius of the mirror's rim.
+            Rim radius.
 
         Returns
         -------
         dict
-            Of all terms of its orders.
+            Standard deviations in um RMS by Noll index.
         """
         low, high = self.orders
         terms = range(terms_of(low - 1) + 1, terms_of(high) + 1)
@@ -110,14 +112,14 @@ class RandomFigure:
 
 
 def _places() -> Array:
-    """Points (n, 2) of the unit disk."""
+    """Return grid points (n, 2) of the unit disk."""
     x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-1, 1, GRID)]))
     places: Array = np.stack([x, y], axis=-1)[np.hypot(x, y) <= 1]
     return places
 
 
 def _peak_to_valley(sigmas: dict[int, float]) -> float:
-    """Mean peak to valley (um) of figures with these standard deviations."""
+    """Return the mean peak-to-valley value (um) of random figures."""
     amounts = np.random.default_rng(0).normal(size=(DRAWS, len(sigmas))) * list(sigmas.values())
     x, y = _places().T
     heights = amounts @ zernike_values(x, y, list(sigmas)).T
@@ -125,7 +127,7 @@ def _peak_to_valley(sigmas: dict[int, float]) -> float:
 
 
 def _slope_mrad(sigmas: dict[int, float], rim_mm: float) -> float:
-    """Root of the mean square (mrad) of the slope of figures with these standard deviations."""
+    """Return the RMS slope (mrad) of random figures."""
     squares = 0.0
     for j, sigma in sigmas.items():
         form = MirrorForm((j,), (1.0,)).heights(rim_mm, rim_mm * _places())
@@ -133,38 +135,38 @@ def _slope_mrad(sigmas: dict[int, float], rim_mm: float) -> float:
     return 1e3 * float(np.sqrt(squares))
 
 
-def figure_of(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
-    """Tolerances of a random figure of a mirror: normal ones, two sigma, by the names of their errors."""
+def figure_tolerances(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
+    """Return normal tolerances (two sigma) of a random figure by error source."""
     return {f"mirror.zernike_{j}_um": 2 * sigma for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()}
 
 
-LEAST_UM = 1e-6  # rms: what is smaller is rounding
+MIN_UM = 1e-6  # rms: what is smaller is rounding
 
 
 @checked
-def measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> MirrorForm:
-    """The form error that was measured on a mirror, up to Zernike terms of order 12.
+def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> MirrorForm:
+    """Read a measured form error up to Zernike order 12.
 
     Parameters
     ----------
     mirror
-        That was meant.
+        Nominal mirror.
     path
-        Of a cloud or grid of points, as :func:`omnimirror.manufacturing.metrology.readers.read_points` reads them.
+        Point list or grid for :func:`omnimirror.manufacturing.metrology.readers.read_points`.
     unit
-        Of points by the line.
+        Unit of point lists.
 
     Returns
     -------
     MirrorForm
-        The terms that the points tell, beside the place of the mirror in the machine and their noise.
+        Significant terms without alignment and noise.
 
     Raises
     ------
     OmnimirrorError
-        The file is missing or holds no points, or too few.
+        If the file is missing or has too few points.
     InvalidParameter
-        The points show no form error at all.
+        If the form error is below the noise.
 
     Examples
     --------
@@ -175,67 +177,67 @@ def measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> Mirror
     >>> z = ball.sag(np.hypot(x, y)) + 1e-3 * np.sqrt(6) * (x**2 - y**2) / 44**2  # 1 um of astigmatism
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.savetxt(f"{folder}/cmm.csv", np.stack([x, y, z], axis=-1), delimiter=",")
-    ...     form = measured_form(ball, f"{folder}/cmm.csv")
+    ...     form = load_measured_form(ball, f"{folder}/cmm.csv")
     >>> round(dict(zip(form.zernike, form.um))[6], 4)
     1.0
     """
-    found = form_error(mirror, read_points(path, unit))
-    terms = [term for term in found.terms if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, LEAST_UM)]
+    result = form_error(mirror, read_points(path, unit))
+    terms = [term for term in result.terms if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, MIN_UM)]
     if not terms:
-        raise InvalidParameter(f"{path} shows no form error beyond its noise of {found.noise_um:.3g} um")
+        raise InvalidParameter(f"the form error in {path} must exceed its noise of {result.noise_um:.3g} um")
     return MirrorForm(tuple(term.noll for term in terms), tuple(term.um for term in terms))
 
 
 @dataclass(frozen=True)
 class FormEffect:
-    """What a form error does.
+    """Effect of a form error on the images of a sensor.
 
     Attributes
     ----------
-    meant, made
-        Merits of the sensor with the mirror that was meant, and with the one that was made, by name: motions of the
-        picture, left after each calibration, and blur. NaN where rays are lost.
+    nominal, as_built
+        Merits of the sensor with the nominal and the as-built mirror, by name: image motions after each
+        calibration, and blur. NaN if rays are lost.
     lost_rays
-        How many objects of the field the one that was made does not show.
-    beyond_um
-        rms of the terms that are too fine to be traced here (above order 12), along the axis.
+        Number of objects that the as-built sensor does not image.
+    untraced_um
+        Axial RMS of terms above order 12, which are not traced.
     """
 
-    meant: Mapping[str, float]
-    made: Mapping[str, float]
+    nominal: Mapping[str, float]
+    as_built: Mapping[str, float]
     lost_rays: int
-    beyond_um: float
+    untraced_um: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Convert to a JSON-serialisable dictionary."""
         return {
-            "meant": dict(self.meant),
-            "made": dict(self.made),
+            "nominal": dict(self.nominal),
+            "as_built": dict(self.as_built),
             "lost_rays": self.lost_rays,
-            "beyond_um": self.beyond_um,
+            "untraced_um": self.untraced_um,
         }
 
 
 @checked
 def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
-    """What a form error does to the picture of a sensor.
+    """Compute the effect of a form error on the images of a sensor.
 
     Parameters
     ----------
     sensor
-        With the mirror that was meant.
+        Sensor with the nominal mirror.
     form
-        Of the mirror that was made.
+        Form error of the as-built mirror.
 
     Returns
     -------
     FormEffect
-        By exactly traced rays to objects all over the field, as :func:`omnimirror.tolerance` traces them.
+        Merits of exactly traced rays to objects over the field, as in :func:`omnimirror.tolerance`.
 
     Raises
     ------
     InvalidParameter
-        The form error is that of another mirror, or the sensor is one that tolerances are not computed of.
+        If the form error belongs to another mirror, or the sensor is not supported.
 
     Examples
     --------
@@ -247,42 +249,43 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     >>> bump = 2e-3 * np.sqrt(6) * (x**2 - y**2) / mirror.rim_radius_mm**2
     >>> form = om.form_error(mirror, np.stack([x, y, mirror.sag(r) + bump], axis=-1))
     >>> effect = form_effect(sensor, form)
-    >>> effect.made["motion_px"] > effect.made["motion_px after affine"] > 0.0
+    >>> effect.as_built["motion_px"] > effect.as_built["motion_px after affine"] > 0.0
     True
     """
     _check_its_mirror(sensor, form)
-    judge, names = Judge.of(sensor), merit_names()
+    evaluator, names = TrialEvaluator.of(sensor), merit_names()
     amounts = {term.noll: term.um for term in form.terms}
     values = {f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)}
-    meant, made = (dict(zip(names, row.tolist(), strict=True)) for row in judge.judged(values))
+    meant, made = (dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values))
     lost, _ = int(made.pop("lost_rays")), meant.pop("lost_rays")
     beyond = float(np.sqrt(sum(um**2 for j, um in amounts.items() if j > TERMS)))
     return FormEffect(meant, made, lost, beyond)
 
 
 @checked
-def as_made(sensor: Sensor, form: FormError, *, whole: bool = False) -> Sensor:
-    """The sensor with its mirror as it was made, to be saved, simulated and straightened with.
+def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Sensor:
+    """Return the sensor with its as-built mirror, for saving, rendering and dewarping.
 
     Parameters
     ----------
     sensor
-        With the mirror that was meant.
+        Sensor with the nominal mirror.
     form
-        Of the one that was made.
-    whole
-        With what is not about the axis too, as its ``mirror_form``; such a sensor has no meridian any more, and rays,
-        pictures and straightening are valid for it. By default only with the part about the axis.
+        Form error of the as-built mirror.
+    asymmetric
+        Include asymmetric terms as ``mirror_form``. Such a sensor has no meridian; rays, images and
+        dewarping remain valid. By default, only rotationally symmetric terms are included.
 
     Returns
     -------
     Sensor
-        Its mirror a sampled profile, its vertex as far away as the form says.
+        Sensor with a sampled profile and a displaced vertex.
 
     Raises
     ------
     InvalidParameter
-        The form error is that of another mirror; or the whole of it is asked of a sensor of two mirrors.
+        If the form error belongs to another mirror, or asymmetric terms are requested for a folded
+        sensor.
 
     Examples
     --------
@@ -291,12 +294,12 @@ def as_made(sensor: Sensor, form: FormError, *, whole: bool = False) -> Sensor:
     >>> x, y = np.meshgrid(np.linspace(-43, 43, 61), np.linspace(-43, 43, 61))
     >>> inside = np.hypot(x, y) < 43
     >>> points = np.stack([x, y, sensor.mirror.sag(np.minimum(np.hypot(x, y), 43))], axis=-1)[inside]
-    >>> made = as_made(sensor, om.form_error(sensor.mirror, points))
+    >>> made = as_built(sensor, om.form_error(sensor.mirror, points))
     >>> made.mirror.KIND, bool(abs(made.mirror.sag(40.0) - sensor.mirror.sag(40.0)) < 1e-6)
     ('sampled', True)
     """
     _check_its_mirror(sensor, form)
-    if whole:
+    if asymmetric:
         sensor.check("a mirror with all of its form error", "one mirror")
         beside = {t.noll: t.um for t in form.terms if noll(t.noll)[1] and t.noll <= TERMS}
         sensor = replace(sensor, mirror_form=MirrorForm(tuple(beside), tuple(beside.values())))
@@ -305,10 +308,12 @@ def as_made(sensor: Sensor, form: FormError, *, whole: bool = False) -> Sensor:
         farther = replace(second, distance_mm=second.distance_mm + away)
         distance = sensor.mirror_distance_mm + away
         return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)
-    moved = replace(pose, displacement_mm=pose.displacement_mm + away)
-    return replace(sensor, mirror=form.corrected(), mirror_pose=moved)
+    displaced = replace(pose, displacement_mm=pose.displacement_mm + away)
+    return replace(sensor, mirror=form.corrected(), mirror_pose=displaced)
 
 
 def _check_its_mirror(sensor: Sensor, form: FormError) -> None:
     if form.mirror != sensor.mirror:
-        raise InvalidParameter(f"the form error is that of another mirror than {sensor.name!r} has")
+        raise InvalidParameter(
+            f"form must belong to the mirror of {sensor.name!r}; got the form error of another mirror"
+        )

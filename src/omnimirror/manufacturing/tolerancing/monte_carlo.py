@@ -1,4 +1,4 @@
-"""How many of the sensors built will be good: Monte Carlo trials, and what is kept of them."""
+"""Monte Carlo simulation of manufacturing: yield, quantiles and their statistics."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.special import betaincinv
 
 from ...errors import InvalidParameter
 from .compensation import merit_names
-from .evaluator import Judge
-from .requirement_merits import check_limit, is_least, is_required
+from .evaluator import TrialEvaluator
+from .requirement_merits import check_limit, is_lower_limit, is_requirement_merit
 from .tolerances import BLOCK, Tolerances
 
 Array = NDArray[np.float64]
@@ -21,108 +21,107 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 CONFIDENCE = 0.95
-MOST_TRIALS = 10**10
+MAX_TRIALS = 10**10
 LOWEST, HIGHEST, BINS = 1e-9, 1e9, 36 * 256
-"""Range of merits in which they are counted by size, and into how many bins: quantiles are right to .23 %.
+"""Range of the logarithmic histogram and number of bins; quantiles are accurate to 0.23 %.
 
-Merits that are worked out because limits ask for them are counted by how far they are from their limits, on either
-side: many of them vary by less than that.
-"""
+Merits that limits require are counted by their distance from the limit on either side, because many
+vary by less than that."""
 
 
-class Share(NamedTuple):
-    """A share of trials, and where that of all sensors lies with a confidence of .95 (Clopper and Pearson, 1934)."""
+class YieldEstimate(NamedTuple):
+    """Fraction of trials with a 95 % confidence interval (Clopper and Pearson, 1934)."""
 
     value: float
     low: float
     high: float
 
 
-def share_of(passed: int, trials: int) -> Share:
-    """Of trials that passed.
+def clopper_pearson(passed: int, trials: int) -> YieldEstimate:
+    """Estimate a proportion with its confidence interval.
 
-    >>> [round(v, 3) for v in share_of(95, 100)]
+    >>> [round(v, 3) for v in clopper_pearson(95, 100)]
     [0.95, 0.887, 0.984]
     """
     tail = (1 - CONFIDENCE) / 2
     low = 0.0 if passed == 0 else float(betaincinv(passed, trials - passed + 1, tail))
     high = 1.0 if passed == trials else float(betaincinv(passed + 1, trials - passed, 1 - tail))
-    return Share(passed / trials, low, high)
+    return YieldEstimate(passed / trials, low, high)
 
 
 def check_limits(limits: Mapping[str, float]) -> None:
-    """Refuse limits of what is no merit of trials, and those that nothing meets.
+    """Raise an error for limits of unknown merits and for limits that cannot be satisfied.
 
     Parameters
     ----------
     limits
-        Largest values by names of merits, and least ones of those whose names begin with ``least``.
+        Upper limits by merit name, and lower limits of merits with the prefix ``min``.
 
     Raises
     ------
     InvalidParameter
-        With what would be valid.
+        With the valid names or values.
     """
     for name, limit in limits.items():
         check_limit(name, limit)
 
 
-def within(merits: Array, name: str, limit: float) -> NDArray[np.bool_]:
-    """Which merits (..) keep a limit; what is not a number keeps none.
+def satisfies_limit(merits: Array, name: str, limit: float) -> NDArray[np.bool_]:
+    """Return which merits (...) satisfy a limit; NaN does not.
 
-    >>> within(np.array([1.0, 3.0, np.nan]), "least aspect", 2.0)
+    >>> within(np.array([1.0, 3.0, np.nan]), "min aspect", 2.0)
     array([False,  True, False])
     """
-    kept: NDArray[np.bool_] = merits >= limit if is_least(name) else merits <= limit
+    kept: NDArray[np.bool_] = merits >= limit if is_lower_limit(name) else merits <= limit
     return kept
 
 
-def told(name: str, limit: float) -> str:
-    """A limit as people read it.
+def format_limit(name: str, limit: float) -> str:
+    """Format a limit.
 
-    >>> told("least field_to_deg", 120.0), told("motion_px after pose", 0.5)
-    ('least field_to_deg ≥ 120', 'motion_px after pose ≤ 0.5')
+    >>> told("min field_to_deg", 120.0), told("motion_px after pose", 0.5)
+    ('min field_to_deg ≥ 120', 'motion_px after pose ≤ 0.5')
     """
-    return f"{name} {'≥' if is_least(name) else '≤'} {limit:g}"
+    return f"{name} {'≥' if is_lower_limit(name) else '≤'} {limit:g}"
 
 
-NOTHING = 5e-4
-"""Of a motion, px: what is less is rounding, or matters to nobody."""
+MIN_MOTION_PX = 5e-4
+"""Motions below this value are displayed as "< 0.001", px."""
 
 
-def motion_words(px: float) -> str:
-    """A motion as far as it matters.
+def format_motion(px: float) -> str:
+    """Format an image motion.
 
-    >>> motion_words(0.4251), motion_words(1.8e-13)
+    >>> format_motion(0.4251), format_motion(1.8e-13)
     ('0.425', '< 0.001')
     """
-    return "< 0.001" if px < NOTHING else f"{px:.3g}"
+    return "< 0.001" if px < MIN_MOTION_PX else f"{px:.3g}"
 
 
 def check_trials(trials: int) -> None:
-    """Refuse a number of trials that is none."""
-    if not 1 <= trials <= MOST_TRIALS:
-        raise InvalidParameter(f"{trials} trials are not valid; valid are 1 to {MOST_TRIALS}")
+    """Raise an error for an invalid number of trials."""
+    if not 1 <= trials <= MAX_TRIALS:
+        raise InvalidParameter(f"trials must be between 1 and {MAX_TRIALS}; got {trials}")
 
 
 @dataclass
-class Tally:
-    """What is kept of any number of trials: sums and counts, which add up in any order.
+class YieldStatistics:
+    """Accumulated statistics of trials, independent of their order.
 
     Attributes
     ----------
     limits
-        Largest, or least, values by names of merits.
+        Upper or lower limits by merit name.
     names
-        Of the merits.
+        Names of the merits.
     trials, lost, passed
-        How many there were, how many lost rays, how many are within all limits.
+        Number of trials, of trials that lose rays, and of trials within all limits.
     passed_each
-        How many are within each limit.
+        Number of trials within each limit.
     sums : (m,)
-        Of merits of those that lost no ray.
+        Sums of merits of trials without lost rays.
     counts : (m, 2 bins)
-        How many of those are how far below and above what they are counted from, bins growing by a constant factor.
+        Histogram of distances below and above the origin of each merit, in logarithmic bins.
     """
 
     limits: Mapping[str, float]
@@ -139,16 +138,16 @@ class Tally:
         self.counts = np.zeros((len(self.names), 2 * BINS), dtype=np.int64)
 
     def _origin(self, merit: str) -> float:
-        """What a merit is counted from."""
-        return self.limits.get(merit, 0.0) if is_required(merit) else 0.0
+        """Return the origin of the histogram of a merit."""
+        return self.limits.get(merit, 0.0) if is_requirement_merit(merit) else 0.0
 
     def add(self, merits: Array) -> None:
-        """Count trials by their merits (t, m), in single precision, as shards keep them."""
+        """Add trials by their merits (t, m), rounded to single precision as in shards."""
         merits = merits.astype(np.float32).astype(float)
         whole = merits[:, -1] == 0
         good = np.asarray(whole)
         for name, limit in self.limits.items():
-            kept = whole & within(merits[:, self.names.index(name)], name, limit)
+            kept = whole & satisfies_limit(merits[:, self.names.index(name)], name, limit)
             self.passed_each[name] = self.passed_each.get(name, 0) + int(kept.sum())
             good = good & kept
         self.trials += len(merits)
@@ -164,26 +163,26 @@ class Tally:
             row += np.bincount(places, minlength=2 * BINS)
 
     @property
-    def yields(self) -> Share:
-        """Of trials within all limits."""
-        return share_of(self.passed, self.trials)
+    def yields(self) -> YieldEstimate:
+        """Fraction of trials within all limits."""
+        return clopper_pearson(self.passed, self.trials)
 
     def quantile(self, merit: str, share: float) -> float:
-        """The value under which a share of all trials stays; infinite where more lose rays.
+        """Return the value that a fraction of all trials does not exceed; infinite if more lose rays.
 
-        Of merits that are to be large, the value over which a share stays; 0 where more lose rays.
+        For merits with a lower limit, return the value that a fraction reaches; 0 if more lose rays.
         """
         counts = np.cumsum(self.counts[self.names.index(merit)])
-        wanted = share * self.trials
-        if wanted > counts[-1]:
-            return 0.0 if is_least(merit) else np.inf
-        if is_least(merit):
-            wanted = counts[-1] - wanted
-        place = int(np.searchsorted(counts, wanted))
+        target = share * self.trials
+        if target > counts[-1]:
+            return 0.0 if is_lower_limit(merit) else np.inf
+        if is_lower_limit(merit):
+            target = counts[-1] - target
+        place = int(np.searchsorted(counts, target))
         return float(self._values(merit, np.array([place]), 0.5)[0])
 
     def _values(self, merit: str, places: NDArray[np.intp], share: float) -> Array:
-        """Values (n,) in bins, at a share of each from its lower end; those that are next to nothing are nothing."""
+        """Return values (n,) within bins at a given fraction; values in the innermost bins are 0."""
         above = places >= BINS
         steps = np.where(above, places - BINS + share, BINS - places - share)
         away = np.where(np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS))
@@ -191,7 +190,7 @@ class Tally:
         return values
 
     def curve(self, merit: str) -> tuple[Array, Array]:
-        """Values, and the share of all trials that stay under each."""
+        """Return the cumulative distribution: values, and the fraction of all trials below each."""
         counts = np.cumsum(self.counts[self.names.index(merit)])
         used = np.flatnonzero(np.diff(counts, prepend=0))
         if not used.size:
@@ -200,53 +199,53 @@ class Tally:
         return self._values(merit, some, 1.0), counts[some] / self.trials
 
     def mean(self, merit: str) -> float:
-        """Of trials that lost no ray."""
+        """Return the mean of trials without lost rays."""
         kept = self.trials - self.lost
         return float(self.sums[self.names.index(merit)] / kept) if kept else np.nan
 
 
 def monte_carlo(
-    judge: Judge,
+    evaluator: TrialEvaluator,
     tolerances: Tolerances,
     limits: Mapping[str, float],
     *,
     trials: int = 10_000,
     seed: int = 0,
-    progress: Progress | None = None,
-) -> Tally:
-    """Build a sensor many times, with errors drawn from its tolerances.
+    on_progress: Progress | None = None,
+) -> YieldStatistics:
+    """Simulate sensors with random errors.
 
     Parameters
     ----------
-    judge
-        Of the sensor.
+    evaluator
+        Evaluator of the sensor.
     tolerances
-        Of its errors.
+        Tolerances of its errors.
     limits
-        What a good sensor stays within, by names of merits.
+        Limits of a good sensor, by merit name.
     trials
-        How many.
+        Number of trials.
     seed
-        Of the random numbers: the same seed, the same trials.
-    progress
-        Called with the trials done and all of them.
+        Random seed; results are reproducible.
+    on_progress
+        Callback with completed and total trials.
 
     Returns
     -------
-    Tally
-        What became of them.
+    YieldStatistics
+        Statistics of the trials.
 
     Raises
     ------
     InvalidParameter
-        A number of trials that is none, or limits that are none.
+        If the number of trials or a limit is invalid.
     """
     check_limits(limits)
     check_trials(trials)
-    tally = Tally(dict(limits), judge.names)
+    statistics = YieldStatistics(dict(limits), evaluator.names)
     for block in range(-(-trials // BLOCK)):
         count = min(BLOCK, trials - block * BLOCK)
-        tally.add(judge.judged(tolerances.drawn(seed, block, count)))
-        if progress:
-            progress(tally.trials, trials)
-    return tally
+        statistics.add(evaluator.evaluate(tolerances.drawn(seed, block, count)))
+        if on_progress:
+            on_progress(statistics.trials, trials)
+    return statistics

@@ -1,9 +1,8 @@
-"""Pictures of sensors with errors that are built and traced one by one, of whatever kind they are.
+"""Objects over the field, their nominal images, and sequential tracing of arbitrary sensors.
 
-What :mod:`.tracing` traces by the thousand is a perspective lens before one bare mirror. Any other sensor, behind a
-tube or a dome, with a telecentric or a real lens or with two mirrors, is made with its errors as an ordinary one, and
-asked in space where it shows each object: by the chief ray, and by rays through four points of the aperture close to
-it, whose places on the imager are the blur's ellipse. A second traces fifty to some hundred.
+:mod:`.trial_images` traces perspective lenses with one mirror vectorised. Other sensors, with a
+cover, a secondary mirror, a telecentric or a tabulated lens, are built and traced one at a time by
+the general ray tracer. The blur follows from rays close to the chief ray.
 """
 
 from __future__ import annotations
@@ -22,34 +21,35 @@ from ...lenses import Perspective
 from ...mirrors.pose import MirrorPose
 from ...sensor import Sensor
 from ...tracing.reflection import RIM_SLACK, Ends
-from .perturbation import check_built_with, perturbed
-from .perturbed_states import Values, are_traced_together, states_of
-from .trial_images import Picture, Refocus, best_vergences, pictured, seen
+from .perturbation import check_error_names, perturbed
+from .perturbed_states import Values, is_vectorised, states_of
+from .trial_images import Refocus, TrialImages, focus_vergences, form_images, trace_objects
 
 Array = NDArray[np.float64]
 
 EDGE_PX = 0.02
-"""Of the aperture's radius, where rays beside the chief ray go through: aberrations add 4e-4 of theirs at its edge."""
-SIDES = EDGE_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Relative aperture height of the rays for blur; aberrations contribute 4e-4 of their marginal
+value."""
+MARGINAL_RAYS = EDGE_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 SEEN = 0.99
-"""Of the rim radius: so much a second mirror shows that was made to show all of it, whatever errs."""
+"""Fraction of the rim radius that a perturbed folded sensor with a nominally full aperture images."""
 TANGENT = 1e-5  # steps of it tell how the picture widens
 
 
-class ShownObjects(NamedTuple):
-    """What one sensor shows of objects (n,)."""
+class SensorImages(NamedTuple):
+    """Images of objects (n,) in one sensor."""
 
     offsets_px: Array
-    """(n, 2) from the centre that was meant, right and down in the unflipped picture; NaN where lost."""
+    """Offsets (n, 2) from the nominal centre, right and down in the unmirrored image; NaN if lost."""
     blur_px: Array
-    """(n, 2, 2) as in :class:`~.picture.Picture`."""
+    """Blur matrices (n, 2, 2) as in :class:`~.trial_images.TrialImages`."""
     focus_mm: float
-    """Where it is focused."""
+    """Focus distance."""
     lost: NDArray[np.bool_]
-    """(n,)"""
+    """Lost objects (n,)."""
 
 
-def pictured_one_by_one(
+def sequential_images(
     sensor: Sensor,
     values: Mapping[str, Array],
     count: int,
@@ -57,73 +57,75 @@ def pictured_one_by_one(
     *,
     refocus: Refocus = "none",
     rim_slack: float = RIM_SLACK,
-) -> tuple[Picture, NDArray[np.bool_], Array]:
-    """Pictures of trials (t,), what they lose (t, n), and the distances (t,) mm that they are focused at.
+) -> tuple[TrialImages, NDArray[np.bool_], Array]:
+    """Compute images of trials (t,), lost objects (t, n), and focus distances (t,) in mm, one at a time.
 
-    A sensor that cannot be, its mirror in its tube for one, loses everything.
+    Physically impossible sensors, for example with a mirror that intersects its tube, lose all objects.
     """
     n, shown = len(targets.xyz), []
-    check_built_with(sensor, values)
+    check_error_names(sensor, values)
     for k in range(count):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})
-            shown.append(shown_within(built, sensor, targets, refocus, rim_slack))
+            shown.append(images_within_rim(built, sensor, targets, refocus, rim_slack))
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
-            shown.append(ShownObjects(*blank, np.ones(n, dtype=bool)))
+            shown.append(SensorImages(*blank, np.ones(n, dtype=bool)))
     offsets, blur = (np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px"))
     focus = np.array([one.focus_mm for one in shown])
     by_direction = np.full((count, n, 2, 3), np.nan)
-    return Picture(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus
+    return TrialImages(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus
 
 
-def shown_within(
-    built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
-) -> ShownObjects:
-    """What a sensor shows; where a second mirror has come to show less than the whole first one, less its rim."""
+def images_within_rim(
+    built: Sensor, nominal: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+) -> SensorImages:
+    """Compute the images of one sensor; reduce the aperture if a secondary mirror vignettes the
+    rim.
+    """
     try:
-        return shown_by(built, meant, targets, refocus, rim_slack)
+        return sensor_images(built, nominal, targets, refocus, rim_slack)
     except SelfObstruction:
         if built.secondary is None:
             raise
         mirror: Any = built.mirror
-        within = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
-        return shown_by(replace(built, mirror=within), meant, targets, refocus, rim_slack)
+        satisfies_limit = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
+        return sensor_images(replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack)
 
 
-def shown_by(
-    built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
-) -> ShownObjects:
-    """What a sensor shows of targets, in pixels from the centre of the one that was meant."""
+def sensor_images(
+    built: Sensor, nominal: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+) -> SensorImages:
+    """Compute the images of targets in one sensor, in px from the centre of the nominal sensor."""
     n, train = len(targets.xyz), built.optical_train
-    found = train.chief_rays_to(targets)
-    lost = ~(found.valid if rim_slack <= RIM_SLACK else found.reflects)
-    pupils = train.entrance_pupil_points(np.tile(SIDES, (n, 1)), np.repeat(found.chief_slopes, 4, axis=0))
+    result = train.chief_rays_to(targets)
+    lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
+    pupils = train.entrance_pupil_points(np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0))
     each = Ends(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
-    beside = train.seen_mirror.specular(pupils, each, np.repeat(found.points, 4, axis=0))
+    beside = train.seen_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
 
     def imaged(sensor: Sensor) -> tuple[Array, Array]:
-        """Offsets (n, 2) px, and the blur's matrices (n, 2, 2)."""
+        """Return offsets (n, 2) in px and blur matrices (n, 2, 2)."""
         lens, offset = sensor.lens, sensor.optical_train.lens_offset
-        flat = lens.image_of(found.seen_at - offset, found.to_pupils)
+        flat = lens.image_of(result.seen_at - offset, result.to_pupils)
         round_about = lens.image_of(beside.seen_at - offset, beside.to_pupils).reshape(n, 4, 2)
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
         blur = np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1) / EDGE_PX
-        return at, blur + _by_leaning(sensor, flat, found.to_pupils)
+        return at, blur + _by_leaning(sensor, flat, result.to_pupils)
 
     with np.errstate(all="ignore"):
         if refocus != "none":
             built = _focused(built, imaged, lost, refocus)
         offsets, blur = imaged(built)
-    moved = np.subtract(built.imager.centre, meant.imager.centre)
+    moved = np.subtract(built.imager.centre, nominal.imager.centre)
     blank = np.where(lost, np.nan, 1.0)
-    return ShownObjects(
+    return SensorImages(
         (offsets + moved) * blank[:, None], blur * blank[:, None, None], built.lens.focus_distance_mm, lost
     )
 
 
 def _on_imager(sensor: Sensor, flat_mm: Array) -> Array:
-    """Offsets (.., 2) px of places of a square imager."""
+    """Convert positions on an aligned imager to offsets (..., 2) in px on the actual imager."""
     pitch = sensor.imager.pitch_mm
     if sensor.imager_pose == ImagerPose():
         return flat_mm / pitch
@@ -132,7 +134,7 @@ def _on_imager(sensor: Sensor, flat_mm: Array) -> Array:
 
 
 def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
-    """What a leaning imager adds to the blur (n, 2, 2), px: each place is in focus at its own distance."""
+    """Return the additional blur (n, 2, 2) in px due to the imager tilt."""
     lens, pose = sensor.lens, sensor.imager_pose
     if pose.is_square or not isinstance(lens, Perspective):
         return np.zeros((len(flat_mm), 2, 2))
@@ -154,7 +156,9 @@ def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
 
 
 def _focused(built: Sensor, imaged: object, lost: NDArray[np.bool_], refocus: Refocus) -> Sensor:
-    """The sensor at its best focus: in the lens's own coordinate of it, blur over the image's scale is straight."""
+    """Return the sensor at best focus; blur divided by image scale is linear in the focus
+    coordinate.
+    """
     lens = built.lens
     here = float(lens.focus_coordinate(lens.focus_distance_mm))
     near = 1.01 * here if here else 1e-3
@@ -164,12 +168,13 @@ def _focused(built: Sensor, imaged: object, lost: NDArray[np.bool_], refocus: Re
         parts.append(imaged(at)[1][~lost] / lens.through_focus(coordinate).image_scale)  # type: ignore[operator]
     widen = (parts[1] - parts[0]) / (near - here)
     spread = here * widen - parts[0]
-    best = float(best_vergences(widen[None], spread[None], refocus)[0])
+    best = float(focus_vergences(widen[None], spread[None], refocus)[0])
     return built.with_lens(lens.focused_at(float(lens.distance_of(best))))
 
 
 EDGE = 0.97
-"""Of the largest field angle of a sensor, what is judged by default: at the rim itself every decentre loses rays."""
+"""Default upper field limit as a fraction of the maximum field angle; at the rim, any decentre loses
+rays."""
 ANGLES, AZIMUTHS = 8, 12
 STEP_DEG = 1e-3  # of objects, of differences
 BEYOND = 0.05  # of the rim radius: objects seen at the rim itself move beyond it in the differences
@@ -177,24 +182,24 @@ BEYOND = 0.05  # of the rim radius: objects seen at the rim itself move beyond i
 
 @dataclass(frozen=True)
 class Field:
-    """Objects (n,) on circles of equal field angle.
+    """Objects (n,) on circles of constant field angle.
 
     Attributes
     ----------
     sensor
-        Without errors.
+        Nominal sensor.
     targets : (n, 3)
         Unit directions, or points in mm, in the camera frame.
     distant
-        Whether they are directions.
+        Whether targets are directions.
     start : (n, 2)
-        Mirror points (x, y) mm in which it shows them.
+        Nominal reflection points (x, y), mm.
     offsets_px : (n, 2)
-        Where it shows them.
+        Nominal image positions.
     px_per_deg : (n, 2, 2)
-        How far a degree of the object moves its picture: columns along the field angle and round about.
+        Image displacement per degree of object direction: columns along field angle and azimuth.
     omega_deg, azimuth_deg : (n,)
-        Of the objects; the axis, where it is in the field, comes first.
+        Field angles and azimuths; the axis comes first if included.
     """
 
     sensor: Sensor
@@ -209,22 +214,22 @@ class Field:
     def __len__(self) -> int:
         return len(self.targets)
 
-    def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> Picture:
-        """The picture of sensors with errors; see :func:`.states_of`."""
+    def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> TrialImages:
+        """Compute the images of sensors with errors; see :func:`.states_of`."""
         return self.shown(values, count, rim_slack=rim_slack)[0]
 
     def shown(
         self, values: Values, count: int | None = None, *, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
-    ) -> tuple[Picture, NDArray[np.bool_], Array]:
-        """Pictures of sensors with errors (t,), what they lose (t, n), and distances (t,) mm they are focused at."""
-        if not are_traced_together(self.sensor, values):
+    ) -> tuple[TrialImages, NDArray[np.bool_], Array]:
+        """Compute images of sensors (t,), lost objects (t, n), and focus distances (t,) in mm."""
+        if not is_vectorised(self.sensor, values):
             trials = next((len(v) for v in values.values()), 1) if count is None else count
             ends = Ends(self.targets, self.distant)
-            return pictured_one_by_one(self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack)
+            return sequential_images(self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack)
         states = states_of(self.sensor, values, count)
-        found = seen(states, self.targets, self.distant, self.start, rim_slack)
-        shown = pictured(states, found, refocus)
-        return shown, found.lost, 1 / shown.vergence + states.focal_mm - states.breathing_mm
+        result = trace_objects(states, self.targets, self.distant, self.start, rim_slack)
+        shown = form_images(states, result, refocus)
+        return shown, result.lost, 1 / shown.vergence + states.focal_mm - states.breathing_mm
 
 
 def field_of(
@@ -235,28 +240,28 @@ def field_of(
     azimuths: int = AZIMUTHS,
     object_distance_mm: float = np.inf,
 ) -> Field:
-    """Objects all over the field of a sensor.
+    """Distribute objects over the field of a sensor.
 
     Parameters
     ----------
     sensor
-        Without errors: its mirror on the lens's axis.
+        Nominal sensor; misalignments in its file are removed.
     field_deg : (2,), optional
-        Field angles between which it is judged; from its smallest to .97 of its largest by default.
+        Range of field angles; by default from the minimum to 0.97 of the maximum.
     angles, azimuths
-        How many circles, and objects on each.
+        Number of circles and of objects per circle.
     object_distance_mm
-        From the mirror points to the objects; infinite by default.
+        Distance from the mirror points to the objects, infinite by default.
 
     Returns
     -------
     Field
-        The objects.
+        Objects with their nominal images.
 
     Raises
     ------
     InvalidParameter
-        A field that the sensor does not have, or a mirror that is already decentred.
+        If the field range is not within the field of the sensor, or a number is out of range.
 
     Examples
     --------
@@ -271,17 +276,17 @@ def field_of(
     is_bare = sensor.secondary is None and sensor.housing.shell is None  # others have something in the middle
     smallest, largest = sensor.field_deg if is_bare else sensor.clear_field_deg
     inner = smallest if is_bare or not smallest else smallest + (1 - EDGE) * (largest - smallest)
-    asked = (inner, EDGE * largest) if field_deg is None else numbers("field_deg", field_deg, "(it takes two)")
-    low, high = (float(angle) for angle in asked)
+    requested = (inner, EDGE * largest) if field_deg is None else numbers("field_deg", field_deg, "(it takes two)")
+    low, high = (float(angle) for angle in requested)
     if not smallest - 1e-9 <= low < high <= largest + 1e-9:
         raise InvalidParameter(
-            f"field_deg = {low:g} to {high:g} is not within the field of {sensor.name!r}, {smallest:.4g} to "
-            f"{largest:.4g} deg"
+            f"field_deg must be an ascending range within the field of {sensor.name!r}, {smallest:.4g} to "
+            f"{largest:.4g} deg; got {low:g} to {high:g}"
         )
     if angles < 1 or azimuths < 3:
-        raise InvalidParameter(f"{angles} angles and {azimuths} azimuths are too few; valid are 1 and 3, and more")
+        raise InvalidParameter(f"angles must be at least 1 and azimuths at least 3; got {angles} and {azimuths}")
     if not object_distance_mm > 0:
-        raise InvalidParameter(f"object_distance_mm = {object_distance_mm:g} is valid above 0, and inf")
+        raise InvalidParameter(f"object_distance_mm must be positive; got {object_distance_mm:g}")
     on_axis = low <= 0
     omega = np.linspace(low, high, angles + on_axis)[on_axis:]
     around = np.arange(azimuths) * (360.0 / azimuths)
@@ -292,7 +297,7 @@ def field_of(
 
 
 def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
-    """Directions (n, 3), and unit vectors (n, 3, 2) by which they turn along the field angle and round about.
+    """Return directions (n, 3) and unit vectors (n, 3, 2) along field angle and azimuth.
 
     >>> [part.round(6).tolist() for part in directions_of(np.array([90.0]), np.array([0.0]))]
     [[[1.0, 0.0, -0.0]], [[[0.0, -0.0], [0.0, 1.0], [1.0, 0.0]]]]
@@ -306,7 +311,7 @@ def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
 
 
 def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
-    """Objects (n,) at field angles and azimuths of a sensor without errors."""
+    """Create objects (n,) at given field angles and azimuths."""
     away, turned = directions_of(omega_deg, azimuth_deg)  # a sensor without errors turns nothing: one frame for both
     azimuth = np.radians(azimuth_deg)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
@@ -320,11 +325,10 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
     shown, lost, _ = bare.shown({}, count=1)
     if lost.any():
         raise InvalidParameter(
-            f"without errors {sensor.name!r} shows nothing at {omega_deg[lost[0]][0]:.4g} deg; field_deg is valid "
-            f"where nothing of its housing stands in the light, {sensor.clear_field_deg[0]:.4g} to "
-            f"{sensor.clear_field_deg[1]:.4g} deg"
+            f"field_deg must be within the unobscured field of {sensor.name!r}, {sensor.clear_field_deg[0]:.4g} to "
+            f"{sensor.clear_field_deg[1]:.4g} deg; rays at {omega_deg[lost[0]][0]:.4g} deg are lost"
         )
-    if are_traced_together(sensor):
+    if is_vectorised(sensor):
         px_per_deg = np.radians(shown.by_direction[0] @ turned)
     else:
         px_per_deg = _px_per_deg(bare, points, distance, turned)
@@ -332,7 +336,7 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
 
 
 def _px_per_deg(field: Field, points: Array, distance: float, turned: Array) -> Array:
-    """How far (n, 2, 2) a degree moves the picture, by differences, along tangents (n, 3, 2) of the objects' sphere."""
+    """Compute image derivatives (n, 2, 2) by central differences along tangents (n, 3, 2)."""
     columns = []
     for k in range(2):
         step, ends = np.radians(STEP_DEG) * turned[..., k], []

@@ -1,8 +1,8 @@
-"""What can go wrong when a sensor is built: every error by its name, its unit, and what shops hold unasked.
+"""Error sources of a sensor and sensors with these errors.
 
-A value is added to what is meant. Places and angles of the mirror are those of
-:class:`omnimirror.mirrors.pose.MirrorPose`, form errors the Zernike terms of Noll over the rim's disk, in um along the
-axis with an rms of 1; an imager is turned about its centre.
+Values are added to nominal parameters. Decentres and tilts of the mirror are those of
+:class:`omnimirror.mirrors.pose.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
+rim, in um RMS along the axis. The imager rotates about its centre.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from ...mirrors.form import TERMS, MirrorForm
 from ...sensor import Sensor
 
 GRADES = ("coarse", "medium", "fine")
-"""What a shop does: a printer or a file, a lathe, a diamond lathe with centring."""
+"""Manufacturing grades: 3-D printing or filing, turning, diamond turning with centring."""
 
 
 @dataclass(frozen=True)
-class ErrorKind:
-    """What is known of an error.
+class ErrorSource:
+    """Error source of a sensor.
 
     Attributes
     ----------
     name
-        Of the part and what is wrong with it, with its unit: ``"mirror.decentre_x_mm"``.
+        Name with component, parameter and unit, for example ``"mirror.decentre_x_mm"``.
     unit
-        As people read it.
+        Unit for display.
     meaning
-        In one line.
-    usual
-        Its tolerance by grade, plus or minus, as shops hold it.
+        One-line description.
+    typical_tolerances
+        Symmetric tolerance of each manufacturing grade.
     """
 
     name: str
     unit: str
     meaning: str
-    usual: Mapping[str, float]
+    typical_tolerances: Mapping[str, float]
 
 
-def _kind(name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float) -> ErrorKind:
-    return ErrorKind(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)))
+def _kind(name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float) -> ErrorSource:
+    return ErrorSource(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)))
 
 
 _PLACE = (
@@ -90,14 +90,14 @@ _WARMTH = (
     _kind("temperature.warmer_k", "K", "all of it is warmer than [thermal] says its numbers are", 40.0, 20.0, 5.0),
 )
 FORM_SIZES = (5.0, 1.0, 0.15)
-"""um rms of each Zernike term, by grade."""
+"""RMS of each Zernike term by grade, um."""
 
 
 MEASURED = _kind("mirror.measured", "", "so many times a form that was measured", 1.0, 1.0, 1.0)
 
 
 def measured(name: str) -> str:
-    """The error of a form that was measured.
+    """Return the name of the error source of a measured form.
 
     >>> measured("lathe")
     'mirror.measured[lathe]'
@@ -105,27 +105,27 @@ def measured(name: str) -> str:
     return f"{MEASURED.name}[{name}]"
 
 
-PLACED = frozenset(f"mirror.zernike_{j}_um" for j in range(1, 4))
-"""Piston and tilts: no tolerance is given to them, yet a measured form has some that its place does not explain."""
+RIGID_TERMS = frozenset(f"mirror.zernike_{j}_um" for j in range(1, 4))
+"""Piston and tilt: no tolerances apply to them, but a measured form may contain them."""
 
 
-def errors_of(sensor: Sensor) -> dict[str, ErrorKind]:
-    """The errors that a sensor can have, by name.
+def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
+    """Return the error sources of a sensor by name.
 
     Parameters
     ----------
     sensor
-        What is meant.
+        Nominal sensor.
 
     Returns
     -------
     dict
-        Of kinds of errors, those of the mirror first.
+        Error sources, those of the mirror first.
 
     Examples
     --------
     >>> import omnimirror as om
-    >>> [name for name in errors_of(om.load_sensor("paper-spherical")) if "radius" in name or "conic" in name]
+    >>> [name for name in error_sources(om.load_sensor("paper-spherical")) if "radius" in name or "conic" in name]
     ['mirror.vertex_radius_mm', 'mirror.conic']
     """
     lens, has_two = sensor.lens, sensor.secondary is not None
@@ -138,8 +138,8 @@ def errors_of(sensor: Sensor) -> dict[str, ErrorKind]:
     return {kind.name: kind for kind in kinds}
 
 
-def _shape(mirror: Any) -> list[ErrorKind]:
-    """Of shapes with a formula: vertex radius, conic constant, coefficients; forms stand for those of others."""
+def _shape(mirror: Any) -> list[ErrorSource]:
+    """Return errors of vertex radius, conic constant and coefficients of analytic mirrors."""
     kinds = []
     radius = mirror.vertex_radius if isinstance(mirror, Conic) else getattr(mirror, "vertex_radius_mm", None)
     if radius is not None:
@@ -155,13 +155,13 @@ def _shape(mirror: Any) -> list[ErrorKind]:
     return kinds
 
 
-def _form() -> list[ErrorKind]:
+def _form() -> list[ErrorSource]:
     words = "form error, Zernike term {} of Noll, rms"
     return [_kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES) for j in range(4, TERMS + 1)]
 
 
-def _of_lens(lens: Any) -> list[ErrorKind]:
-    """Of the numbers that lenses of any kind have; a lens known by its surfaces has few of them."""
+def _of_lens(lens: Any) -> list[ErrorSource]:
+    """Return errors of the lens parameters; tabulated lenses have only some of them."""
 
     def size(name: str) -> float:
         return abs(float(getattr(lens, name, None) or 1.0))
@@ -179,8 +179,8 @@ def _of_lens(lens: Any) -> list[ErrorKind]:
     ]
 
 
-def _of_cover(sensor: Sensor) -> list[ErrorKind]:
-    """Of the tube, dome or window."""
+def _of_cover(sensor: Sensor) -> list[ErrorSource]:
+    """Return errors of the tube, dome or window."""
     if sensor.housing.shell is None:
         return []
     shell = sensor.obstructions.housing.shell
@@ -214,11 +214,11 @@ GROUPS = {
     "cover.": "cover",
     "temperature.": "temperature",
 }
-"""Of errors that belong together, by how their names begin; the first that fits."""
+"""Groups of error sources by prefix; the first matching prefix applies."""
 
 
 def group_of(name: str) -> str:
-    """The group of an error.
+    """Return the group of an error source.
 
     >>> group_of("mirror.conic"), group_of("lens.k1")
     ('shape of the mirror', 'distortion')
@@ -228,24 +228,24 @@ def group_of(name: str) -> str:
 
 @checked
 def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
-    """A sensor with errors, as an ordinary sensor that a file holds.
+    """Return a sensor with errors.
 
     Parameters
     ----------
     sensor
-        What is meant.
+        Nominal sensor.
     values
-        Of errors, by name, in their units.
+        Errors by name, in their units.
 
     Returns
     -------
     Sensor
-        With them, at the temperature that they say.
+        Perturbed sensor, at the perturbed temperature.
 
     Raises
     ------
     InvalidParameter
-        An error that it cannot have, or one so large that it is no sensor.
+        If the sensor does not have an error source, or the errors result in an invalid sensor.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     >>> sensor.mirror_pose.decentre_x_mm, sensor.lens.k1
     (0.1, 0.01)
     """
-    check_built_with(sensor, values)
+    check_error_names(sensor, values)
     lens = _of_part(sensor.lens, "lens.", values)
     built = replace(
         sensor,
@@ -273,13 +273,13 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
 
 
 def _of_part(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Those parameters of a part that err, with their errors."""
+    """Return the perturbed parameters of a component."""
     named = {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
     return {name: getattr(part, name) + value for name, value in named.items() if value and name in part.PARAMETERS}
 
 
 def _standing(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
-    """Where its mirrors stand; the way from lens to mirror by a second one grows with both."""
+    """Return perturbed mirror positions; both displacements change the path of a folded sensor."""
     if (second := sensor.secondary) is None:
         return {"mirror_pose": replace(sensor.mirror_pose, **_of_part(sensor.mirror_pose, "mirror.", values))}
     first, farther = values.get("mirror.displacement_mm", 0.0), values.get("secondary.displacement_mm", 0.0)
@@ -290,7 +290,9 @@ def _standing(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _covered(sensor: Sensor, values: Mapping[str, float]) -> Housing:
-    """The housing with errors of its cover, whose sizes are those that were fitted to the sensor that was meant."""
+    """Return the housing with a perturbed cover, whose nominal dimensions are fitted to the nominal
+    sensor.
+    """
     if sensor.housing.shell is None:
         return sensor.housing
     shell: Any = sensor.obstructions.housing.shell
@@ -300,7 +302,7 @@ def _covered(sensor: Sensor, values: Mapping[str, float]) -> Housing:
 
 
 def _formed(form: MirrorForm, values: Mapping[str, float]) -> MirrorForm:
-    """The form error of the mirror, and more of it."""
+    """Add form errors to the form of the mirror."""
     amounts = dict(zip(form.zernike, form.um, strict=True))
     for name, value in values.items():
         if value and name.startswith("mirror.zernike"):
@@ -310,7 +312,7 @@ def _formed(form: MirrorForm, values: Mapping[str, float]) -> MirrorForm:
 
 
 def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
-    """The imager with its pixels elsewhere, and farther apart."""
+    """Return the imager with a shifted centre and a scaled pixel pitch."""
     shift = [values.get(f"imager.shift_{axis}_px", 0.0) for axis in "xy"]
     pitch = imager.pixel_pitch_um * (1 + 1e-6 * values.get("imager.pitch_ppm", 0.0))
     if not any(shift):
@@ -320,7 +322,7 @@ def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
 
 
 def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
-    """The mirror with errors of its shape."""
+    """Return the mirror with shape errors."""
     radius, conic = values.get("mirror.vertex_radius_mm", 0.0), values.get("mirror.conic", 0.0)
     shaped: Mirror = mirror
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
@@ -335,33 +337,33 @@ def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
     return shaped
 
 
-def check_built_with(sensor: Sensor, names: Iterable[str]) -> None:
-    """Refuse errors that a sensor cannot have."""
-    known = errors_of(sensor)
+def check_error_names(sensor: Sensor, names: Iterable[str]) -> None:
+    """Raise an error for error sources that a sensor does not have."""
+    known = error_sources(sensor)
     for name in names:
-        if name not in PLACED:
+        if name not in RIGID_TERMS:
             check_name(name, known)
 
 
 NEEDED = {
-    "temperature.": "no [thermal] in its file",
+    "temperature.": "no [thermal] table",
     "cover.": "no tube, dome or window in [housing]",
-    "secondary.": "no second mirror",
-    "imager.tilt": "a lens whose exit pupil is not known",
+    "secondary.": "no secondary mirror",
+    "imager.tilt": "a lens without a known exit pupil",
 }
-"""What a sensor lacks that has no errors of some name."""
+"""Missing component of sensors without the error sources of a prefix."""
 
 
-def check_name(name: str, known: Mapping[str, ErrorKind]) -> None:
-    """Refuse a name of no error, with those that come near."""
+def check_name(name: str, known: Mapping[str, ErrorSource]) -> None:
+    """Raise an error for an unknown error source, with similar names."""
     if not isinstance(name, str):
-        raise WrongKind(f"{shown(name)} is not the name of an error")
+        raise WrongKind(f"error names must be strings; got {shown(name)}")
     if name not in known:
         from difflib import get_close_matches
 
         near = get_close_matches(name, known, 3)
-        advice = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(list(known)[:8])}, .."
+        advice = f"did you mean {' or '.join(near)}?" if near else f"valid are {', '.join(list(known)[:8])}, ..."
         for start, needed in NEEDED.items():
             if name.startswith(start) and not any(other.startswith(start) for other in known):
                 advice = f"it has {needed}"
-        raise InvalidParameter(f"{name!r} is no error that this sensor can have; {advice}")
+        raise InvalidParameter(f"{name!r} is not an error source of this sensor; {advice}")

@@ -1,7 +1,8 @@
-"""Heights of perturbed mirrors over (x, y), with first and second derivatives: conic, polynomial, table and form.
+"""Vectorised sensors with errors: perturbed mirror surfaces and ray-tracing parameters of all trials.
 
-``z = conic + sum p_i (s/N^2)^i + table(r) + sum f_ij (x/N)^i (y/N)^j`` with ``s = r^2 = x^2 + y^2`` and N the rim
-radius. Each trial has conic, polynomial and form of its own; the table, of mirrors without a formula, is one for all.
+``z = conic + sum p_i (s/N^2)^i + table(r) + sum f_ij (x/N)^i (y/N)^j`` with ``s = r^2 = x^2 + y^2``
+and the rim radius N. Conic, polynomial and form differ between trials; the table, of mirrors
+without a formula, is common to all.
 """
 
 from __future__ import annotations
@@ -25,19 +26,20 @@ from ...thermal import Thermal
 Array = NDArray[np.float64]
 
 NODES = 1024  # of the table; quintic pieces of .001 of a rim radius are exact to 1e-12 of it
-LEAST_RADIUS = 1e-9  # of the rim radius: on the axis, derivatives are taken so far beside it
+MIN_RADIUS = 1e-9  # of the rim radius: on the axis, derivatives are taken so far beside it
 ORDERS = {terms_of(order): order for order in range(LARGEST_ORDER + 1)}
-"""Order of a form by how many powers it has."""
+"""Order of a form by its number of coefficients."""
 
 
 @dataclass(frozen=True)
 class MeridianTable:
-    """A meridian in quintic pieces, as smooth as the mirror: sag, slope and curvature are right at every node.
+    """Meridian in quintic pieces with exact sag, slope and curvature at every node.
 
     Parameters
     ----------
     pieces : (n, 6)
-        Coefficients of powers of the share t in [0, 1] of a piece; the last one goes on beyond the rim.
+        Coefficients of powers of the local coordinate t in [0, 1]; the last piece extends beyond the
+        rim.
     step_mm
         Length of a piece.
     """
@@ -47,7 +49,7 @@ class MeridianTable:
 
     @classmethod
     def of(cls, mirror: Mirror) -> MeridianTable:
-        """Of any mirror.
+        """Tabulate the meridian of a mirror.
 
         >>> from omnimirror.mirrors import Cone
         >>> table = MeridianTable.of(Cone(30.0, 20.0))
@@ -66,7 +68,7 @@ class MeridianTable:
         return cls(np.ascontiguousarray(np.stack([a0, a1, a2, a3, a4, a5], axis=-1)), h)
 
     def profile(self, r: Array) -> tuple[Array, Array, Array]:
-        """Sag, slope and curvature at radii."""
+        """Compute sag, slope and curvature at radii."""
         piece = np.minimum((r / self.step_mm).astype(np.intp), len(self.pieces) - 1)
         t, a = r / self.step_mm - piece, self.pieces[piece]
         z, slope, bend = a[..., 5], np.zeros_like(t), np.zeros_like(t)
@@ -79,20 +81,20 @@ class MeridianTable:
 
 @dataclass(frozen=True)
 class MirrorSurfaces:
-    """Mirrors of trials (t,), each with errors of its own.
+    """Perturbed mirrors of trials (t,).
 
     Parameters
     ----------
     rim_radius_mm
-        N.
+        Rim radius N.
     curvature, conic : (t,)
-        At the vertex, 1/mm, and k; 0 where a table says the shape.
+        Vertex curvature in 1/mm and conic constant; 0 for tabulated mirrors.
     polynomial : (t, terms)
-        p_i of (s/N^2)^i, i = 1, 2, .., mm.
+        Coefficients p_i of (s/N^2)^i, i = 1, 2, ..., mm.
     form : (t, powers)
-        f_ij, mm, in the order of ``numerics.zernike.power_place``; as many as whole orders have.
+        Coefficients f_ij in mm, in the order of ``numerics.zernike.power_place``, for complete orders.
     table : MeridianTable, optional
-        What is one for all.
+        Common meridian.
     """
 
     rim_radius_mm: float
@@ -103,7 +105,7 @@ class MirrorSurfaces:
     table: MeridianTable | None = None
 
     def heights(self, x: Array, y: Array) -> SurfaceHeights:
-        """Over points (t, n) mm; NaN where a conic has ended."""
+        """Compute heights and derivatives at points (t, n) in mm; NaN beyond the end of a conic."""
         value, first, second = self._meridian(x * x + y * y)
         formed = self._form(x, y)
         return SurfaceHeights(
@@ -116,11 +118,11 @@ class MirrorSurfaces:
         )
 
     def meridian(self, r: Array) -> Array:
-        """Heights (t, n) mm at distances (t, n) or (1, n) from the axis, without form errors."""
+        """Compute heights (t, n) in mm at radii (t, n) or (1, n), without form errors."""
         return self._meridian(np.broadcast_to(r * r, (len(self.curvature), r.shape[1])))[0]
 
     def _meridian(self, s: Array) -> tuple[Array, Array, Array]:
-        """Value, first and second derivative by s = r^2."""
+        """Compute value, first and second derivative with respect to s = r^2."""
         c, k = self.curvature[:, None], self.conic[:, None]
         root = np.sqrt(1 - (1 + k) * c * c * s)
         value, first, second = c * s / (1 + root), c / (2 * root), (1 + k) * c**3 / (4 * root**3)
@@ -129,7 +131,7 @@ class MirrorSurfaces:
         return value, first, second
 
     def _polynomial(self, s: Array) -> tuple[Array, Array, Array]:
-        """Value, first and second derivative by s."""
+        """Evaluate the polynomial and its derivatives with respect to s by Horner's method."""
         unit = self.rim_radius_mm**2
         u = s / unit
         value, first, second = (np.zeros_like(u) for _ in range(3))
@@ -140,15 +142,15 @@ class MirrorSurfaces:
         return value, first / unit, 2 * second / unit**2
 
     def _of_table(self, s: Array) -> tuple[Array, Array, Array] | tuple[float, float, float]:
-        """The same of the table: f' = z'/2r, f'' = (z'' - z'/r)/4r^2."""
+        """Evaluate the table and its derivatives: f' = z'/2r, f'' = (z'' - z'/r)/4r^2."""
         if self.table is None:
             return 0.0, 0.0, 0.0
-        r = np.maximum(np.sqrt(s), LEAST_RADIUS * self.rim_radius_mm)
+        r = np.maximum(np.sqrt(s), MIN_RADIUS * self.rim_radius_mm)
         z, slope, bend = self.table.profile(r)
         return z, slope / (2 * r), (bend - slope / r) / (4 * r * r)
 
     def _form(self, x: Array, y: Array) -> SurfaceHeights:
-        """By Horner's rule in y of polynomials in x."""
+        """Evaluate the form by Horner's method in y, with polynomials in x as coefficients."""
         order, unit = ORDERS[self.form.shape[1]], self.rim_radius_mm
         u, v = x / unit, y / unit
         zero = np.zeros_like(u)
@@ -170,40 +172,41 @@ class MirrorSurfaces:
 
 
 Values = Mapping[str, Array]
-"""Values (t,) of errors by their names, all of one length."""
+"""Errors (t,) by name, all of equal length."""
 
 WARMER = "temperature.warmer_k"
 
 
 @dataclass(frozen=True)
 class States:
-    """Sensors of trials (t,), each with errors of its own, in numbers that rays are traced with.
+    """Ray-tracing parameters of perturbed sensors (t,).
 
     Attributes
     ----------
     surfaces
-        Their mirrors.
+        Mirror surfaces.
     rotation : (t, 3, 3)
-        From the mirror's frame to the camera's.
+        Rotation from the mirror frame to the camera frame.
     shift : (t, 3)
         Vertex in the camera frame, mm.
     pupil : (t, 3)
         Centre of the entrance pupil in the camera frame, mm.
     aperture_mm : (t,)
-        Its diameter.
+        Diameter of the entrance pupil.
     vergence : (t,)
-        In focus, at the entrance pupil, 1/mm.
+        Vergence in focus at the entrance pupil, 1/mm.
     brown : (t, 5)
-        Distortion k1, k2, k3, p1, p2 of the lens.
+        Distortion coefficients k1, k2, k3, p1, p2.
     imager : (t, 3, 3)
-        From tangents of the viewing angle (x, y, 1) to offsets in px, of a plane that may be shifted, turned and
-        tilted; the principal distance is in it.
+        Homography from viewing tangents (x, y, 1) to offsets in px, including principal distance,
+        shift, rotation and tilt of the imager.
     breathing_mm : (t,)
-        f - e, of focal length and entrance pupil: the principal distance is ``f / (1 - (f - e) v)``.
+        f - e for focal length f and entrance pupil e: the principal distance is
+        ``f / (1 - (f - e) v)``.
     focal_mm : (t,)
-        f.
+        Focal length f.
     pitch_mm : (t,)
-        Of the pixels.
+        Pixel pitch.
     """
 
     surfaces: MirrorSurfaces
@@ -223,29 +226,30 @@ class States:
 
 
 def states_of(sensor: Sensor, values: Values, count: int | None = None) -> States:
-    """Sensors with errors.
+    """Compute the ray-tracing parameters of sensors with errors.
 
     Parameters
     ----------
     sensor
-        Without errors; its lens a perspective one, before one mirror.
+        Nominal sensor with a perspective lens and one mirror.
     values
-        Errors (t,) in their units, added to nominal values, by error name.
+        Errors (t,) by name, in their units.
     count
-        How many trials, if no error says so.
+        Number of trials if there are no errors.
 
     Returns
     -------
     States
-        (t,); with numbers that no sensor has, a focal length below 0 or a mirror that is hollow, it sees nothing.
+        Parameters (t,); a physically impossible trial, such as one with a negative focal length, loses
+        all rays.
 
     Raises
     ------
     InvalidParameter
-        A sensor that is traced by itself: :func:`are_traced_together` says which.
+        If the sensor cannot be traced vectorised; see :func:`is_vectorised`.
     """
-    if not are_traced_together(sensor, values):
-        raise InvalidParameter(f"sensors like {sensor.name!r} are traced one by one, with these errors")
+    if not is_vectorised(sensor, values):
+        raise InvalidParameter(f"{sensor.name!r} with these errors cannot be traced vectorised; use sequential_images")
     trials = next((len(v) for v in values.values()), 1) if count is None else count
     error = _Errors(values, trials)
     lens, pose = cast(Perspective, sensor.lens), sensor.mirror_pose
@@ -282,7 +286,7 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
 
 
 class _Errors:
-    """Values by name; 0 of what has no error."""
+    """Errors by name; 0 without an error."""
 
     def __init__(self, values: Values, count: int) -> None:
         self.values, self.count = values, count
@@ -291,17 +295,17 @@ class _Errors:
         return np.asarray(self.values.get(name, np.zeros(self.count)), dtype=float)
 
     def columns(self, *names: str) -> Array:
-        """(t, n)"""
+        """Return errors as columns (t, n)."""
         return np.stack([self(name) for name in names], axis=-1)
 
 
-def are_traced_together(sensor: Sensor, values: Collection[str] = ()) -> bool:
-    """Whether trials of a sensor with these errors are traced by the thousand: a perspective lens, one bare mirror.
+def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
+    """Return whether trials can be traced vectorised: perspective lens, one mirror, no cover.
 
-    A mirror known by a table grows with temperature as ordinary sensors do.
+    The thermal expansion of tabulated mirrors requires sequential trials.
 
     >>> import omnimirror as om
-    >>> are_traced_together(om.load_sensor("paper-spherical"))
+    >>> is_vectorised(om.load_sensor("paper-spherical"))
     True
     """
     is_plain = sensor.secondary is None and sensor.housing.shell is None and isinstance(sensor.lens, Perspective)
@@ -314,7 +318,7 @@ def are_traced_together(sensor: Sensor, values: Collection[str] = ()) -> bool:
 
 @dataclass(frozen=True)
 class _Growth:
-    """By how much trials (t,) are warmer and their parts larger; formulas of :mod:`omnimirror.analysis.temperature`."""
+    """Thermal expansion of trials (t,); formulas of :mod:`omnimirror.analysis.temperature`."""
 
     thermal: Thermal
     warmer: Array
@@ -339,7 +343,7 @@ class _Growth:
         return self._factor(self.thermal.imager_ppm_per_k)
 
     def lens(self, focal: Array, focus: Array) -> tuple[Array, Array]:
-        """Focal lengths, and distances that are in focus on imagers that their mounts have moved."""
+        """Return focal lengths and focus distances with thermally displaced imagers."""
         by_focal, by_mount = self.thermal.focal_ppm_per_k, self.thermal.expansion_ppm("mount")
         if not (by_focal or by_mount) or not self.warmer.any():
             return focal, focus
@@ -348,7 +352,9 @@ class _Growth:
         return focal, 1 / (1 / focal - 1 / behind)
 
     def distance(self, sensor: Sensor, surfaces: MirrorSurfaces) -> Array:
-        """From the lens to the vertex, mm; of a mirror held at its rim, to where its vertex then is."""
+        """Return the distance from lens to vertex, mm, including the mirror expansion if held at
+        the rim.
+        """
         held = np.zeros(len(self.warmer))
         if self.thermal.held_at == "rim" and self.warmer.any():
             rim = np.full((1, 1), surfaces.rim_radius_mm)
@@ -356,7 +362,9 @@ class _Growth:
         return (sensor.mirror_distance_mm + held) * self.spacer - held * self.mirror
 
     def grown(self, surfaces: MirrorSurfaces) -> MirrorSurfaces:
-        """Shapes that have grown evenly, ``g z(x / g)``; form errors keep their heights, and the rim its number."""
+        """Scale the shapes by ``g z(x / g)``; form errors keep their heights, and the rim its
+        nominal radius.
+        """
         g = self.mirror
         if (g == 1).all():
             return surfaces
@@ -389,7 +397,7 @@ def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
 
 
 def _coefficients(mirror: EvenPolynomial | ConicAsphere, error: _Errors, first: int) -> Array:
-    """Coefficients (t, terms) of powers 1, 2, .. of (r/rim)^2, mm."""
+    """Return polynomial coefficients (t, terms) of (r/rim)^2, (r/rim)^4, ..., mm."""
     N, rim = mirror.normalization_radius_mm, mirror.rim_radius_mm
     table = np.zeros((error.count, first - 1 + len(mirror.coefficients)))
     for i, coefficient in enumerate(mirror.coefficients):
@@ -399,7 +407,7 @@ def _coefficients(mirror: EvenPolynomial | ConicAsphere, error: _Errors, first: 
 
 
 def _form(error: _Errors) -> Array:
-    """Powers (t, n) mm of all Zernike terms that err; as many as whole orders need."""
+    """Return form coefficients (t, n) in mm of all perturbed Zernike terms, for complete orders."""
     terms = [j for j in range(1, TERMS + 1) if f"mirror.zernike_{j}_um" in error.values]
     order = max((noll(j)[0] for j in terms), default=0)
     powers = np.zeros((error.count, (order + 1) * (order + 2) // 2))
@@ -410,7 +418,9 @@ def _form(error: _Errors) -> Array:
 
 
 def _rotations(tilts_deg: Array) -> Array:
-    """(t, 3, 3) about X, then about Y, as :class:`omnimirror.mirrors.pose.MirrorPose` turns."""
+    """Return rotations (t, 3, 3) about X, then Y, as in
+    :class:`omnimirror.mirrors.pose.MirrorPose`.
+    """
     (cx, cy), (sx, sy) = np.cos(np.radians(tilts_deg)).T, np.sin(np.radians(tilts_deg)).T
     zero = np.zeros_like(cx)
     rows = [[cy, sx * sy, cx * sy], [zero, cx, -sx], [-sy, sx * cy, cx * cy]]
@@ -418,12 +428,12 @@ def _rotations(tilts_deg: Array) -> Array:
 
 
 def _imagers(principal_distance: Array, pitch_mm: Array, error: _Errors) -> Array:
-    """Homographies (t, 3, 3) from tangents to offsets in px.
+    """Return homographies (t, 3, 3) from viewing tangents to offsets in px.
 
-    The imager's plane is turned about its centre by ``imager.tilt_x_deg``, ``imager.tilt_y_deg`` and
-    ``imager.rotation_deg`` and then shifted: what is at offset e lies at ``shift + c z + R e``, on the ray of the
-    tangents (x, y, 1) times any length, so that ``(x, y, 1)`` is the first two columns of R and ``c z``, times
-    (e, 1).
+    The imager plane is rotated about its centre by ``imager.tilt_x_deg``, ``imager.tilt_y_deg`` and
+    ``imager.rotation_deg`` and then shifted. A pixel offset e is at ``shift + c z + R e``, on the ray
+    of tangents (x, y, 1) times any length, so that ``(x, y, 1)`` is the matrix with the first two
+    columns of R and ``c z``, times (e, 1).
     """
     tilt = _rotations(error.columns("imager.tilt_x_deg", "imager.tilt_y_deg"))
     turn = np.radians(error("imager.rotation_deg"))

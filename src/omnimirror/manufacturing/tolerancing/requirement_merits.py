@@ -1,7 +1,8 @@
-"""Names of what a built sensor is held to: merits of its trials, and what requirements limit in their own words.
+"""Names and evaluation of merits that limits require: quantities of requirement files for trials.
 
-A name is what a table shows and what ``--merit`` takes: ``motion_px after pose``, ``total_blur_px, 20 to 100 deg``,
-``mtf at 0.25 cycles/px``. What is to be at least so much begins with ``least``: ``least resolution_px_per_deg``.
+Examples of names in tables and of ``--merit``: ``motion_px after pose``,
+``total_blur_px, 20 to 100 deg``, ``mtf at 0.25 cycles/px``. Merits with a lower limit have the prefix
+``min``: ``min resolution_px_per_deg``.
 """
 
 from __future__ import annotations
@@ -23,96 +24,101 @@ from ...sensor import Sensor
 from .compensation import CALIBRATIONS, after, merit_names
 from .object_field import Field, field_at
 from .perturbation import perturbed
-from .perturbed_states import Values, are_traced_together
+from .perturbed_states import Values, is_vectorised
 from .requirement_values import (
-    BuiltView,
     Motions,
     RimView,
     StraightLines,
-    rims_one_by_one,
-    rims_together,
-    views_one_by_one,
-    views_together,
+    TrialView,
+    sequential_rims,
+    sequential_views,
+    vectorised_rims,
+    vectorised_views,
 )
 from .trial_images import Refocus
 
 Array = NDArray[np.float64]
 
-LEAST = "least "
+MIN_PREFIX = "min "
 STRAIGHTNESS = "straightness_deg"
-OF_BUILT = (STRAIGHTNESS, "viewpoint_shift_mm", "rim_reach_px", "field_to_deg")
-"""Quantities that sensors without errors have no limits of."""
-OF_LEAST = ("field_to_deg",)
+BUILT_QUANTITIES = (STRAIGHTNESS, "viewpoint_shift_mm", "rim_reach_px", "field_to_deg")
+"""Quantities that are limited only for as-built sensors."""
+LOWER_LIMITED = ("field_to_deg",)
 UNLIMITED = ("focus_distance_mm", "lost_rays")
+PER_PIXEL = "mm_per_px"
+"""Ending of quantities that depend on the object distance."""
 NUMBER = r"([-+.\deE]+)"
 WORDS = re.compile(
-    rf"(?P<least>{LEAST})?(?P<quantity>\w+)(?: at {NUMBER} cycles/px)?(?:, (?:at {NUMBER}|{NUMBER} to {NUMBER}) deg)?"
+    rf"(?P<least>{MIN_PREFIX})?(?P<quantity>\w+)(?: at {NUMBER} cycles/px)?(?:, (?:at {NUMBER}|{NUMBER} to "
+    rf"{NUMBER}) deg)?"
     r"(?: after (?P<after>[-\w]+))?"
 )
 
 
 @dataclass(frozen=True)
 class MeritName:
-    """A name, taken apart.
+    """Components of a merit name.
 
     Attributes
     ----------
     quantity
-        Of the vocabulary.
-    is_least
-        Whether the least counts and not the largest.
+        Name of the quantity.
+    is_lower_limit
+        Whether the minimum is limited instead of the maximum.
     omega_deg
-        Part of the field, deg; all of it without.
+        Range of field angles, deg; the whole field if None.
     cycles_per_px
         Spatial frequency of an MTF.
     after
-        What a calibration leaves, of motions, directions and straightness.
+        Calibration, for motions, directions and straightness.
     """
 
     quantity: str
-    is_least: bool = False
+    is_lower_limit: bool = False
     omega_deg: tuple[float, float] | None = None
     cycles_per_px: float | None = None
     after: str = "none"
 
     @property
     def text(self) -> str:
-        """The name.
+        """Merit name as text.
 
         >>> MeritName("resolution_px_per_deg", True, (20.0, 100.0)).text
-        'least resolution_px_per_deg, 20 to 100 deg'
+        'min resolution_px_per_deg, 20 to 100 deg'
         """
         frequency = "" if self.cycles_per_px is None else f" at {self.cycles_per_px:g} cycles/px"
-        words = f"{LEAST if self.is_least else ''}{self.quantity}{frequency}{told_part(self.omega_deg)}"
+        words = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{told_part(self.omega_deg)}"
         return after(words, self.after)  # type: ignore[arg-type]  # a word that is no calibration is refused
 
     def limit(self, value: float) -> Limit:
-        """As requirements have it."""
-        most, least = (None, value) if self.is_least else (value, None)
+        """Convert to a limit of a requirement file."""
+        most, least = (None, value) if self.is_lower_limit else (value, None)
         return Limit(self.quantity, most, least, self.omega_deg, self.cycles_per_px)
 
 
 @lru_cache(maxsize=1024)
 def named(name: str) -> MeritName:
-    """A name, taken apart.
+    """Parse a merit name.
 
     Raises
     ------
     InvalidParameter
-        It is the name of nothing that sensors are judged by.
+        If the name is not a merit of trials.
 
+    Examples
+    --------
     >>> named("mtf at 0.25 cycles/px, at 90 deg").cycles_per_px
     0.25
     """
-    found = WORDS.fullmatch(name) if isinstance(name, str) else None
-    if found is None:
+    result = WORDS.fullmatch(name) if isinstance(name, str) else None
+    if result is None:
         raise _unknown(name)
     try:
-        cycles, at, low, high = (None if part is None else float(part) for part in found.group(3, 4, 5, 6))
+        cycles, at, low, high = (None if part is None else float(part) for part in result.group(3, 4, 5, 6))
     except ValueError:
         raise _unknown(name) from None
     part = (at, at) if at is not None else (low, high) if low is not None and high is not None else None
-    parsed = MeritName(found["quantity"], found["least"] is not None, part, cycles, found["after"] or "none")
+    parsed = MeritName(result["quantity"], result["least"] is not None, part, cycles, result["after"] or "none")
     _check(parsed, name)
     return parsed
 
@@ -121,72 +127,72 @@ def _check(merit: MeritName, name: str) -> None:
     plain = merit.omega_deg is None and merit.cycles_per_px is None
     if name in merit_names() and merit.quantity not in UNLIMITED:
         return
-    if merit.quantity in OF_BUILT:
+    if merit.quantity in BUILT_QUANTITIES:
         is_calibrated = merit.after == "none" or (merit.quantity == STRAIGHTNESS and merit.after in CALIBRATIONS)
-        if plain and is_calibrated and merit.is_least == (merit.quantity in OF_LEAST):
+        if plain and is_calibrated and merit.is_lower_limit == (merit.quantity in LOWER_LIMITED):
             return
-        right = MeritName(merit.quantity, merit.quantity in OF_LEAST)
-        raise InvalidParameter(f"{shown(name)} is not judged; {right.text!r} is, of the whole picture")
+        right = MeritName(merit.quantity, merit.quantity in LOWER_LIMITED)
+        raise InvalidParameter(f"{shown(name)} is not a merit of trials; use {right.text!r}, for the whole image")
     if merit.quantity not in LIMITABLE or merit.after != "none":
         raise _unknown(name)
 
 
 def _unknown(name: object) -> InvalidParameter:
     plain = [each for each in merit_names() if " after " not in each and each not in UNLIMITED]
-    built = [MeritName(quantity, quantity in OF_LEAST).text for quantity in OF_BUILT]
+    built = [MeritName(quantity, quantity in LOWER_LIMITED).text for quantity in BUILT_QUANTITIES]
     calibrations = ", ".join(CALIBRATIONS[1:])
     return InvalidParameter(
-        f"{shown(name)} is nothing that trials are judged by; valid are {', '.join(plain + built)}; motions, "
-        f"directions and straightness with 'after' and one of {calibrations}, as in 'motion_px after affine'; and what "
-        "requirements limit, as in 'total_blur_px, 20 to 100 deg' or 'least resolution_px_per_deg'"
+        f"{shown(name)} is not a merit of trials; valid are {', '.join(plain + built)}; motions, directions and "
+        f"straightness with 'after' and one of {calibrations}, for example 'motion_px after affine'; and quantities of "
+        "requirement files, for example 'total_blur_px, 20 to 100 deg' or 'min resolution_px_per_deg'"
     )
 
 
-def is_required(name: str) -> bool:
-    """Whether a merit is worked out only where it is asked for.
+def is_requirement_merit(name: str) -> bool:
+    """Return whether a merit is evaluated only if a limit requires it.
 
-    >>> is_required("motion_px after pose"), is_required("total_blur_px")
+    >>> is_requirement_merit("motion_px after pose"), is_requirement_merit("total_blur_px")
     (False, True)
     """
     return name not in merit_names()
 
 
-def required_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Those of some merits that are worked out only where they are asked for."""
-    return tuple(name for name in dict.fromkeys(names) if is_required(name))
+def requirement_merits(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the merits that are evaluated only if a limit requires them."""
+    return tuple(name for name in dict.fromkeys(names) if is_requirement_merit(name))
 
 
-def is_least(name: str) -> bool:
-    """Whether a limit of it is one from below.
+def is_lower_limit(name: str) -> bool:
+    """Return whether limits of a merit are lower limits.
 
-    >>> is_least("least field_to_deg")
+    >>> is_lower_limit("min field_to_deg")
     True
     """
-    return name.startswith(LEAST)
+    return name.startswith(MIN_PREFIX)
 
 
 def check_limit(name: str, value: float) -> None:
-    """Refuse a limit of nothing, or one that nothing meets."""
+    """Raise an error for an unknown merit or a limit that cannot be satisfied."""
     merit = named(name)
-    if merit.quantity in LIMITABLE and is_required(name):
+    if merit.quantity in LIMITABLE and is_requirement_merit(name):
         merit.limit(value)
     elif not value > 0:
         raise InvalidParameter(
-            f"the limit {name} {'at least' if merit.is_least else 'at most'} {value:g} is valid above 0"
+            f"the {'lower' if merit.is_lower_limit else 'upper'} limit of {name} must be positive; got {value:g}"
         )
 
 
-def names_of(limit: Limit) -> dict[str, float]:
-    """A limit of requirements as limits of merits, a side each.
+def merit_limits(limit: Limit) -> dict[str, float]:
+    """Convert a limit of a requirement file to limits of merits, one per side.
 
     >>> import omnimirror as om
-    >>> names_of(om.Limit("aspect", at_least=0.8, at_most=1.2))
-    {'aspect': 1.2, 'least aspect': 0.8}
+    >>> merit_limits(om.Limit("aspect", at_least=0.8, at_most=1.2))
+    {'aspect': 1.2, 'min aspect': 0.8}
     """
     sides = ((False, limit.at_most), (True, limit.at_least))
     return {
-        MeritName(limit.quantity, is_least, limit.omega_deg, limit.cycles_per_px).text: value
-        for is_least, value in sides
+        MeritName(limit.quantity, is_lower_limit, limit.omega_deg, limit.cycles_per_px).text: value
+        for is_lower_limit, value in sides
         if value is not None
     }
 
@@ -195,16 +201,16 @@ CHUNK = 256  # trials at a time: their arrays stay in the cache
 
 
 class MeritRows(NamedTuple):
-    """What a merit is made of."""
+    """Values from which a merit is computed."""
 
     takes: Literal["largest", "smallest", "spread", "ratio", "departure", "length"]
-    """What of it: the largest less the smallest, the smallest over the largest; the largest whatever its sign; the
-    length of a vector."""
+    """Reduction: maximum, minimum, range, minimum over maximum, maximum of absolute values, or
+    length."""
     values: Array
-    """(t, k)"""
+    """Values (t, k)."""
 
     def merit(self) -> Array:
-        """(t,)
+        """Compute the merits (t,).
 
         >>> MeritRows("ratio", np.array([[2.0, 4.0]])).merit()
         array([0.5])
@@ -226,20 +232,20 @@ class MeritRows(NamedTuple):
 
 @dataclass(frozen=True)
 class RequiredMerits:
-    """What is worked out of trials because limits ask for it.
+    """Evaluator of merits that limits require.
 
     Attributes
     ----------
     names
-        Of the merits, in the order of their columns.
+        Names of the merits, in column order.
     field
-        Objects: those that all trials are judged by, and circles where parts of the field begin and end.
+        Objects of all trials and circles at the limits of field ranges.
     refocus
-        Whether each trial is focused.
+        Refocusing mode.
     lines
-        Straight lines, where straightness is asked for.
+        Straight lines for straightness.
     viewpoint : (3,)
-        Of a sensor without errors.
+        Nominal viewpoint.
     """
 
     names: tuple[str, ...]
@@ -252,8 +258,14 @@ class RequiredMerits:
     def of(
         cls, names: tuple[str, ...], field: Field, refocus: Refocus, distance_mm: float, floor_px2: float
     ) -> RequiredMerits:
-        """Of a sensor whose trials are judged by a field."""
+        """Create the evaluator for the objects of a field."""
         merits = [named(name) for name in names]
+        for merit in merits:
+            if merit.quantity.endswith(PER_PIXEL) and np.isinf(distance_mm):
+                raise InvalidParameter(
+                    f"a limit of {merit.quantity} requires a finite object distance; give object_distance_mm in "
+                    "[objects] of the tolerance file or in [field] of the requirement file"
+                )
         objects = _with_parts(field, merits, distance_mm)
         lines = None
         if any(merit.quantity == STRAIGHTNESS for merit in merits):
@@ -263,8 +275,10 @@ class RequiredMerits:
             viewpoint = blank._view({"imager.pitch_ppm": np.zeros(1)})[0].viewpoint[0]
         return cls(names, objects, refocus, lines, viewpoint)
 
-    def judged(self, values: Values, motions: Motions) -> tuple[Array, NDArray[np.intp]]:
-        """Merits (t, e) of trials, and how many objects (t,) each loses, or whether its rim; NaN where it does."""
+    def evaluate(self, values: Values, motions: Motions) -> tuple[Array, NDArray[np.intp]]:
+        """Compute merits (t, e) and the number of lost objects (t,) of trials; NaN if rays are
+        lost.
+        """
         trials = len(next(iter(values.values())))
         parts = [slice(k, k + CHUNK) for k in range(0, trials, CHUNK)]
         both = [self._of_some({name: of[part] for name, of in values.items()}, motions) for part in parts]
@@ -278,20 +292,21 @@ class RequiredMerits:
         return merits, lost
 
     def rows(self, values: Values, motions: Motions) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
-        """What merits are the largest or least of, by their names, and how many objects (t,) are lost."""
+        """Return the values of each merit and the number of lost objects (t,)."""
         with np.errstate(all="ignore"):  # what is lost is not a number
             view, rim = self._view(values)
             departures = None if self.lines is None else self.lines.departures(motions(self.lines.reference, values))
             whole = partial(_whole, self.field.sensor, values)
             rows = {
-                name: whole(name) if named(name).quantity in OF_THE_WHOLE
+                name: whole(name)
+                if named(name).quantity in OF_THE_WHOLE
                 else self._rows(named(name), view, rim, departures)
                 for name in self.names
-            }  # fmt: skip
+            }
             return rows, view.lost
 
     def _rows(
-        self, merit: MeritName, view: BuiltView, rim: Callable[[], RimView], departures: Array | None
+        self, merit: MeritName, view: TrialView, rim: Callable[[], RimView], departures: Array | None
     ) -> MeritRows:
         if merit.quantity == STRAIGHTNESS:
             assert departures is not None, "lines are there where it is asked for"
@@ -301,51 +316,51 @@ class RequiredMerits:
             return MeritRows("largest", rim().reach_px)
         if merit.quantity == "field_to_deg":
             return MeritRows("smallest", rim().field_to_deg)
-        if merit.quantity in OF_BUILT:
+        if merit.quantity in BUILT_QUANTITIES:
             return MeritRows("length", view.viewpoint - self.viewpoint)
         of = merit.limit(1.0).of
         part = np.flatnonzero(is_within(self.field.omega_deg, merit.omega_deg))
         values = view.values._replace(**_of_part(view, part))
         if of.takes in ("spread", "ratio"):
             return MeritRows(of.takes, of.parts(values)[0])
-        return MeritRows("smallest" if merit.is_least else "largest", of.values(values))
+        return MeritRows("smallest" if merit.is_lower_limit else "largest", of.values(values))
 
-    def _view(self, values: Values) -> tuple[BuiltView, Callable[[], RimView]]:
-        """What trials do to the objects, and their rims, which not all limits ask for."""
+    def _view(self, values: Values) -> tuple[TrialView, Callable[[], RimView]]:
+        """Evaluate the objects, and provide the rims on demand."""
         sensor = self.field.sensor
-        if are_traced_together(sensor, values):
-            view, vergence = views_together(self.field, values, self.refocus)
-            return view, lambda: rims_together(sensor, values, vergence)
-        view, focus_mm = views_one_by_one(self.field, values, self.refocus)
-        return view, lambda: rims_one_by_one(sensor, values, focus_mm)
+        if is_vectorised(sensor, values):
+            view, vergence = vectorised_views(self.field, values, self.refocus)
+            return view, lambda: vectorised_rims(sensor, values, vergence)
+        view, focus_mm = sequential_views(self.field, values, self.refocus)
+        return view, lambda: sequential_rims(sensor, values, focus_mm)
 
 
 def _whole(sensor: Sensor, values: Values, name: str) -> MeritRows:
-    """What holds for the whole of each sensor, one by one, with its mirror in its place on the axis."""
-    quantity, found = named(name).quantity, []
+    """Evaluate a quantity of each aligned as-built sensor as a whole."""
+    quantity, result = named(name).quantity, []
     for k in range(len(next(iter(values.values())))):
         try:
             built = perturbed(sensor, {error: float(of[k]) for error, of in values.items()}).aligned()
-            found.append(float(OF_THE_WHOLE[quantity](built)))
+            result.append(float(OF_THE_WHOLE[quantity](built)))
         except OmnimirrorError:
-            found.append(np.nan)
-    return MeritRows("largest", np.array(found)[:, None])
+            result.append(np.nan)
+    return MeritRows("largest", np.array(result)[:, None])
 
 
 def is_within(omega_deg: Array, part: tuple[float, float] | None) -> NDArray[np.bool_]:
-    """Which field angles belong to a part of the field."""
+    """Return a mask of field angles within a range."""
     low, high = part or (-np.inf, np.inf)
     inside: NDArray[np.bool_] = (omega_deg >= low - 1e-9) & (omega_deg <= high + 1e-9)
     return inside
 
 
-def _of_part(view: BuiltView, part: NDArray[np.intp]) -> dict[str, Array]:
-    """Arrays of what is looked at, of some of the objects."""
+def _of_part(view: TrialView, part: NDArray[np.intp]) -> dict[str, Array]:
+    """Select values of some objects."""
     return {name: a if a.shape[-1] == 1 else a[..., part] for name, a in view.values._asdict().items()}
 
 
 def _with_parts(field: Field, merits: list[MeritName], distance_mm: float) -> Field:
-    """The field with circles where the parts that limits name begin and end, as far as it goes."""
+    """Add circles of objects at the ends of field ranges, limited to the field."""
     low, high = float(field.omega_deg.min()), float(field.omega_deg.max())
     edges: set[float] = set()
     for merit in merits:
@@ -353,7 +368,7 @@ def _with_parts(field: Field, merits: list[MeritName], distance_mm: float) -> Fi
             begin, end = max(merit.omega_deg[0], low), min(merit.omega_deg[1], high)
             if begin > end:
                 raise InvalidParameter(
-                    f"{merit.text}: sensors are judged from {low:.4g} to {high:.4g} deg; name a part of that"
+                    f"the range of {merit.text!r} must overlap the evaluated field, {low:.4g} to {high:.4g} deg"
                 )
             edges |= {begin, end}
     more = sorted(edges - set(field.omega_deg.tolist()) - {0.0})

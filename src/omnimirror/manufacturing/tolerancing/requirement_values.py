@@ -1,8 +1,11 @@
-"""What requirements look at, of sensors with errors: at every object of the field, in its own two directions.
+"""Quantities of requirement files for sensors with errors, at every object of the field.
 
-Of an object, tangential is along the field angle and sagittal round about the axis that was meant. A degree of either
-is a vector in the picture of a built sensor; its length is the resolution, the blur's width along it the blur. Without
-errors these are Dh, Dw, Delta_t and Delta_s of the meridian (Eqs. 9, 10, 28).
+Directions at an object are tangential (along the field angle) and sagittal (along the azimuth about
+the nominal axis). One degree along either is a vector in the image of the as-built sensor; its
+length is the resolution, and the width of the blur along it is the blur. For the nominal sensor,
+these are Dh, Dw, Delta_t and Delta_s of the meridian (Eqs. 9, 10, 28). Straightness is the maximum
+distance of the points of a line from the best-fit great circle after dewarping with the nominal or
+calibrated sensor; lines of 60 deg along and across field angles are evaluated.
 """
 
 from __future__ import annotations
@@ -21,71 +24,78 @@ from ...lenses import FieldLens, Perspective
 from ...lenses.base import cos4
 from ...sensor import Sensor
 from ...tracing.reflection import Ends
-from .compensation import Reference, compensators_of
-from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, shown_within
+from .compensation import Reference, fit_compensators
+from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, images_within_rim
 from .perturbation import perturbed
-from .perturbed_states import Values, states_of
-from .trial_images import Refocus, SeenObjects, States, imaged_at, pictured, seen
+from .perturbed_states import States, Values, states_of
+from .trial_images import Refocus, TracedObjects, form_images, imaged_at, trace_objects
 
 Array = NDArray[np.float64]
 
 SAG_NODES = 65
 
 
-class BuiltView(NamedTuple):
-    """What trials (t,) do to the objects (n,) of a field."""
+class TrialView(NamedTuple):
+    """Quantities of trials (t,) at objects (n,)."""
 
     values: FieldValues
-    """Arrays (t, n), or (t, 1)."""
+    """Arrays (t, n) or (t, 1)."""
     viewpoint: Array
-    """(t, 3) mm in the camera frame: the point that all rays pass at the least distance."""
+    """Points (t, 3) in mm in the camera frame with minimum distance from all rays."""
     lost: NDArray[np.intp]
-    """(t,) objects."""
+    """Number (t,) of lost objects."""
 
 
-class RaysOut(NamedTuple):
-    """Where the sensors look, in the camera frame."""
+class ExitRays(NamedTuple):
+    """Object-side rays in the camera frame."""
 
     origins: Array
-    """(t, n, 3) mm."""
+    """Origins (t, n, 3) in mm."""
     directions: Array
-    """(t, n, 3)"""
+    """Directions (t, n, 3)."""
 
 
-def views_together(field: Field, values: Values, refocus: Refocus) -> tuple[BuiltView, Array]:
-    """Of sensors that are traced by the thousand, and vergences (t,) in focus at their pupils, 1/mm."""
+def vectorised_views(field: Field, values: Values, refocus: Refocus) -> tuple[TrialView, Array]:
+    """Evaluate trials vectorised; also return focus vergences (t,) at the pupils, 1/mm."""
     lens = field.sensor.lens
     assert isinstance(lens, Perspective), "no other is traced by the thousand"
     states = states_of(field.sensor, values)
-    found = seen(states, field.targets, field.distant, field.start)
-    shown = pictured(states, found, refocus)
+    result = trace_objects(states, field.targets, field.distant, field.start)
+    shown = form_images(states, result, refocus)
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
     turned = np.einsum("tji,njk->tnik", states.rotation, turned)
     distance = states.focal_mm / (1 - states.breathing_mm * shown.vergence)
     airy_px = lens.airy_diameter() / lens.image_f_number() * distance / states.aperture_mm / states.pitch_mm
-    viewpoints, middle = seen_from(_rays_out(states, found, field), field.omega_deg)
+    rays = _rays_out(states, result, field)
+    viewpoints, middle = viewpoint_heights(rays, field.omega_deg)
     scale = np.radians(shown.by_direction @ turned)
-    optics = Optics(airy_px, light_of(np.hypot(*np.moveaxis(found.tangents, -1, 0))), distance, *_sizes(states))
-    view = looked_at(scale, shown.blur_px, optics, viewpoints)
-    return BuiltView(view, middle, found.lost.sum(axis=1)), shown.vergence
+    optics = Optics(airy_px, light_of(np.hypot(*np.moveaxis(result.tangents, -1, 0))), distance, *_sizes(states))
+    view = field_values(scale, shown.blur_px, optics, viewpoints, field, rays.origins)
+    return TrialView(view, middle, result.lost.sum(axis=1)), shown.vergence
 
 
 class Optics(NamedTuple):
-    """Of trials (t,): what is one number for the whole picture, but for the light and the lens's own blur."""
+    """Parameters of trials (t,) that are constant over the image, except light and lens blur."""
 
     airy_px: Array
     light: Array
-    """(t, n)"""
+    """Relative illumination (t, n)."""
     image_distance: Array
     length: Array
     sag: Array
     own_t_px: Array | float = 0.0
     own_s_px: Array | float = 0.0
-    """(t, n), or 0 of an ideal lens."""
+    """Blur of the lens itself (t, n); 0 for an ideal lens."""
 
 
-def looked_at(px_per_deg: Array, blur_px: Array, optics: Optics, viewpoints: Array) -> FieldValues:
-    """What requirements look at, of a picture's derivatives (t, n, 2, 2) and its blur (t, n, 2, 2)."""
+def field_values(
+    px_per_deg: Array, blur_px: Array, optics: Optics, viewpoints: Array, field: Field, origins: Array
+) -> FieldValues:
+    """Compute quantities from image derivatives (t, n, 2, 2) and blur matrices (t, n, 2, 2).
+
+    ``origins`` (t, n, 3) are the points at which rays leave the sensor, mm. They determine the object
+    distances, which quantities per millimetre of the object require.
+    """
     lengths = np.linalg.norm(px_per_deg, axis=-2)
     along = px_per_deg / lengths[..., None, :]
     widths = np.linalg.norm(np.einsum("tnij,tnik->tnjk", blur_px, along), axis=-2)
@@ -98,15 +108,37 @@ def looked_at(px_per_deg: Array, blur_px: Array, optics: Optics, viewpoints: Arr
     area_px2 = np.sqrt(np.linalg.det(blur_px) ** 2 + floor * squares + floor**2)
     log_area = np.log(area_px2 / np.abs(np.linalg.det(px_per_deg)))
     return FieldValues(
-        widths[..., 0], widths[..., 1], lengths[..., 0], lengths[..., 1], log_area, viewpoints,
-        np.ones_like(lengths[..., 0]), distance, length, sag, airy, optics.light, own_t, own_s,
-    )  # fmt: skip
+        widths[..., 0],
+        widths[..., 1],
+        lengths[..., 0],
+        lengths[..., 1],
+        log_area,
+        viewpoints,
+        np.ones_like(lengths[..., 0]),
+        distance,
+        length,
+        sag,
+        airy,
+        optics.light,
+        own_t,
+        own_s,
+        omega=np.broadcast_to(np.radians(field.omega_deg), lengths.shape[:2]),
+        near=_inverse_distances(field, origins),
+    )
 
 
-def seen_from(rays: RaysOut, omega_deg: Array) -> tuple[Array, Array]:
-    """Heights (t, n) at which rays come nearest to the axis through the point (t, 3) that is nearest to all of them.
+def _inverse_distances(field: Field, origins: Array) -> Array:
+    """Return inverse object distances (t, n) in 1/mm; 0 for objects at infinity."""
+    if field.distant:
+        return np.zeros(origins.shape[:2])
+    return np.asarray(1 / np.linalg.norm(field.targets - origins, axis=-1))
 
-    What looks along the axis has no such height, and takes the mean of the others.
+
+def viewpoint_heights(rays: ExitRays, omega_deg: Array) -> tuple[Array, Array]:
+    """Return heights (t, n) of the rays' closest approach to the axis, and the viewpoints (t, 3).
+
+    The axis passes through the point of minimum distance from all rays. Axial rays receive the mean of
+    the other heights.
     """
     origins, d = rays
     across = np.eye(3) - d[..., :, None] * d[..., None, :]
@@ -121,18 +153,18 @@ def seen_from(rays: RaysOut, omega_deg: Array) -> tuple[Array, Array]:
     return heights, middle
 
 
-def _rays_out(states: States, found: SeenObjects, field: Field) -> RaysOut:
-    x, y = np.moveaxis(found.mirror_points, -1, 0)
+def _rays_out(states: States, result: TracedObjects, field: Field) -> ExitRays:
+    x, y = np.moveaxis(result.mirror_points, -1, 0)
     points = np.stack([x, y, states.surfaces.heights(x, y).z], axis=-1)
     origins = np.einsum("tij,tnj->tni", states.rotation, points) + states.shift[:, None]
     if field.distant:
-        return RaysOut(origins, np.broadcast_to(field.targets, origins.shape))
+        return ExitRays(origins, np.broadcast_to(field.targets, origins.shape))
     towards = field.targets - origins
-    return RaysOut(origins, towards / np.linalg.norm(towards, axis=-1, keepdims=True))
+    return ExitRays(origins, towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
 def _sizes(states: States) -> tuple[Array, Array]:
-    """Lengths (t,) from the lens to the far end of the mirror, and sags (t,), mm."""
+    """Return lengths (t,) from lens to mirror end, and sags (t,), mm."""
     nodes = np.linspace(0.0, states.surfaces.rim_radius_mm, SAG_NODES)[None]
     heights = states.surfaces.meridian(nodes)
     top = heights.max(axis=1)
@@ -145,16 +177,16 @@ HALVINGS = 40
 
 
 class RimView(NamedTuple):
-    """Of trials (t,), at azimuths (k,) of the rim."""
+    """Rim of trials (t,) at azimuths (k,)."""
 
     reach_px: Array
-    """(t, k) from the middle of the imager to the image of the rim."""
+    """Distance (t, k) from the image centre to the image of the rim."""
     field_to_deg: Array
-    """(t, k): the field angle at which the mirror ends."""
+    """Field angle (t, k) at the rim."""
 
 
-def rims_together(sensor: Sensor, values: Values, vergence: Array) -> RimView:
-    """Of sensors that are traced by the thousand, focused at vergences (t,): chief rays to points of the rim."""
+def vectorised_rims(sensor: Sensor, values: Values, vergence: Array) -> RimView:
+    """Trace chief rays to rim points of vectorised trials, focused at vergences (t,)."""
     states = states_of(sensor, values)
     around, rim = np.arange(RIM_AZIMUTHS) * (2 * np.pi / RIM_AZIMUTHS), states.surfaces.rim_radius_mm
     x, y = (np.broadcast_to(rim * c, (len(states), RIM_AZIMUTHS)) for c in (np.cos(around), np.sin(around)))
@@ -169,26 +201,28 @@ def rims_together(sensor: Sensor, values: Values, vergence: Array) -> RimView:
     return RimView(_reach(sensor, offsets), omega)
 
 
-def rims_one_by_one(sensor: Sensor, values: Values, focus_mm: Array) -> RimView:
-    """Of sensors of any kind, focused at (t,) mm: where rays of the lens begin to miss the mirror, by halving."""
-    found = np.full((2, len(focus_mm), RIM_AZIMUTHS), np.nan)
+def sequential_rims(sensor: Sensor, values: Values, focus_mm: Array) -> RimView:
+    """Find the rims of arbitrary sensors, focused at (t,) mm, by bisection of back-projected rays."""
+    result = np.full((2, len(focus_mm), RIM_AZIMUTHS), np.nan)
     for k, focus in enumerate(focus_mm):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})
-            found[:, k] = _rim_of(sensor, built.with_lens(built.lens.focused_at(float(focus))))
+            result[:, k] = _rim_of(sensor, built.with_lens(built.lens.focused_at(float(focus))))
         except OmnimirrorError:
             continue
-    return RimView(*found)
+    return RimView(*result)
 
 
-def _rim_of(meant: Sensor, built: Sensor) -> tuple[Array, Array]:
-    """Reaches (k,) in px and field angles (k,) in deg of one sensor, on an imager that is large enough."""
+def _rim_of(nominal: Sensor, built: Sensor) -> tuple[Array, Array]:
+    """Return rim distances (k,) in px and field angles (k,) in deg of one sensor on an enlarged
+    imager.
+    """
     around = np.arange(RIM_AZIMUTHS) * (2 * np.pi / RIM_AZIMUTHS)
     towards = np.stack([np.cos(around), np.sin(around)], axis=-1)
-    size = 4 * int(np.ceil(meant.rim_radius_px))
+    size = 4 * int(np.ceil(nominal.rim_radius_px))
     wide = replace(built, imager=replace(built.imager, width_px=size, height_px=size, centre_px=None))
     middle = (size - 1) / 2
-    low, high = np.full(RIM_AZIMUTHS, 0.5 * meant.rim_radius_px), np.full(RIM_AZIMUTHS, 1.6 * meant.rim_radius_px)
+    low, high = np.full(RIM_AZIMUTHS, 0.5 * nominal.rim_radius_px), np.full(RIM_AZIMUTHS, 1.6 * nominal.rim_radius_px)
     for _ in range(HALVINGS):
         radius = (low + high) / 2
         valid = wide.backproject(middle + radius[:, None] * towards).valid
@@ -196,12 +230,12 @@ def _rim_of(meant: Sensor, built: Sensor) -> tuple[Array, Array]:
     rays = wide.backproject(middle + low[:, None] * towards)
     out = rays.directions @ built._axes
     omega = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2]))
-    offsets = low[:, None] * towards + np.subtract(built.imager.centre, meant.imager.centre)
-    return _reach(meant, offsets), omega
+    offsets = low[:, None] * towards + np.subtract(built.imager.centre, nominal.imager.centre)
+    return _reach(nominal, offsets), omega
 
 
 def _reach(sensor: Sensor, offsets_px: Array) -> Array:
-    """How far (..) places (.., 2) from the optical axis that was meant are from the middle of the imager, px."""
+    """Convert offsets (..., 2) from the nominal axis to distances (...) from the imager centre, px."""
     width, height = sensor.imager.size
     middle = np.subtract(((width - 1) / 2, (height - 1) / 2), sensor.imager.centre)
     distance: Array = np.linalg.norm(offsets_px - middle, axis=-1)
@@ -209,7 +243,7 @@ def _reach(sensor: Sensor, offsets_px: Array) -> Array:
 
 
 class _Seen(NamedTuple):
-    """Of one sensor: arrays over objects (n,), and single numbers."""
+    """Evaluation of one sensor: arrays over objects (n,) and scalars."""
 
     px_per_deg: Array
     blur_px: Array
@@ -220,23 +254,26 @@ class _Seen(NamedTuple):
     lost: int
 
 
-def views_one_by_one(field: Field, values: Values, refocus: Refocus) -> tuple[BuiltView, Array]:
-    """Of trials (t,) of a field, and the distances (t,) mm that they are focused at; one that cannot be loses all."""
+def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[TrialView, Array]:
+    """Evaluate trials one at a time; also return focus distances (t,) in mm.
+
+    Physically impossible sensors lose all objects.
+    """
     trials = len(next(iter(values.values())))
-    seen = [_seen_by(field, {name: float(of[k]) for name, of in values.items()}, refocus) for k in range(trials)]
-    scale, blur, origins, out = (np.stack(arrays) for arrays in list(zip(*seen, strict=True))[:4])
-    optics = Optics(*(np.array(numbers) for numbers in zip(*(one.optics for one in seen), strict=True)))
+    visible = [_seen_by(field, {name: float(of[k]) for name, of in values.items()}, refocus) for k in range(trials)]
+    scale, blur, origins, out = (np.stack(arrays) for arrays in list(zip(*visible, strict=True))[:4])
+    optics = Optics(*(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True)))
     with np.errstate(all="ignore"):  # what is lost is not a number
-        heights, middle = seen_from(RaysOut(origins, out), field.omega_deg)
-        view = looked_at(scale, blur, optics, heights)
-    return BuiltView(view, middle, np.array([one.lost for one in seen])), np.array([one.focus_mm for one in seen])
+        heights, middle = viewpoint_heights(ExitRays(origins, out), field.omega_deg)
+        view = field_values(scale, blur, optics, heights, field, origins)
+    return TrialView(view, middle, np.array([one.lost for one in visible])), np.array([one.focus_mm for one in visible])
 
 
 def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
     n, targets = len(field), Ends(field.targets, field.distant)
     try:
         built = perturbed(field.sensor, errors)
-        shown = shown_within(built, field.sensor, targets, refocus)
+        shown = images_within_rim(built, field.sensor, targets, refocus)
         built = built.with_lens(built.lens.focused_at(shown.focus_mm))
         with np.errstate(all="ignore"):
             scale = _px_per_deg(built, field)
@@ -254,16 +291,20 @@ def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
 
 
 def _px_per_deg(built: Sensor, field: Field) -> Array:
-    """How far (n, 2, 2) a degree of an object moves its picture, by differences."""
+    """Return image derivatives (n, 2, 2) in px per degree of object direction, by central
+    differences.
+    """
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
     distance = 1.0 if field.distant else np.linalg.norm(field.targets - _mirror_points(built, field), axis=1)[:, None]
     columns = []
     for k in range(2):
         step, ends = np.radians(STEP_DEG) * distance * turned[..., k], []
         for sign in (1, -1):
-            moved = field.targets + sign * step
-            moved = moved / np.linalg.norm(moved, axis=1, keepdims=True) if field.distant else moved
-            ends.append(shown_within(built, field.sensor, Ends(moved, field.distant), rim_slack=BEYOND).offsets_px)
+            displaced = field.targets + sign * step
+            displaced = displaced / np.linalg.norm(displaced, axis=1, keepdims=True) if field.distant else displaced
+            ends.append(
+                images_within_rim(built, field.sensor, Ends(displaced, field.distant), rim_slack=BEYOND).offsets_px
+            )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
     return np.stack(columns, axis=-1)
 
@@ -273,10 +314,7 @@ def _mirror_points(built: Sensor, field: Field) -> Array:
 
 
 def _rays(built: Sensor, field: Field) -> tuple[Array, Array]:
-    """Origins and directions (n, 3) of the rays that leave the sensor towards the objects, in the camera frame.
-
-    The way back from the picture: it goes through covers too.
-    """
+    """Return origins and directions (n, 3) of object-side rays in the camera frame."""
     wide = replace(built, imager=replace(built.imager, width_px=100_000, height_px=100_000, centre_px=None))
     targets = field.targets @ built._axes.T
     rays = wide.backproject((wide.project_directions(targets) if field.distant else wide.project(targets)).pixels)
@@ -284,7 +322,7 @@ def _rays(built: Sensor, field: Field) -> tuple[Array, Array]:
 
 
 def _optics(built: Sensor, targets: Ends) -> tuple[Array | float, ...]:
-    """As :class:`.values.Optics` has them, of one sensor."""
+    """Return the parameters of :class:`Optics` for one sensor."""
     lens, pitch = built.lens, built.imager.pitch_mm
     slopes = built.optical_train.chief_rays_to(targets).chief_slopes
     tangent = np.hypot(*slopes.T)
@@ -301,7 +339,7 @@ def _optics(built: Sensor, targets: Ends) -> tuple[Array | float, ...]:
 
 
 Motions = Callable[[Reference, Values], Array]
-"""Motions (t, 2 n) px of the objects of a reference."""
+"""Function that computes motions (t, 2 n) in px of the objects of a reference."""
 
 LINE_DEG = 60.0
 LINE_POINTS = 7
@@ -310,16 +348,16 @@ LINE_CENTRES, LINE_AZIMUTHS = 4, 8
 
 @dataclass(frozen=True)
 class StraightLines:
-    """Lines (l,) of objects (p,), and what takes their departure from a motion.
+    """Straight lines (l,) of object points (p,) and their departure after image motions.
 
     Attributes
     ----------
     reference
-        Of all objects, line by line.
+        Reference of all points, line by line.
     across : (l, p, 2)
-        Unit vectors across the lines, over field angle and round about.
+        Unit vectors across the lines, in field angle and azimuth.
     rest : (p, p)
-        What a fit of a great circle leaves of departures, by points.
+        Residual projection of a great-circle fit.
     """
 
     reference: Reference
@@ -328,19 +366,21 @@ class StraightLines:
 
     @classmethod
     def of(cls, field: Field, refocus: Refocus, distance_mm: float, floor_px2: float) -> StraightLines:
-        """Over the part of the field that is judged."""
+        """Create lines over the evaluated field."""
         low, high = field.omega_deg.min(), field.omega_deg.max()
         omega, azimuth, across = lines_over(float(low), float(high))
         objects = field_at(field.sensor, omega.ravel(), azimuth.ravel(), distance_mm)
         shown = objects.shown({}, 1, refocus=refocus)[0].offsets_px[0]
-        reference = Reference(objects, compensators_of(objects), shown, refocus, floor_px2)
+        reference = Reference(objects, fit_compensators(objects), shown, refocus, floor_px2)
         tau = np.radians(np.linspace(-0.5, 0.5, LINE_POINTS) * line_length(low, high))
         fit = np.stack([np.cos(tau), np.sin(tau)], axis=-1)
         return cls(reference, across, np.eye(LINE_POINTS) - fit @ np.linalg.pinv(fit))
 
-    def departures(self, moved: Array) -> Array:
-        """Departures (calibrations, t, l, p) in deg of motions (t, 2 n) px, and of what calibrations leave."""
-        left = self.reference.compensators.left(moved)
+    def departures(self, displaced: Array) -> Array:
+        """Return departures (calibrations, t, l, p) in deg of motions (t, 2 n) in px after
+        calibrations.
+        """
+        left = self.reference.compensators.left(displaced)
         vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
         turned = np.einsum("nij,ctnj->ctni", np.linalg.inv(self.reference.field.px_per_deg), vectors)
         lines, points, _ = self.across.shape
@@ -350,14 +390,14 @@ class StraightLines:
 
 
 def line_length(low_deg: float, high_deg: float) -> float:
-    """Of lines within a field; where it is narrower than they are, as long as it is."""
+    """Return the line length, limited to the field."""
     return min(LINE_DEG, high_deg - low_deg)
 
 
 def lines_over(low_deg: float, high_deg: float) -> tuple[Array, Array, Array]:
-    """Field angles and azimuths (l, p) of points of lines, and unit vectors (l, p, 2) across them.
+    """Return field angles and azimuths (l, p) of line points, and unit vectors (l, p, 2) across the lines.
 
-    Lines along the field angle first; then those across, as many of them as are within the field.
+    Lines along the field angle come first, then those across it that are within the field.
     """
     length = line_length(low_deg, high_deg)
     tau = np.linspace(-0.5, 0.5, LINE_POINTS) * length
@@ -380,7 +420,9 @@ def lines_over(low_deg: float, high_deg: float) -> tuple[Array, Array, Array]:
 
 
 def _across_at(omega_deg: float, tau_deg: Array) -> tuple[Array, Array, Array]:
-    """Field angles, azimuths and unit vectors across, of the great circle that crosses a meridian squarely."""
+    """Return field angles, azimuths and transverse unit vectors of a great circle across a
+    meridian.
+    """
     middle, tau = np.radians(omega_deg), np.radians(tau_deg)
     towards = np.array([np.sin(middle), 0.0, -np.cos(middle)])
     d = np.cos(tau)[:, None] * towards + np.sin(tau)[:, None] * np.array([0.0, 1.0, 0.0])

@@ -1,4 +1,10 @@
-"""What is asked of a sweep, and the manifest that says so beside its shards."""
+"""Parallel Monte Carlo sweeps: shards of trials in Parquet files, from threads or a Dask cluster.
+
+A row of a shard is a trial: its number and its merits in single precision, which the statistics also
+use. Plan digest and checksum of all columns are stored in the metadata of the file, which appears
+under its name when complete. An interrupted run leaves complete shards only, and the next run
+continues with the missing ones.
+"""
 
 from __future__ import annotations
 
@@ -27,37 +33,37 @@ from ...native import backend
 from ...numerics.lazy import cached_property
 from ...specs import tables_of
 from .compensation import LOST, merit_names
-from .evaluator import Judge
-from .monte_carlo import Progress, Tally, check_limits, check_trials
+from .evaluator import TrialEvaluator
+from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials
 from .tolerances import BLOCK, Tolerances
 from .trial_images import Refocus
 
 FORMAT = 1
 MANIFEST = "_manifest.json"
-"""Begins so that what reads folders of Parquet files passes it over."""
+"""Name of the manifest; readers of Parquet folders ignore files with an underscore."""
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """All that the merits of trials follow from, and how they are cut into shards.
+    """Definition of a sweep: all inputs that determine the trials, and their division into shards.
 
     Attributes
     ----------
     tolerances
-        Of a sensor.
-    refocus, judged
-        As :class:`omnimirror.TolerancePlan` has them.
+        Tolerances of a sensor.
+    refocus, objects
+        As in :class:`omnimirror.TolerancePlan`.
     trials, seed
-        How many sensors are built, from which random numbers.
+        Number of trials and random seed.
     shard_trials
-        How many of them a shard has: whole blocks.
+        Trials per shard, a multiple of the block size.
     required
-        Names of merits that are worked out because limits ask for them.
+        Merits that limits require.
     """
 
     tolerances: Tolerances
     refocus: Refocus
-    judged: Mapping[str, Any]
+    objects: Mapping[str, Any]
     trials: int
     seed: int
     shard_trials: int
@@ -65,65 +71,65 @@ class SweepPlan:
 
     @property
     def shards(self) -> int:
-        """How many there are."""
+        """Number of shards."""
         return -(-self.trials // self.shard_trials)
 
     @property
     def merits(self) -> tuple[str, ...]:
-        """Names of what each trial is judged by, in the order of columns."""
+        """Merit names in column order."""
         return (*merit_names()[:-1], *self.required, LOST)
 
     @cached_property
     def asked(self) -> dict[str, Any]:
-        """As the manifest says it."""
+        """Plan as stored in the manifest."""
         errors = {name: [bound.value, bound.distribution] for name, bound in self.tolerances.errors.items()}
-        said = {
+        description = {
             "format": FORMAT,
             "sensor": tables_of(self.tolerances.sensor),
             "errors": errors,
             "correlations": [[*pair, value] for pair, value in self.tolerances.correlations.items()],
             "forms": {name: [form.zernike, form.um] for name, form in self.tolerances.forms.items()},
             "refocus": self.refocus,
-            "judged": dict(self.judged),
+            "objects": dict(self.objects),
             "trials": self.trials,
             "seed": self.seed,
             "shard_trials": self.shard_trials,
             "block": BLOCK,
             "merits": self.merits,
         }
-        return dict(json.loads(json.dumps(json_plain(said))))
+        return dict(json.loads(json.dumps(json_plain(description))))
 
     @cached_property
     def digest(self) -> str:
-        """Of what is asked; each shard bears it."""
+        """Digest of the plan, stored in each shard."""
         return hashlib.blake2b(json.dumps(self.asked).encode(), digest_size=16).hexdigest()
 
 
-def is_asked(folder: Path, plan: SweepPlan) -> bool:
-    """Whether the manifest in a folder is that of a sweep."""
+def is_claimed(folder: Path, plan: SweepPlan) -> bool:
+    """Return whether the manifest of a folder matches a plan."""
     path = folder / MANIFEST
     return path.exists() and _asked_in(path) == plan.asked
 
 
 def claim(folder: Path, plan: SweepPlan) -> None:
-    """Write the manifest of a sweep into its folder, unless it is there.
+    """Write the manifest of a sweep to its folder unless present.
 
     Raises
     ------
     OmnimirrorError
-        The folder belongs to another sweep, or cannot be written.
+        If the folder belongs to another sweep or cannot be written.
     """
     path = folder / MANIFEST
     if not path.exists():
         return write_manifest(folder, plan, {})
-    found = _asked_in(path)
-    if found != plan.asked:
-        changed = ", ".join(name for name in plan.asked if found.get(name) != plan.asked[name])
-        raise OmnimirrorError(f"{folder} holds trials of something else ({changed} differ); name another folder")
+    matches = _asked_in(path)
+    if matches != plan.asked:
+        changed = ", ".join(name for name in plan.asked if matches.get(name) != plan.asked[name])
+        raise OmnimirrorError(f"{folder} contains trials of another sweep (different: {changed}); use another folder")
 
 
 def write_manifest(folder: Path, plan: SweepPlan, checksums: Mapping[str, str]) -> None:
-    """What was asked, and the checksums of all shards by the names of their files, once all are there."""
+    """Write the plan and, once complete, the checksums of all shards."""
     write_text(folder / MANIFEST, json.dumps({"asked": plan.asked, "shards": dict(checksums)}, indent=1) + "\n")
 
 
@@ -131,7 +137,7 @@ def _asked_in(path: Path) -> dict[str, Any]:
     try:
         return dict(parse_json(read_text(path, "manifest"))["asked"])
     except (ValueError, KeyError, TypeError):
-        raise OmnimirrorError(f"{path} is not a manifest that omnimirror wrote; name another folder") from None
+        raise OmnimirrorError(f"{path} is not a manifest of omnimirror; use another folder") from None
 
 
 Rows = NDArray[np.float32]
@@ -139,22 +145,22 @@ KEY = "omnimirror"
 TRIAL = "trial"
 
 
-class CorruptShard(OmnimirrorError):
-    """A shard does not hold what was written."""
+class CorruptShardError(OmnimirrorError):
+    """Error of a shard whose content differs from the written data."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """One file of a sweep, and what belongs into it; a pure function of this makes it, on any machine.
+    """Shard of a sweep; its content is a pure function of these attributes.
 
     Attributes
     ----------
     plan
-        What was asked.
+        Plan of the sweep.
     folder
-        Of all shards.
+        Folder of all shards.
     number
-        Of this one, from 0.
+        Shard number, from 0.
     """
 
     plan: SweepPlan
@@ -163,38 +169,42 @@ class Shard:
 
     @property
     def path(self) -> Path:
-        """Of its file."""
+        """Path of the file."""
         return self.folder / f"shard-{self.number:05}.parquet"
 
     @property
     def first(self) -> int:
-        """Number of its first trial."""
+        """Number of the first trial."""
         return self.number * self.plan.shard_trials
 
     @property
     def count(self) -> int:
-        """How many trials it has."""
+        """Number of trials."""
         return min(self.plan.shard_trials, self.plan.trials - self.first)
 
     def merits(self) -> Iterator[Rows]:
-        """Merits (t, m) of its trials, block by block."""
-        judge = Judge.of(self.plan.tolerances.sensor, self.plan.refocus, self.plan.required, **self.plan.judged)
+        """Compute the merits (t, m) block by block."""
+        evaluator = TrialEvaluator.of(
+            self.plan.tolerances.sensor, self.plan.refocus, self.plan.required, **self.plan.objects
+        )
         for trial in range(self.first, self.first + self.count, BLOCK):
             count = min(BLOCK, self.first + self.count - trial)
-            yield judge.judged(self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)).astype(np.float32)
+            yield evaluator.evaluate(self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)).astype(
+                np.float32
+            )
 
     def make(self, goes_on: Callable[[], bool] = lambda: True) -> None:
-        """Compute it and write its file.
+        """Compute the shard and write its file.
 
         Raises
         ------
         OmnimirrorError
-            The folder is not that of this sweep on this machine, or cannot be written.
+            If the folder does not belong to the sweep on this machine or cannot be written.
         """
-        if not is_asked(self.folder, self.plan):
+        if not is_claimed(self.folder, self.plan):
             raise OmnimirrorError(
-                f"{self.folder / MANIFEST} of this sweep is not there, or another, on a machine that works for it; "
-                "give a folder that all machines share"
+                f"{self.folder / MANIFEST} of this sweep is missing on a worker, or belongs to another sweep; use a "
+                "folder shared by all machines"
             )
         pa, pq = _parquet()
         types = [(TRIAL, pa.int64()), *((name, pa.float32()) for name in self.plan.merits)]
@@ -212,12 +222,12 @@ class Shard:
             writer.add_key_value_metadata({KEY: json.dumps(self._about | {"checksum": digest.hexdigest()})})
 
     def checksum(self) -> str | None:
-        """Return the checksum of its rows that its file holds; None if there is no file.
+        """Return the stored checksum, or None without a file.
 
         Raises
         ------
-        CorruptShard
-            The file cannot be read, or is not this one.
+        CorruptShardError
+            If the file is unreadable or belongs to another shard.
         """
         if not self.path.exists():
             return None
@@ -227,18 +237,18 @@ class Shard:
             about = parse_json(pq.read_metadata(self.path).metadata[KEY.encode()])
             checksum = str(about.pop("checksum"))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException):
-            raise CorruptShard(f"{self.path} is corrupt") from None
+            raise CorruptShardError(f"{self.path} is corrupt") from None
         if about != self._about:
-            raise CorruptShard(f"{self.path} is not the shard that its name says")
+            raise CorruptShardError(f"{self.path} contains another shard")
         return checksum
 
     def rows(self) -> Iterator[Rows]:
-        """Merits (t, m) of its trials, block by block, from its file.
+        """Read the merits (t, m) block by block.
 
         Raises
         ------
-        CorruptShard
-            After the last block, or before: they are not what was written.
+        CorruptShardError
+            Before or after the last block, if the data are corrupt.
         """
         expected, digest, count = self.checksum(), _checksum(), 0
         pa, pq = _parquet()
@@ -253,13 +263,13 @@ class Shard:
                         break
                     yield rows
         except (OSError, ValueError, pa.ArrowException):
-            raise CorruptShard(f"{self.path} is corrupt") from None
+            raise CorruptShardError(f"{self.path} is corrupt") from None
         if digest.hexdigest() != expected or count != self.count:
-            raise CorruptShard(f"{self.path} is corrupt: its rows are not those that were written")
+            raise CorruptShardError(f"{self.path} is corrupt: the checksum of its rows differs")
 
     @property
     def _largest(self) -> int:
-        """Bytes that its file may have: its rows are not compressed, and the rest describes each block of them."""
+        """Maximum file size in bytes, for uncompressed rows and block metadata."""
         return 2 * self.count * (8 + 4 * len(self.plan.merits)) + (1 << 20)
 
     @property
@@ -268,7 +278,7 @@ class Shard:
 
 
 def _bytes_of(numbers: NDArray[np.int64], rows: Rows) -> bytes:
-    """Return what the checksum covers of some trials, row by row: numbers (t,) and merits (t, m).
+    """Return the checksummed bytes of trials, row by row: numbers (t,) and merits (t, m).
 
     >>> len(_bytes_of(np.arange(3), np.zeros((3, 2), np.float32)))
     48
@@ -286,9 +296,7 @@ def _parquet() -> tuple[Any, Any]:
     try:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError:
-        raise OmnimirrorError(
-            "shards of trials need pyarrow, which is not installed: pip install 'omnimirror[design]'"
-        ) from None
+        raise OmnimirrorError("shards require pyarrow; install with pip install 'omnimirror[design]'") from None
 
 
 AHEAD = 3  # shards that wait, for each worker
@@ -296,15 +304,15 @@ CONNECT_S = 10.0
 
 
 class Pool:
-    """An executor that makes shards, and how many of them at a time."""
+    """Executor for shards with a number of workers."""
 
     def __init__(self, executor: Executor, workers: int, make: Any) -> None:
         self.executor, self.workers, self.make = executor, workers, make
 
     def made(self, shards: Iterable[Shard]) -> Iterator[Shard]:
-        """Each shard as soon as its file is there.
+        """Yield each shard once its file is complete.
 
-        On Ctrl-C and SIGTERM what is under way is left, and the signal goes on.
+        Ctrl-C and SIGTERM cancel running shards and are then re-raised.
         """
         left = iter(shards)
         with interrupts.postponed():
@@ -322,12 +330,12 @@ class Pool:
 
 @contextmanager
 def pool_of(scheduler: str | None) -> Iterator[Pool]:
-    """Threads of this process, or an existing cluster by the address of its scheduler.
+    """Use threads of this process, or a cluster with the given scheduler address.
 
     Raises
     ------
     OmnimirrorError
-        No scheduler answers there, or it has no workers; it or all that tried a shard were ended.
+        If the scheduler does not respond, has no workers, or its workers were killed.
     """
     if scheduler is not None:
         with _cluster(scheduler) as pool:
@@ -348,32 +356,35 @@ def _cluster(address: str) -> Iterator[Pool]:
         distributed: Any = import_module("distributed")
     except ImportError:
         raise OmnimirrorError(
-            "a scheduler needs distributed, which is not installed: pip install 'omnimirror[cluster]'"
+            "a scheduler requires distributed; install with pip install 'omnimirror[cluster]'"
         ) from None
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError):
-        raise OmnimirrorError(f"no Dask scheduler answers at {address!r}; start one: dask scheduler") from None
+        raise OmnimirrorError(f"no Dask scheduler responds at {address!r}; start one with: dask scheduler") from None
     with _in_a_sentence(), client:
         threads = sum(client.nthreads().values())
         if not threads:
-            raise OmnimirrorError(f"the scheduler at {address} has no workers; start some: dask worker {address}")
+            raise OmnimirrorError(f"the scheduler at {address} has no workers; start some with: dask worker {address}")
         try:
             yield Pool(client.get_executor(pure=False), threads, make_on_worker)
         except CancelledError:
             raise OmnimirrorError(
-                f"the scheduler at {address} is gone; the shards that are done are kept, and the same command goes on"
+                f"the connection to the scheduler at {address} was lost; completed shards are kept, repeat the "
+                "command to "
+                "continue"
             ) from None
         except distributed.KilledWorker:
             raise OmnimirrorError(
-                "workers were killed again and again while they made one shard; those that are done are kept, and the "
-                "same command goes on"
+                "workers were killed repeatedly while computing one shard; completed shards are kept, repeat the "
+                "command "
+                "to continue"
             ) from None
 
 
 @contextmanager
 def _in_a_sentence() -> Iterator[None]:
-    """Leave it to errors to say what goes wrong: the client's log would say it before, in fifty lines."""
+    """Suppress the log of the Dask client, whose errors are reported as exceptions."""
     log = logging.getLogger("distributed")
     before = log.level
     log.setLevel(logging.CRITICAL)
@@ -384,9 +395,10 @@ def _in_a_sentence() -> Iterator[None]:
 
 
 def make_on_worker(shard: Shard) -> None:
-    """Make a shard on one thread: a cluster has as many workers as it wants to keep busy.
+    """Compute a shard on one thread of a cluster worker.
 
-    What goes wrong comes back as a sentence: a traceback that cannot be sent would leave the client waiting for ever.
+    Errors are converted to messages, because an exception that cannot be serialised would block the
+    client.
     """
     backend.set_threads(1)
     try:
@@ -398,31 +410,30 @@ def make_on_worker(shard: Shard) -> None:
 
 
 SHARD_TRIALS = 64 * BLOCK
-"""Trials of a shard, unless said: 5 to 10 s of one core, 50 MB."""
+"""Default number of trials per shard: 5 to 10 s of one core, 50 MB."""
 ROUNDS = 3  # in which shards that turn out corrupt are made again
-WHOLE = (1, 1)
+FULL_SWEEP = (1, 1)
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Where the trials of a sweep are kept, and who makes them.
+    """Storage and execution of a sweep.
 
     Parameters
     ----------
     folder
-        Of the shards and their manifest. What an earlier run left there, and other parts, is gone on with.
+        Folder of shards and manifest; existing shards of the same sweep are reused.
     part
-        (i, n): make the i-th of n parts only, counted from 1, as jobs of an array do; all by default.
+        (i, n): compute only the i-th of n parts, from 1, as in array jobs; all by default.
     scheduler
-        Address of a Dask scheduler whose workers make the shards, into the same folder; threads of this process by
-        default.
+        Address of a Dask scheduler whose workers write to the same folder; threads by default.
     shard_trials
-        Trials of each shard.
+        Trials per shard.
 
     Raises
     ------
     InvalidParameter
-        A part that is none, or shards that are no whole blocks.
+        If the part is invalid or the shard size is not a multiple of the block size.
 
     Examples
     --------
@@ -431,7 +442,7 @@ class Sweep:
     """
 
     folder: Path
-    part: tuple[int, int] = WHOLE
+    part: tuple[int, int] = FULL_SWEEP
     scheduler: str | None = None
     shard_trials: int = SHARD_TRIALS
 
@@ -439,17 +450,14 @@ class Sweep:
         check_fields(self)
         i, n = self.part
         if not 1 <= i <= n:
-            raise InvalidParameter(f"part {i}/{n} is not valid; valid are 1/{max(n, 1)} to {max(n, 1)}/{max(n, 1)}")
+            raise InvalidParameter(f"part must be between 1/{max(n, 1)} and {max(n, 1)}/{max(n, 1)}; got {i}/{n}")
         if self.shard_trials < 1 or self.shard_trials % BLOCK:
-            raise InvalidParameter(
-                f"shards of {self.shard_trials} trials are not valid; valid are multiples of {BLOCK}, which are drawn "
-                "at a time"
-            )
+            raise InvalidParameter(f"shard_trials must be a positive multiple of {BLOCK}; got {self.shard_trials}")
 
     @property
     def is_whole(self) -> bool:
-        """Whether this is all of it."""
-        return self.part == WHOLE
+        """Whether all shards are computed."""
+        return self.part == FULL_SWEEP
 
 
 def run_sweep(
@@ -457,89 +465,88 @@ def run_sweep(
     plan: SweepPlan,
     limits: Mapping[str, float],
     *,
-    progress: Progress | None = None,
-    say: Callable[[str], None] | None = None,
-) -> Tally:
-    """Make the shards that are missing, and count the trials of all.
+    on_progress: Progress | None = None,
+    on_warning: Callable[[str], None] | None = None,
+) -> YieldStatistics:
+    """Compute missing shards and accumulate the statistics of all trials.
 
     Parameters
     ----------
     sweep
-        Where, and who makes them.
+        Storage and execution.
     plan
-        What is asked; its shards are as large as the sweep's.
+        Definition of the sweep, with the same shard size.
     limits
-        What a good sensor stays within, by names of merits. Trials are judged by them as shards are read: the same
-        shards tell the yield of other limits.
-    progress
-        Called with the trials that are done and all of them, of the part.
-    say
-        Called with a sentence for each shard that is corrupt.
+        Limits of a good sensor by merit name. They are applied when shards are read, so that existing
+        shards also provide the yield for other limits.
+    on_progress
+        Callback with completed and total trials of the part.
+    on_warning
+        Callback with a message for each corrupt shard.
 
     Returns
     -------
-    Tally
-        Of the trials of the part.
+    YieldStatistics
+        Statistics of the part.
 
     Raises
     ------
     OmnimirrorError
-        The folder belongs to another sweep or cannot be written, or shards do not last; what is done is kept.
+        If the folder belongs to another sweep, cannot be written, or shards become corrupt repeatedly;
+        completed shards are kept.
     """
     check_limits(limits)
     check_trials(plan.trials)
     i, n = sweep.part
     shards = [Shard(plan, sweep.folder, number) for number in range(i - 1, plan.shards, n)]
     if not shards:
-        raise InvalidParameter(
-            f"part {i}/{n} has no trials: there are {plan.shards} shards; valid are up to as many parts"
-        )
+        raise InvalidParameter(f"part must not exceed the number of shards, {plan.shards}; got {i}/{n}")
     claim(sweep.folder, plan)
     for _ in range(ROUNDS):
-        _make_missing(shards, sweep.scheduler, progress, say)
-        tally, checksums = Tally(dict(limits), plan.merits), dict[str, str]()
+        _make_missing(shards, sweep.scheduler, on_progress, on_warning)
+        statistics, checksums = YieldStatistics(dict(limits), plan.merits), dict[str, str]()
         for shard in shards:
             try:
                 for rows in shard.rows():
-                    tally.add(rows.astype(float))
+                    statistics.add(rows.astype(float))
                 checksums[shard.path.name] = str(shard.checksum())
-            except CorruptShard as e:
-                _discard(shard, e, say)
+            except CorruptShardError as e:
+                _discard(shard, e, on_warning)
         if len(checksums) < len(shards):
             continue
         if sweep.is_whole:
             write_manifest(sweep.folder, plan, checksums)
-        return tally
-    raise OmnimirrorError(f"shards in {sweep.folder} are corrupt again and again; its disk is not to be trusted")
+        return statistics
+    raise OmnimirrorError(f"shards in {sweep.folder} become corrupt repeatedly; check its disk")
 
 
 def _make_missing(
-    shards: list[Shard], scheduler: str | None, progress: Progress | None, say: Callable[[str], None] | None
+    shards: list[Shard], scheduler: str | None, on_progress: Progress | None, on_warning: Callable[[str], None] | None
 ) -> None:
     missing = []
     for shard in shards:
         try:
             if shard.checksum() is None:
                 missing.append(shard)
-        except CorruptShard as e:
-            _discard(shard, e, say)
+        except CorruptShardError as e:
+            _discard(shard, e, on_warning)
             missing.append(shard)
     trials = sum(shard.count for shard in shards)
     done = trials - sum(shard.count for shard in missing)
-    if progress:
-        progress(done, trials)
+    if on_progress:
+        on_progress(done, trials)
     if not missing:
         return
     with pool_of(scheduler) as pool:
         for shard in pool.made(missing):
             done += shard.count
-            if progress:
-                progress(done, trials)
+            if on_progress:
+                on_progress(done, trials)
 
 
-def _discard(shard: Shard, why: CorruptShard, say: Callable[[str], None] | None) -> None:
-    if say:
-        say(f"{why}; it is made again")
+def _discard(shard: Shard, why: CorruptShardError, on_warning: Callable[[str], None] | None) -> None:
+    if on_warning:
+        on_warning(f"{why}; it is computed again")
     try:
         shard.path.unlink(missing_ok=True)
     except OSError as e:

@@ -1,4 +1,4 @@
-"""The tolerance file: errors, what they cost, how they hang together, and what a good sensor stays within."""
+"""Tolerance files: errors with costs and correlations, and limits of a good sensor."""
 
 from __future__ import annotations
 
@@ -22,64 +22,64 @@ from ...sensor import Sensor
 from ...specs import Places, Table, check_entries, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
-from .evaluator import Judge
-from .mirror_form import LOWEST_ORDER, RandomFigure, figure_of, measured_form
+from .evaluator import TrialEvaluator
+from .mirror_form import LOWEST_ORDER, RandomFigure, figure_tolerances, load_measured_form
 from .monte_carlo import check_limits
-from .perturbation import GRADES, MEASURED, check_name, errors_of, measured
-from .requirement_merits import MeritName, names_of
-from .tolerances import Distribution, ErrorBound, Tolerances
+from .perturbation import GRADES, MEASURED, check_name, error_sources, measured
+from .requirement_merits import MeritName, merit_limits
+from .tolerances import Distribution, Tolerance, Tolerances
 from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
 
 
 class ErrorTable(Table):
-    """An error and its tolerance."""
+    """Error and its tolerance."""
 
     name: str
     tolerance: Annotated[float, Field(ge=0, description="plus or minus, in the unit that the name ends with")]
     distribution: Distribution = "uniform"
-    price: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
-    widest: Annotated[float, Field(gt=0, description="to which --yield may widen it")] | None = None
+    cost: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
+    max_tolerance: Annotated[float, Field(gt=0, description="upper bound for --yield")] | None = None
 
 
 class FigureTable(Table):
-    """A random figure of a power spectrum."""
+    """Random form error with a power spectrum."""
 
     exponent: Annotated[float, Field(ge=0, le=10, description="by which the spectral density falls")] = 2.5
     orders: Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None = None
     rms_um: Annotated[float, Field(gt=0)] | None = None
     peak_to_valley_um: Annotated[float, Field(gt=0)] | None = None
     slope_mrad: Annotated[float, Field(gt=0)] | None = None
-    price: Annotated[float, Field(gt=0)] = 1.0
+    cost: Annotated[float, Field(gt=0)] = 1.0
 
 
 class MeasuredTable(Table):
-    """A form that was measured on a mirror of this making."""
+    """Form error measured on a mirror of the same process."""
 
     name: str
     file: str
     unit: Unit = "mm"
     tolerance: Annotated[float, Field(ge=0, description="how many times the form")] = 1.0
-    distribution: Distribution = "always"
-    price: Annotated[float, Field(gt=0)] = 1.0
+    distribution: Distribution = "constant"
+    cost: Annotated[float, Field(gt=0)] = 1.0
 
 
 class CorrelationTable(Table):
-    """Two errors that come together."""
+    """Correlation of two errors."""
 
     between: Annotated[list[str], Field(min_length=2, max_length=2, description="two names")]
     value: Annotated[float, Field(ge=-1, le=1)]
 
 
 class BoundTable(LimitTable):
-    """What a good sensor stays within, as requirements have it; or what is left of a motion after a calibration."""
+    """Limit as in requirement files, or limit of a motion after a calibration."""
 
     after: Calibration = "none"
 
 
-class JudgedTable(Table):
-    """What is looked at."""
+class ObjectsTable(Table):
+    """Objects at which trials are evaluated, and refocusing."""
 
     field_deg: Annotated[list[float], Field(min_length=2, max_length=2, description="[FROM, TO]")] | None = None
     angles: Annotated[int, Field(ge=1, le=200)] = 8
@@ -90,28 +90,28 @@ class JudgedTable(Table):
 
 @dataclass(frozen=True)
 class TolerancePlan:
-    """What a tolerance file says.
+    """Content of a tolerance file.
 
     Attributes
     ----------
     tolerances
-        Of the errors.
+        Tolerances of the errors.
     limits
-        Largest values by names of merits.
-    prices
-        Of tolerances, by the names of errors.
+        Limits by merit name.
+    costs
+        Costs of tolerances by error source.
     refocus
-        Whether each sensor is focused.
-    judged
-        Field and number of objects, as :func:`omnimirror.manufacturing.tolerancing.object_field.field_of` takes them.
-    widest
-        How wide tolerances may become where a yield is wanted, by the names of errors; as a coarse shop holds them by
-        default.
+        Refocusing mode.
+    objects
+        Field range and number of objects, arguments of
+        :func:`omnimirror.manufacturing.tolerancing.object_field.field_of`.
+    max_tolerances
+        Maximum tolerances for allocation by error source; those of the coarse grade by default.
 
     Examples
     --------
     >>> import omnimirror as om
-    >>> errors = {"lens.k1": om.ErrorBound(0.01)}
+    >>> errors = {"lens.k1": om.Tolerance(0.01)}
     >>> plan = TolerancePlan(om.Tolerances(om.load_sensor("paper-spherical"), errors), {"motion_px": 1.0})
     >>> plan.limits
     {'motion_px': 1.0}
@@ -119,10 +119,10 @@ class TolerancePlan:
 
     tolerances: Tolerances
     limits: Mapping[str, float] = field(default_factory=dict)
-    prices: Mapping[str, float] = field(default_factory=dict)
+    costs: Mapping[str, float] = field(default_factory=dict)
     refocus: Refocus = "none"
-    judged: Mapping[str, Any] = field(default_factory=dict)
-    widest: Mapping[str, float] = field(default_factory=dict)
+    objects: Mapping[str, Any] = field(default_factory=dict)
+    max_tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -132,24 +132,24 @@ class TolerancePlan:
 
 @checked
 def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
-    """Read the tolerances of a sensor.
+    """Read a tolerance file.
 
     Parameters
     ----------
     path
-        Of a TOML file; ``omnimirror tolerance init`` writes one.
+        TOML file; ``omnimirror tolerance init`` writes a template.
     sensor
-        Whose they are.
+        Sensor of the tolerances.
 
     Returns
     -------
     TolerancePlan
-        What it says.
+        Content of the file.
 
     Raises
     ------
     SpecError
-        No such file; not TOML; an unknown, missing or wrong entry, with file and line and what would be valid.
+        If the file is missing, is not TOML, or has an invalid entry; with file, line and valid values.
 
     Examples
     --------
@@ -169,26 +169,26 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
 
 
 @checked
-def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
-    """Tolerances by the names of their errors, for a drawing.
+def load_allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
+    """Read tolerances by error source for a drawing.
 
     Parameters
     ----------
     path
-        A tolerance file; or the JSON that ``omnimirror tolerance --json`` writes, whose allocated tolerances are taken
-        if a yield was asked for, and those that were tried otherwise.
+        Tolerance file, or the JSON file of ``omnimirror tolerance --json``, from which the allocated
+        tolerances are taken, or the initial ones without an allocation.
     sensor
-        Whose they are.
+        Sensor of the tolerances.
 
     Returns
     -------
     dict
-        Plus and minus, in the units that the names end with.
+        Tolerances by error source.
 
     Raises
     ------
     SpecError
-        A file that is neither, or names an error that the sensor cannot have.
+        If the file is invalid.
 
     Examples
     --------
@@ -197,7 +197,7 @@ def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "tolerances.toml")
     ...     _ = path.write_text(tolerance_template(sensor))
-    ...     allocated_tolerances(path, sensor)["mirror.tilt_x_deg"]
+    ...     load_allocated_tolerances(path, sensor)["mirror.tilt_x_deg"]
     0.1
     """
     path = file_name("path", path)
@@ -207,22 +207,24 @@ def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
     text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
     try:
         data = parse_json(text)
-        found = data["allocation"]["tolerances"] if data["allocation"] else {
-            row["name"]: row["tolerance"] for row in data["sensitivities"]
-        }  # fmt: skip
-        tolerances = {str(name): float(value) for name, value in found.items()}
+        result = (
+            data["allocation"]["tolerances"]
+            if data["allocation"]
+            else {row["name"]: row["tolerance"] for row in data["sensitivities"]}
+        )
+        tolerances = {str(name): float(value) for name, value in result.items()}
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise SpecError(f"{path} is not what omnimirror tolerance --json writes") from None
+        raise SpecError(f"{path} is not a file of omnimirror tolerance --json") from None
     for name in tolerances:
         if not name.startswith(f"{MEASURED.name}["):
-            check_name(name, errors_of(sensor))
+            check_name(name, error_sources(sensor))
     return tolerances
 
 
 def parse_tolerances(
     text: str, sensor: Sensor, source: str = "tolerances", folder: Path | None = None
 ) -> TolerancePlan:
-    """Tolerances from the text of a file; ``folder`` is where those that it names are, without one it may name none.
+    """Parse the text of a tolerance file; referenced files are relative to ``folder`` and require it.
 
     >>> import omnimirror as om
     >>> text = '[[error]]\\nname = "mirror.tilt_x_deg"\\ntolerance = 0.1'
@@ -232,66 +234,74 @@ def parse_tolerances(
     text = text.removeprefix("\ufeff")
     where = Places(text, source)
     data = parse_toml(text, source)
-    known: dict[str, type] = {"format": int, "judged": dict, "error": list, "correlation": list, "limit": list}
+    known: dict[str, type] = {"format": int, "objects": dict, "error": list, "correlation": list, "limit": list}
     known |= {"figure": list, "measured": list}
     check_entries(data, known, FORMAT, where)
-    errors, prices, widest = _errors(data.get("error", []), sensor, where)
-    _add_figures(data.get("figure", []), sensor, where, errors, prices)
-    forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, prices)
+    errors, costs, max_tolerances = _errors(data.get("error", []), sensor, where)
+    _add_figures(data.get("figure", []), sensor, where, errors, costs)
+    forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, costs)
     pairs = [
         validated(CorrelationTable, f"correlation.{i}", table, where)
         for i, table in enumerate(data.get("correlation", []))
     ]
     correlations = {(pair.between[0], pair.between[1]): pair.value for pair in pairs}
-    judged = validated(JudgedTable, "judged", data.get("judged", {}), where).model_dump()
-    refocus = judged.pop("refocus")
-    judged["object_distance_mm"] = judged["object_distance_mm"] or np.inf
+    objects = validated(ObjectsTable, "objects", data.get("objects", {}), where).model_dump()
+    refocus = objects.pop("refocus")
+    if objects["object_distance_mm"] is None:
+        del objects["object_distance_mm"]
     tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations, forms))
-    return TolerancePlan(tolerances, _limits(data.get("limit", []), sensor, where), prices, refocus, judged, widest)
+    return TolerancePlan(
+        tolerances, _limits(data.get("limit", []), sensor, where), costs, refocus, objects, max_tolerances
+    )
 
 
 def _errors(
     tables: list[dict[str, Any]], sensor: Sensor, where: Places
-) -> tuple[dict[str, ErrorBound], dict[str, float], dict[str, float]]:
-    """Tolerances, prices and how wide they may become, by the names of errors."""
-    known, errors, prices, widest = errors_of(sensor), dict[str, ErrorBound](), dict[str, float](), dict[str, float]()
+) -> tuple[dict[str, Tolerance], dict[str, float], dict[str, float]]:
+    """Return tolerances, costs and maximum tolerances by error source."""
+    known, errors, costs, max_tolerances = (
+        error_sources(sensor),
+        dict[str, Tolerance](),
+        dict[str, float](),
+        dict[str, float](),
+    )
 
     def is_new(name: str) -> None:
         check_name(name, known)
         if name in errors:
-            raise SpecError(f"{name} has a tolerance already; leave one out")
+            raise SpecError(f"{name} has two tolerances; remove one")
 
     for i, table in enumerate(tables):
         entry = validated(ErrorTable, f"error.{i}", table, where)
         where.wrap((f"error.{i}", "name"), partial(is_new, entry.name))
         errors[entry.name] = where.wrap(
-            (f"error.{i}", "tolerance"), partial(ErrorBound, entry.tolerance, entry.distribution)
+            (f"error.{i}", "tolerance"), partial(Tolerance, entry.tolerance, entry.distribution)
         )
-        prices[entry.name] = entry.price
-        if entry.widest is not None:
-            if entry.widest < entry.tolerance:
+        costs[entry.name] = entry.cost
+        if entry.max_tolerance is not None:
+            if entry.max_tolerance < entry.tolerance:
                 raise where.error(
-                    (f"error.{i}", "widest"),
-                    f"widest = {entry.widest:g} is below the tolerance {entry.tolerance:g}, which it is valid from",
+                    (f"error.{i}", "max_tolerance"),
+                    f"max_tolerance must be at least the tolerance {entry.tolerance:g}; got {entry.max_tolerance:g}",
                 )
-            widest[entry.name] = entry.widest
-    return errors, prices, widest
+            max_tolerances[entry.name] = entry.max_tolerance
+    return errors, costs, max_tolerances
 
 
 def _add_figures(
-    tables: list[dict[str, Any]], sensor: Sensor, where: Places, errors: dict[str, ErrorBound], prices: dict[str, float]
+    tables: list[dict[str, Any]], sensor: Sensor, where: Places, errors: dict[str, Tolerance], costs: dict[str, float]
 ) -> None:
-    """The Zernike terms of random figures, beside other errors."""
+    """Add the Zernike terms of random figures to the errors."""
     for i, table in enumerate(tables):
         entry = validated(FigureTable, f"figure.{i}", table, where).model_dump()
-        price, orders = entry.pop("price"), tuple(entry.pop("orders") or (LOWEST_ORDER, LARGEST_ORDER))
+        cost, orders = entry.pop("cost"), tuple(entry.pop("orders") or (LOWEST_ORDER, LARGEST_ORDER))
         figure = where.wrap((f"figure.{i}",), partial(RandomFigure, orders=orders, **entry))
-        for name, bound in figure_of(sensor.mirror, figure).items():
+        for name, bound in figure_tolerances(sensor.mirror, figure).items():
             if name in errors:
-                raise where.error((f"figure.{i}",), f"{name} has a tolerance already; leave it out, or its order")
-            where.wrap((f"figure.{i}",), partial(check_name, name, errors_of(sensor)))
-            errors[name] = where.wrap((f"figure.{i}",), partial(ErrorBound, bound, "normal"))
-            prices[name] = price
+                raise where.error((f"figure.{i}",), f"{name} has two tolerances; remove it or exclude its order")
+            where.wrap((f"figure.{i}",), partial(check_name, name, error_sources(sensor)))
+            errors[name] = where.wrap((f"figure.{i}",), partial(Tolerance, bound, "normal"))
+            costs[name] = cost
 
 
 def _add_measured(
@@ -299,99 +309,104 @@ def _add_measured(
     sensor: Sensor,
     where: Places,
     folder: Path | None,
-    errors: dict[str, ErrorBound],
-    prices: dict[str, float],
+    errors: dict[str, Tolerance],
+    costs: dict[str, float],
 ) -> dict[str, MirrorForm]:
-    """Forms that were measured, by their names; their errors beside others."""
+    """Add the errors of measured forms and return the forms by name."""
     forms: dict[str, MirrorForm] = {}
     for i, table in enumerate(tables):
         entry = validated(MeasuredTable, f"measured.{i}", table, where)
         if folder is None:
-            raise where.error((f"measured.{i}", "file"), "file names another file, and text from here may name none")
+            raise where.error((f"measured.{i}", "file"), "file is not supported in text without a folder")
         if sensor.secondary is not None:
-            raise where.error((f"measured.{i}",), "measured forms are errors of sensors of one mirror")
+            raise where.error((f"measured.{i}",), "measured forms are supported only for sensors with one mirror")
         if entry.name in forms:
             raise where.error(
-                (f"measured.{i}", "name"), f"there is a form {entry.name!r} already; give it another name"
+                (f"measured.{i}", "name"), f"names of measured forms must be unique; got {entry.name!r} twice"
             )
-        read = partial(measured_form, sensor.mirror, folder / entry.file, entry.unit)
+        read = partial(load_measured_form, sensor.mirror, folder / entry.file, entry.unit)
         forms[entry.name] = where.wrap((f"measured.{i}", "file"), read)
         name = measured(entry.name)
-        bound = partial(ErrorBound, entry.tolerance, entry.distribution)
-        errors[name], prices[name] = where.wrap((f"measured.{i}", "tolerance"), bound), entry.price
+        bound = partial(Tolerance, entry.tolerance, entry.distribution)
+        errors[name], costs[name] = where.wrap((f"measured.{i}", "tolerance"), bound), entry.cost
     return forms
 
 
 def _limits(tables: list[dict[str, Any]], sensor: Sensor, where: Places) -> dict[str, float]:
-    """Largest values by the names of merits, and least ones."""
+    """Return limits by merit name."""
     limits: dict[str, float] = {}
     for i, table in enumerate(tables):
         section = f"limit.{i}"
         bound = validated(BoundTable, section, table, where)
         if bound.quantity in LIMITABLE and bound.after == "none":
-            asked = {name: value for name, value in table.items() if name != "after"}
-            found = names_of(limit_of(i, asked, sensor.mount, where))
+            requested = {name: value for name, value in table.items() if name != "after"}
+            result = merit_limits(limit_of(i, requested, sensor.mount, where))
         else:
-            found = _limit_of_trials(bound, section, where)
-        where.wrap((section, "quantity"), partial(check_limits, found))
-        limits |= found
+            result = _limit_of_trials(bound, section, where)
+        where.wrap((section, "quantity"), partial(check_limits, result))
+        limits |= result
     return limits
 
 
 def _limit_of_trials(bound: BoundTable, section: str, where: Places) -> dict[str, float]:
-    """A limit of what sensors without errors have none of."""
+    """Return the limit of a quantity of as-built sensors."""
     for name in ("omega_deg", "elevation_deg", "cycles_per_px"):
         if getattr(bound, name) is not None:
             raise where.error(
-                (section, name), f"{name} does not apply to {bound.quantity}, which is of the whole picture"
+                (section, name), f"{name} does not apply to {bound.quantity}, a quantity of the whole image"
             )
     sides = {True: bound.at_least, False: bound.at_most}
-    found = {MeritName(bound.quantity, least, after=bound.after).text: v for least, v in sides.items() if v is not None}
-    if not found:
-        raise where.error((section,), f"limit of {bound.quantity} says neither at_most nor at_least")
-    return found
+    result = {
+        MeritName(bound.quantity, least, after=bound.after).text: v for least, v in sides.items() if v is not None
+    }
+    if not result:
+        raise where.error((section,), f"limit of {bound.quantity} requires at_most or at_least")
+    return result
 
 
 @checked
 def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
-    """A commented tolerance file to start from.
+    """Create a commented tolerance file.
 
     Parameters
     ----------
     sensor
-        Whose it is.
+        Sensor of the tolerances.
     grade
-        Of the shop: one of :data:`~omnimirror.manufacturing.tolerancing.perturbation.GRADES`.
+        Manufacturing grade, one of
+        :data:`~omnimirror.manufacturing.tolerancing.perturbation.GRADES`.
 
     Returns
     -------
     str
-        TOML.
+        TOML text.
 
     Raises
     ------
     InvalidParameter
-        A word that is no grade.
+        If the grade is unknown.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[0])
-    # Tolerances of paper-spherical, as a shop of the grade fine holds them. Values are plus or minus.
+    # Tolerances of paper-spherical, grade fine. All values are symmetric (plus or minus).
     """
     choice("grade", grade, GRADES)
     blur = float(
-        Judge.of(sensor).judged({next(iter(errors_of(sensor))): np.zeros(1)})[0, merit_names().index("blur_px")]
+        TrialEvaluator.of(sensor).evaluate({next(iter(error_sources(sensor))): np.zeros(1)})[
+            0, merit_names().index("blur_px")
+        ]
     )
-    lines = [HEAD.format(name=line_comment(sensor.name), grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
-    for kind in errors_of(sensor).values():
+    lines = [HEAD.format(name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur)]
+    for kind in error_sources(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue
-        usual = ", ".join(f"{g} {kind.usual[g]:.3g}" for g in GRADES)
+        typical_tolerances = ", ".join(f"{g} {kind.typical_tolerances[g]:.3g}" for g in GRADES)
         unit = f" {kind.unit}" if kind.unit else ""
         lines.append(
-            f'\n[[error]]  # {kind.meaning}; shops hold{unit}: {usual}\nname = "{kind.name}"\n'
-            f"tolerance = {float(f'{kind.usual[grade]:.3g}')!r}\n"
+            f'\n[[error]]  # {kind.meaning}; typical{unit}: {typical_tolerances}\nname = "{kind.name}"\n'
+            f"tolerance = {float(f'{kind.typical_tolerances[grade]:.3g}')!r}\n"
         )
     return "".join(lines)
 
@@ -399,30 +414,30 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
 LAST_ZERNIKE = 11
 MORE_BLUR = 1.2  # times that of a sensor without errors, as a start
 HEAD = """\
-# Tolerances of {name}, as a shop of the grade {grade} holds them. Values are plus or minus.
+# Tolerances of {name}, grade {grade}. All values are symmetric (plus or minus).
 #   omnimirror tolerance SENSOR tolerances.toml
 format = 1
 
-[judged]
-# field_deg = [0, 120]     # from its smallest to .97 of its largest field angle by default
+[objects]
+# field_deg = [0, 120]     # default: minimum to 0.97 of the maximum field angle
 angles = 8                 # circles of objects over the field
-azimuths = 12              # objects on each
-# object_distance_mm = 2000
-refocus = "none"           # or "rms", "worst": each sensor is focused anew
+azimuths = 12              # objects per circle
+# object_distance_mm = 2000  # default: infinity
+refocus = "none"           # "rms" or "worst": refocus each sensor
 
-# A good sensor stays within all of these. The picture moves against that of a sensor without errors:
+# Limits of a good sensor. Image motion relative to the nominal sensor:
 [[limit]]
 quantity = "motion_px"     # or motion_rms_px, direction_error_deg, direction_error_rms_deg
-after = "pose"             # what a calibration leaves of it: none, principal-point, affine, pose, radial
+after = "pose"             # residual after calibration: none, principal-point, affine, pose, radial
 at_most = 0.5
 
 [[limit]]
-quantity = "blur_px"       # without errors {blur:.3g}
-at_most = {most_blur:.3g}
+quantity = "blur_px"       # nominal: {blur:.3g}
+at_most = {max_blur:.3g}
 
-# And of anything that requirements limit, in their words, over the whole picture; or of what is built alone:
+# Limits of all quantities of requirement files, and of quantities of as-built sensors:
 #   [[limit]]
-#   quantity = "resolution_px_per_deg"   # total_blur_px, aspect, viewpoint_spread_mm, mtf, ..
+#   quantity = "resolution_px_per_deg"   # total_blur_px, aspect, viewpoint_spread_mm, mtf, ...
 #   at_least = 4.0
 #   omega_deg = [20, 100]
 #   [[limit]]
@@ -430,18 +445,18 @@ at_most = {most_blur:.3g}
 #   after = "affine"
 #   at_most = 0.1
 
-# Form errors of a power spectrum, and one that was measured on a mirror of this making (x, y, z by the line, in mm):
+# Random form errors with a power spectrum, and a measured form (list of x, y, z in mm):
 #   [[figure]]
-#   rms_um = 0.3              # or peak_to_valley_um, or slope_mrad; of Zernike terms of these orders
-#   orders = [5, 12]
+#   rms_um = 0.3              # or peak_to_valley_um, or slope_mrad
+#   orders = [5, 12]          # Zernike orders
 #   exponent = 2.5
 #   [[measured]]
 #   name = "lathe"
-#   file = "cmm.csv"          # distribution = "always" by default: every sensor has it, tolerance = 1.0 times
+#   file = "cmm.csv"          # distribution = "constant" by default: all sensors, tolerance = 1.0 times
 
-# Errors: distribution = "uniform" (default), "normal" (the tolerance is two sigma), "truncated", "end-heavy", "always";
-# price = 1.0 of a tolerance as it stands, for --yield; widest = how wide it may become then, as a coarse shop holds it
-# by default. Those that come together:
+# Errors: distribution = "uniform" (default), "normal" (tolerance = 2 sigma), "truncated-normal",
+# "arcsine", "constant"; cost = 1.0, of the given tolerance, for --yield; max_tolerance, upper bound for
+# --yield (default: grade coarse). Correlated errors:
 #   [[correlation]]
 #   between = ["mirror.tilt_x_deg", "mirror.decentre_y_mm"]
 #   value = 0.7

@@ -1,4 +1,4 @@
-"""How errors are distributed within their tolerances, and how trials draw them."""
+"""Tolerances, their distributions and correlations, and the random errors of trials."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from ...arguments import check_fields, choice, number, shown
 from ...errors import InvalidParameter
 from ...mirrors.form import MirrorForm
 from ...sensor import Sensor
-from .perturbation import MEASURED, check_name, errors_of, measured
+from .perturbation import MEASURED, check_name, error_sources, measured
 
 Array = NDArray[np.float64]
 
-Distribution = Literal["uniform", "normal", "truncated", "end-heavy", "always"]
+Distribution = Literal["uniform", "normal", "truncated-normal", "arcsine", "constant"]
 DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
-"""Within plus and minus the tolerance: all alike; normal, the tolerance two sigma; the same and nothing beyond it; and
-as parts come that were machined until they just pass, most at the ends; and always the tolerance itself."""
+"""Distributions within the tolerance t: uniform; normal with t = 2 sigma; the same, truncated at t;
+arcsine, with a maximum at both ends, as for parts machined until they pass; constant t."""
 
 SIGMAS = 2.0  # that a tolerance is of a normal distribution
 UNLIKELY = float(ndtr(-SIGMAS))
 
 
 def drawn(distribution: Distribution, share: Array) -> Array:
-    """Errors in units of the tolerance, for shares in (0, 1) of all that are smaller.
+    """Compute quantiles of a distribution in units of the tolerance.
 
     Parameters
     ----------
     distribution
-        Of them.
+        Name of the distribution.
     share : array
-        In (0, 1).
+        Probabilities in (0, 1).
 
     Returns
     -------
@@ -53,57 +53,45 @@ def drawn(distribution: Distribution, share: Array) -> Array:
     end-heavy [-0.707  0.     0.997]
     always [1. 1. 1.]
     """
-    if distribution == "always":
+    if distribution == "constant":
         return np.ones_like(share)
     if distribution == "uniform":
         return 2 * share - 1
     if distribution == "normal":
         return np.asarray(ndtri(share) / SIGMAS)
-    if distribution == "truncated":
+    if distribution == "truncated-normal":
         return np.asarray(ndtri(UNLIKELY + share * (1 - 2 * UNLIKELY)) / SIGMAS)
     return -np.cos(np.pi * share)  # the arcsine law
 
 
-def sigma_of(distribution: Distribution) -> float:
-    """Standard deviation in units of the tolerance.
-
-    >>> [round(sigma_of(name), 3) for name in DISTRIBUTIONS]
-    [0.577, 0.5, 0.44, 0.707, 0.0]
-    """
-    if distribution == "truncated":
-        density = np.exp(-(SIGMAS**2) / 2) / np.sqrt(2 * np.pi)
-        return float(np.sqrt(1 - 2 * SIGMAS * density / (1 - 2 * UNLIKELY)) / SIGMAS)
-    sigmas: dict[str, float] = {"uniform": 3**-0.5, "normal": 1 / SIGMAS, "end-heavy": 0.5**0.5, "always": 0.0}
-    return sigmas[distribution]
-
-
 BLOCK = 8192
-"""Trials that are drawn at a time: each block has random numbers of its own, whoever computes it, and when."""
-SMALLEST_BOUND, LARGEST_BOUND = 1e-50, 1e6
-"""Range of a tolerance other than 0, in any unit: squares of finite differences neither vanish nor overflow."""
-LEAST_SHARE = 2.0**-54  # no share is 0, which some distributions send to infinity
+"""Number of trials per block; each block has its own random numbers, independent of execution
+order."""
+MIN_TOLERANCE, MAX_TOLERANCE = 1e-50, 1e6
+"""Range of a nonzero tolerance in any unit, which avoids underflow and overflow of squares."""
+MIN_PROBABILITY = 2.0**-54  # no share is 0, which some distributions send to infinity
 
 
 @dataclass(frozen=True)
-class ErrorBound:
+class Tolerance:
     """Tolerance of one error: half-width and distribution.
 
     Parameters
     ----------
     value
-        Plus or minus, in the error's unit: 0 for none, or 1e-50 to 1e6.
+        Half-width in the unit of the error: 0, or between 1e-50 and 1e6.
     distribution
-        Shape of the distribution within it.
+        Distribution of the error.
 
     Raises
     ------
     InvalidParameter
-        A value out of range, or an unknown distribution.
+        If the value is out of range or the distribution is unknown.
 
     Examples
     --------
-    >>> ErrorBound(0.1, "normal")
-    ErrorBound(value=0.1, distribution='normal')
+    >>> Tolerance(0.1, "normal")
+    Tolerance(value=0.1, distribution='normal')
     """
 
     value: float
@@ -113,113 +101,115 @@ class ErrorBound:
         check_fields(self)
         choice("distribution", self.distribution, DISTRIBUTIONS)
         value = number("tolerance", self.value)
-        if value != 0 and not SMALLEST_BOUND <= value <= LARGEST_BOUND:
+        if value != 0 and not MIN_TOLERANCE <= value <= MAX_TOLERANCE:
             raise InvalidParameter(
-                f"tolerance must be 0, or between {SMALLEST_BOUND:g} and {LARGEST_BOUND:g}; got {value:g}"
+                f"tolerance must be 0, or between {MIN_TOLERANCE:g} and {MAX_TOLERANCE:g}; got {value:g}"
             )
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What is known of a sensor before it is built.
+    """Tolerances of a sensor.
 
     Parameters
     ----------
     sensor
-        What is meant.
+        Nominal sensor.
     errors
-        Tolerances by the names of errors (:func:`omnimirror.manufacturing.tolerancing.perturbation.errors_of`).
+        Tolerances by error source
+        (:func:`omnimirror.manufacturing.tolerancing.perturbation.error_sources`).
     correlations
-        Between pairs of errors, from -1 to 1; they are meant of the normal numbers behind each.
+        Correlation coefficients of pairs of errors, between -1 and 1, of the underlying normal
+        variables.
     forms
-        Form errors by names: the error ``mirror.measured[NAME]`` is so many times that form.
+        Form errors by name: the error ``mirror.measured[NAME]`` is a multiple of that form.
 
     Raises
     ------
     InvalidParameter
-        A name of no error, or correlations that no errors have.
+        If an error source is unknown or the correlations are inconsistent.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
-    >>> tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": ErrorBound(0.1)})
+    >>> tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": Tolerance(0.1)})
     >>> values = tolerances.drawn(seed=1, block=0, count=1000)["mirror.decentre_x_mm"]
     >>> bool(np.abs(values).max() <= 0.1), len(values)
     (True, 1000)
     """
 
     sensor: Sensor
-    errors: Mapping[str, ErrorBound]
+    errors: Mapping[str, Tolerance]
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
     forms: Mapping[str, MirrorForm] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
-        known = errors_of(self.sensor) | {measured(name): MEASURED for name in self.forms}
+        known = error_sources(self.sensor) | {measured(name): MEASURED for name in self.forms}
         for name in self.errors:
             check_name(name, known)
         if not self.errors:
-            raise InvalidParameter("there is no error in the tolerances; name one at least")
+            raise InvalidParameter("errors must contain at least one error")
         self._mixing()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the errors, in their order."""
+        """Names of the errors, in order."""
         return tuple(self.errors)
 
     def drawn(self, seed: int, block: int, count: int = BLOCK) -> dict[str, Array]:
-        """Errors of the trials of a block, the same whenever they are drawn.
+        """Draw the errors of a block of trials; the result is reproducible.
 
         Parameters
         ----------
         seed
-            Of the whole.
+            Random seed.
         block
-            Its number, from 0.
+            Block number, from 0.
         count
-            How many of its trials.
+            Number of trials of the block.
 
         Returns
         -------
         dict of (n,) arrays
-            Of n trials by name, in their units.
+            Errors of n trials by name, in their units.
 
         Raises
         ------
         InvalidParameter
-            More trials than a block has.
+            If count exceeds the size of a block.
 
         Examples
         --------
         >>> import omnimirror as om
-        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": ErrorBound(0.01)})
+        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": Tolerance(0.01)})
         >>> again = [tolerances.drawn(seed=3, block=5, count=10)["lens.k1"] for _ in range(2)]
         >>> bool((again[0] == again[1]).all())
         True
         """
         if not 0 <= count <= BLOCK:
-            raise InvalidParameter(f"a block has {BLOCK} trials, and {count} were asked for")
+            raise InvalidParameter(f"count must be between 0 and {BLOCK}; got {count}")
         random = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, block])))
-        return self.at(np.maximum(random.random((BLOCK, len(self.errors)))[:count], LEAST_SHARE))
+        return self.at(np.maximum(random.random((BLOCK, len(self.errors)))[:count], MIN_PROBABILITY))
 
     def at(self, shares: Array) -> dict[str, Array]:
-        """Errors at shares (t, n) in (0, 1) of independent numbers, one for each error.
+        """Transform probabilities (t, n) in (0, 1) to errors.
 
         Parameters
         ----------
         shares : (t, n)
-            Uniform ones for trials.
+            Independent probabilities, one per error.
 
         Returns
         -------
         dict of (n,) arrays
-            Of n trials by name, in their units.
+            Errors of n trials by name, in their units.
 
         Examples
         --------
         >>> import omnimirror as om
-        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": ErrorBound(0.01)})
+        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": Tolerance(0.01)})
         >>> tolerances.at(np.array([[0.5], [0.75]]))["lens.k1"]
         array([0.   , 0.005])
         """
@@ -229,28 +219,28 @@ class Tolerances:
             shares = ndtr(ndtri(shares) @ self._mixing().T)
         columns = zip(self.errors.items(), shares.T, strict=True)
         drawn_ = {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
-        return self.spelt_out(drawn_)
+        return self.expand_forms(drawn_)
 
-    def spelt_out(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Values (n,) by the names of errors, measured forms as the Zernike terms that they have.
+    def expand_forms(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Replace measured forms by their Zernike terms.
 
         Parameters
         ----------
         values : dict of (n,) arrays
-            By the names of errors.
+            Errors by name.
 
         Returns
         -------
         dict of (n,) arrays
-            The same, with no measured form among them.
+            Errors without measured forms.
 
         Examples
         --------
         >>> import omnimirror as om
         >>> forms = {"lathe": om.mirrors.form.MirrorForm((5,), (0.3,))}
-        >>> errors = {"mirror.measured[lathe]": ErrorBound(1.0)}
+        >>> errors = {"mirror.measured[lathe]": Tolerance(1.0)}
         >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), errors, forms=forms)
-        >>> tolerances.spelt_out({"mirror.measured[lathe]": np.array([2.0])})
+        >>> tolerances.expand_forms({"mirror.measured[lathe]": np.array([2.0])})
         {'mirror.zernike_5_um': array([0.6])}
         """
         spelt = dict(values)
@@ -262,24 +252,26 @@ class Tolerances:
         return spelt
 
     def _mixing(self) -> Array:
-        """Root (n, n) of the correlations, the symmetric one: errors without any keep their own numbers."""
+        """Return the symmetric square root (n, n) of the correlation matrix; uncorrelated errors
+        are unchanged.
+        """
         matrix = np.eye(len(self.errors))
         for pair, value in self.correlations.items():
             if not (isinstance(pair, tuple) and len(pair) == 2):
-                raise InvalidParameter(f"correlations holds {shown(pair)}; valid are pairs of names of errors")
+                raise InvalidParameter(f"keys of correlations must be pairs of error names; got {shown(pair)}")
             first, second = pair
             for name in (first, second):
                 if name not in self.errors:
-                    raise InvalidParameter(f"the correlation of {first} and {second}: {name} has no tolerance")
+                    raise InvalidParameter(f"the correlation of {first} and {second} requires a tolerance of {name}")
             if first == second:
-                raise InvalidParameter(f"{first} always comes with itself; a correlation is valid of two errors")
+                raise InvalidParameter(f"correlations must be between two different errors; got {first} twice")
             if not -1 <= value <= 1:
-                raise InvalidParameter(f"the correlation of {first} and {second} = {value:g} is valid from -1 to 1")
+                raise InvalidParameter(
+                    f"the correlation of {first} and {second} must be between -1 and 1; got {value:g}"
+                )
             i, j = self.names.index(first), self.names.index(second)
             matrix[i, j] = matrix[j, i] = value
         values, vectors = np.linalg.eigh(matrix)
         if values[0] < -1e-9:
-            raise InvalidParameter(
-                "the correlations contradict one another: no errors have all of them; make one smaller"
-            )
+            raise InvalidParameter("correlations must form a positive semidefinite matrix; reduce one of them")
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)

@@ -1,13 +1,14 @@
-"""Where thousands of sensors with errors show the same objects, and how they blur them.
+"""Images of the same objects in all trials, and their blur, by vectorised ray tracing.
 
-The mirror point in which an entrance pupil sees an object makes the path of light stationary (Fermat). Newton's rule
-finds it from the point of the sensor without errors, and the second derivatives of that path are also those of the
-reflected wavefront: with A what a unit distance to the pupil adds to them, and B what surface and object do, the
-virtual images lie at distances q behind the mirror where ``A/q = B``, and the lens sees their vergence
+The reflection point of an object makes the optical path to the entrance pupil stationary (Fermat).
+Newton's method finds it, starting from the point of the nominal sensor. The second derivatives of
+the path are also those of the reflected wavefront: with A, the derivatives per unit inverse
+distance to the pupil, and B, the contribution of surface and object, virtual images are at
+distances q behind the mirror with ``A/q = B``, and the vergence at the lens is
 
     V = H^-1 B / (rho cos theta),    H = A / rho + B
 
-as a matrix over (x, y), whose eigenvalues on a sensor without errors are 1/L_t and 1/L_s of Eqs. 34 and 35.
+a matrix over (x, y), whose eigenvalues for the nominal sensor are 1/L_t and 1/L_s of Eqs. 34 and 35.
 """
 
 from __future__ import annotations
@@ -23,45 +24,48 @@ from .perturbed_states import MirrorSurfaces, States
 Array = NDArray[np.float64]
 
 STEPS = 8
-"""Most steps of Newton's rule; from .1 mm and .1 deg three are enough."""
+"""Maximum number of Newton steps; three are sufficient from 0.1 mm and 0.1 deg."""
 CLOSE = 1e-13  # of the rim radius; a step that short is rounding
 
 
-class SeenObjects(NamedTuple):
-    """What trials (t,) show of objects (n,)."""
+class TracedObjects(NamedTuple):
+    """Rays from objects (n,) to the lens in trials (t,)."""
 
     mirror_points: Array
-    """(t, n, 2) mm, (x, y) in the mirror's frame."""
+    """Reflection points (t, n, 2) in mm, (x, y) in the mirror frame."""
     tangents: Array
-    """(t, n, 2) of the viewing angle at the lens, right and down in the unflipped picture."""
+    """Tangents (t, n, 2) of the viewing angle at the lens, right and down in the unmirrored image."""
     vergences: Array
-    """(t, n, 2, 2), 1/mm: V over image right and down."""
+    """Vergence matrices V (t, n, 2, 2) in 1/mm, right and down in the image."""
     by_direction: Array
-    """(t, n, 2, 3): how fast tangents turn with the object's direction in the mirror's frame."""
+    """Derivatives (t, n, 2, 3) of tangents with respect to the object direction in the mirror
+    frame."""
     lost: NDArray[np.bool_]
-    """(t, n): not on the mirror, or not found."""
+    """Rays (t, n) that miss the mirror or do not converge."""
 
 
-def seen(states: States, targets: Array, distant: bool, start: Array, rim_slack: float = RIM_SLACK) -> SeenObjects:
-    """Trace objects into all trials.
+def trace_objects(
+    states: States, targets: Array, distant: bool, start: Array, rim_slack: float = RIM_SLACK
+) -> TracedObjects:
+    """Trace rays from objects to the lens in all trials.
 
     Parameters
     ----------
     states
-        Of t trials.
+        Parameters of t trials.
     targets : (n, 3)
-        Unit directions, or points in mm, in the camera frame, whose origin is the vertex without errors.
+        Unit directions, or points in mm, in the camera frame with the nominal vertex as origin.
     distant
-        Whether they are directions.
+        Whether targets are directions.
     start : (n, 2)
-        Mirror points (x, y) mm in which a sensor without errors shows them.
+        Reflection points (x, y) in mm of the nominal sensor.
     rim_slack
-        By which share of its radius a mirror goes on beyond the rim.
+        Extension of the mirror beyond its rim, as a fraction of the rim radius.
 
     Returns
     -------
-    SeenObjects
-        Where and how.
+    TracedObjects
+        Reflection points, tangents and vergences.
     """
     with np.errstate(all="ignore"):  # what has no mirror is lost
         pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
@@ -73,22 +77,22 @@ def seen(states: States, targets: Array, distant: bool, start: Array, rim_slack:
 
 
 class _Path(NamedTuple):
-    """The path of light by way of mirror points, and its derivatives over (x, y)."""
+    """Optical path via mirror points and its derivatives with respect to (x, y)."""
 
     step: Array
-    """(t, n, 3) from pupil to mirror, mm."""
+    """Vector (t, n, 3) from pupil to mirror, mm."""
     length: Array
-    """(t, n) of that."""
+    """Length (t, n) of ``step``."""
     gradient: Array
-    """(t, n, 2)"""
+    """Gradient (t, n, 2)."""
     whole: Array
-    """(t, n, 3): xx, xy, yy of H."""
+    """Components xx, xy, yy (t, n, 3) of H."""
     without_pupil: Array
-    """(t, n, 3) of B."""
+    """Components xx, xy, yy (t, n, 3) of B."""
     slopes: Array
-    """(t, n, 2) of the surface."""
+    """Slopes (t, n, 2) of the surface."""
     facing: Array
-    """(t, n): above 0 where light is reflected, and does not go straight through."""
+    """Sign (t, n): positive for a reflection, negative for a straight path."""
 
 
 def _path(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, xy: Array) -> _Path:
@@ -108,7 +112,9 @@ def _path(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool,
 
 
 def _end(step: Array, gx: Array, gy: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Of one end: distance, unit vector along x, y (on the surface) and z, and second derivatives (.., 3)."""
+    """Return distance, unit vector along x, y (on the surface) and z, and second derivatives (...,
+    3).
+    """
     length = np.sqrt(np.einsum("tni,tni->tn", step, step))
     u = step / length[..., None]
     ux, uy = u[..., 0] + gx * u[..., 2], u[..., 1] + gy * u[..., 2]
@@ -117,7 +123,7 @@ def _end(step: Array, gx: Array, gy: Array) -> tuple[Array, Array, Array, Array,
 
 
 def _mirror_points(surfaces: MirrorSurfaces, pupil: Array, towards: Array, distant: bool, start: Array) -> Array:
-    """(t, n, 2) mm, by Newton's rule."""
+    """Find reflection points (t, n, 2) in mm by Newton's method."""
     xy = np.broadcast_to(start, (len(pupil), *start.shape)).copy()
     for _ in range(STEPS):
         path = _path(surfaces, pupil, towards, distant, xy)
@@ -130,15 +136,15 @@ def _mirror_points(surfaces: MirrorSurfaces, pupil: Array, towards: Array, dista
     return xy
 
 
-def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjects:
+def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> TracedObjects:
     turn = states.rotation
     towards = np.einsum("tij,tnj->tni", turn, path.step)
     tangents = towards[..., :2] / towards[..., 2:]
     sideways = np.zeros((*xy.shape, 3))  # of the mirror point, by x and by y, in the mirror's frame
     sideways[..., 0, 0] = sideways[..., 1, 1] = 1.0
     sideways[..., 2] = path.slopes
-    moved = np.einsum("tij,tnkj->tnik", turn, sideways)
-    spread = (moved[..., :2, :] - tangents[..., None] * moved[..., 2:, :]) / towards[..., 2, None, None]
+    displaced = np.einsum("tij,tnkj->tnik", turn, sideways)
+    spread = (displaced[..., :2, :] - tangents[..., None] * displaced[..., 2:, :]) / towards[..., 2, None, None]
     inverse = _inverse(_square(path.whole))
     cosine = towards[..., 2] / path.length
     vergence = inverse @ _square(path.without_pupil) / (path.length * cosine)[..., None, None]
@@ -146,7 +152,7 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjec
     rim = states.surfaces.rim_radius_mm
     on_mirror = (miss <= REFLECTS) & (np.hypot(xy[..., 0], xy[..., 1]) <= rim * (1 + rim_slack))
     on_mirror &= (path.facing > 0) & (towards[..., 2] > 0)
-    return SeenObjects(
+    return TracedObjects(
         xy,
         tangents,
         spread @ vergence @ _inverse(spread),
@@ -156,7 +162,9 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> SeenObjec
 
 
 def _inverse(matrices: Array) -> Array:
-    """Invert matrices (.., 2, 2); NaN for singular ones, of rays beside any mirror."""
+    """Invert matrices (..., 2, 2); NaN for singular ones, which occur for rays that miss the
+    mirror.
+    """
     determinant = np.linalg.det(matrices)
     is_singular = ~np.isfinite(determinant) | (determinant == 0)
     inverse = np.linalg.inv(np.where(is_singular[..., None, None], np.eye(2), matrices))
@@ -164,78 +172,79 @@ def _inverse(matrices: Array) -> Array:
 
 
 def _square(second: Array) -> Array:
-    """Symmetric matrices (.., 2, 2) of xx, xy, yy."""
+    """Return symmetric matrices (..., 2, 2) from components xx, xy, yy."""
     return second[..., [[0, 1], [1, 2]]]
 
 
 Refocus = Literal["none", "rms", "worst"]
-"""Whether each sensor is focused anew: not, for the least rms of its blur, or for the least worst one."""
+"""Refocusing of each sensor: none, for minimum RMS blur, or for minimum worst-case blur."""
 REFOCUS: tuple[Refocus, ...] = ("none", "rms", "worst")
 
 HALVINGS = 32
-"""Of the golden section: to 2e-7 of where the best focus may lie."""
+"""Iterations of the golden-section search; relative accuracy 2e-7."""
 GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 
-class Picture(NamedTuple):
-    """Of trials (t,) and objects (n,)."""
+class TrialImages(NamedTuple):
+    """Images of objects (n,) in trials (t,)."""
 
     offsets_px: Array
-    """(t, n, 2) from the optical axis, right and down in the unflipped picture; NaN where lost."""
+    """Offsets (t, n, 2) from the optical axis, right and down in the unmirrored image; NaN if lost."""
     blur_px: Array
-    """(t, n, 2, 2): the unit circle of the aperture times this is the blur's ellipse of diameters, in px."""
+    """Matrices (t, n, 2, 2) that map the unit circle of the aperture to the blur ellipse of
+    diameters."""
     by_direction: Array
-    """(t, n, 2, 3): px per rad of the object's direction in the mirror's frame."""
+    """Derivatives (t, n, 2, 3) in px per rad of the object direction in the mirror frame."""
     vergence: Array
-    """(t,) in focus at the entrance pupil, 1/mm."""
+    """Vergence (t,) in focus at the entrance pupil, 1/mm."""
 
 
-def pictured(states: States, found: SeenObjects, refocus: Refocus = "none") -> Picture:
-    """The picture that trials show.
+def form_images(states: States, result: TracedObjects, refocus: Refocus = "none") -> TrialImages:
+    """Compute the images of traced objects.
 
     Parameters
     ----------
     states
-        Of t trials.
-    found
-        What they see.
+        Parameters of t trials.
+    result
+        Traced objects.
     refocus
-        How each is focused; its picture then breathes.
+        Refocusing mode; focus breathing is included.
 
     Returns
     -------
-    Picture
-        Of the objects seen.
+    TrialImages
+        Positions and blur.
     """
     with np.errstate(all="ignore"):
-        tangents = np.where(found.lost[..., None], np.nan, found.tangents)
+        tangents = np.where(result.lost[..., None], np.nan, result.tangents)
         widen, _, depth = _imaged(states, tangents)
-        spread = widen @ _less(found.vergences, _tilted_by(states, depth))
-        vergence = states.vergence if refocus == "none" else best_vergences(widen, spread, refocus)
+        spread = widen @ _less(result.vergences, _tilted_by(states, depth))
+        vergence = states.vergence if refocus == "none" else focus_vergences(widen, spread, refocus)
         f = states.breathing_mm
         breath = (1 - f * states.vergence) / (1 - f * vergence)
         widen, offsets, depth = _imaged(states, tangents, breath)
-        vergences = _less(found.vergences, _tilted_by(states, depth))
+        vergences = _less(result.vergences, _tilted_by(states, depth))
         blur = states.aperture_mm[:, None, None, None] * (vergence[:, None, None, None] * widen - widen @ vergences)
-        return Picture(offsets, blur, widen @ found.by_direction, vergence)
+        return TrialImages(offsets, blur, widen @ result.by_direction, vergence)
 
 
 def imaged_at(states: States, tangents: Array, vergence: Array) -> Array:
-    """Where (t, n, 2) px trials show what the lens sees under tangents (t, n, 2), focused at vergences (t,)."""
+    """Return image positions (t, n, 2) in px of viewing tangents (t, n, 2) at focus vergences (t,)."""
     f = states.breathing_mm
     return _imaged(states, tangents, (1 - f * states.vergence) / (1 - f * vergence))[1]
 
 
 def _less(vergences: Array, part: Array) -> Array:
-    """Vergences (t, n, 2, 2) seen from an imager that is in focus at others by a part (t, n)."""
+    """Subtract isotropic vergences (t, n) from vergence matrices (t, n, 2, 2)."""
     less: Array = vergences - part[..., None, None] * np.eye(2)
     return less
 
 
 def _tilted_by(states: States, depth: Array) -> Array:
-    """By how much (t, n) the vergence in focus on a tilted imager is that of its middle and more, 1/mm.
+    """Return the difference (t, n) in 1/mm of the vergence in focus on a tilted imager from its centre.
 
-    The place of an object lies at a depth behind the lens, and the distance in focus follows from the lens equation.
+    The depth of the image point behind the lens and the lens equation determine the focus distance.
     """
     tilted = (states.imager[:, 2, :2] != 0).any(axis=1)
     if not tilted.any():
@@ -249,12 +258,14 @@ def _tilted_by(states: States, depth: Array) -> Array:
 
 
 def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tuple[Array, Array, Array]:
-    """Derivatives (t, n, 2, 2) px per unit of tangents, offsets (t, n, 2) px, and depths (t, n) mm of their places."""
-    moved, (xx, xy, yy) = _distorted(tangents, states.brown)
+    """Return derivatives (t, n, 2, 2) in px per tangent, offsets (t, n, 2) in px, and depths (t, n)
+    in mm.
+    """
+    displaced, (xx, xy, yy) = _distorted(tangents, states.brown)
     if breath is not None:
-        moved, xx, xy, yy = moved * breath[:, None, None], *(d * breath[:, None] for d in (xx, xy, yy))
+        displaced, xx, xy, yy = displaced * breath[:, None, None], *(d * breath[:, None] for d in (xx, xy, yy))
     h = states.imager[:, None]
-    flat = np.concatenate([moved, np.ones((*moved.shape[:-1], 1))], axis=-1)
+    flat = np.concatenate([displaced, np.ones((*displaced.shape[:-1], 1))], axis=-1)
     u, v, w = np.moveaxis(np.einsum("tnij,tnj->tni", np.broadcast_to(h, (*flat.shape, 3)), flat), -1, 0)
     offsets = np.stack([u, v], axis=-1) / w[..., None]
     plane = (h[..., :2, :2] - offsets[..., None] * h[..., 2:, :2]) / w[..., None, None]
@@ -263,12 +274,14 @@ def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tup
 
 
 def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """As :mod:`omnimirror.lenses.distortion` says, each trial by its own coefficients; with derivatives xx, xy, yy."""
+    """Apply the distortion of :mod:`omnimirror.lenses.distortion` per trial; also return xx, xy,
+    yy.
+    """
     x, y = tangents[..., 0], tangents[..., 1]
     k1, k2, k3, p1, p2 = brown.T[..., None]
     s = x * x + y * y
     radial, rate = 1 + s * (k1 + s * (k2 + s * k3)), 2 * (k1 + s * (2 * k2 + 3 * s * k3))
-    moved = np.stack(
+    displaced = np.stack(
         [
             x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
             y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
@@ -278,14 +291,14 @@ def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array
     xx = radial + x * x * rate + 2 * p1 * y + 6 * p2 * x
     xy = x * y * rate + 2 * p1 * x + 2 * p2 * y
     yy = radial + y * y * rate + 6 * p1 * y + 2 * p2 * x
-    return moved, (xx, xy, yy)
+    return displaced, (xx, xy, yy)
 
 
-def best_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
-    """Vergences (t,) of the best focus, of W and of W V (t, n, 2, 2).
+def focus_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
+    """Return vergences (t,) of best focus from matrices W and W V (t, n, 2, 2).
 
-    The blur ``v W - W V`` is a straight function of the vergence v: the sum of its squares is a parabola, and the worst
-    of the blurs a convex function.
+    The blur ``v W - W V`` is linear in the vergence v: its sum of squares is a parabola, and the
+    worst-case blur is a convex function.
     """
     squares, mixed = np.nansum(widen**2, axis=(1, 2, 3)), np.nansum(widen * spread, axis=(1, 2, 3))
     middle: Array = mixed / squares
@@ -314,7 +327,7 @@ def best_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
 
 
 def _squared_blur(widen: Array, spread: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Coefficients of 1, v and v^2 of the sum of squares and of the determinant of ``v W - S``."""
+    """Return coefficients of 1, v and v^2 of the sum of squares and the determinant of ``v W - S``."""
     w, s = widen.reshape(*widen.shape[:-2], 4), spread.reshape(*spread.shape[:-2], 4)
     size = (s * s).sum(axis=-1), -2 * (w * s).sum(axis=-1), (w * w).sum(axis=-1)
     crossed = w[..., 0] * s[..., 3] + s[..., 0] * w[..., 3] - w[..., 1] * s[..., 2] - s[..., 1] * w[..., 2]
@@ -322,18 +335,20 @@ def _squared_blur(widen: Array, spread: Array) -> tuple[tuple[Array, ...], tuple
 
 
 def largest_diameter(blur: Array) -> Array:
-    """Largest diameter (..) of the ellipses that matrices (.., 2, 2) make of the unit circle.
+    """Compute the major diameters (...) of ellipses given by matrices (..., 2, 2).
 
     >>> float(largest_diameter(np.array([[3.0, 0.0], [0.0, -4.0]])))
     4.0
     """
-    (p, s), (q, r) = diameter_parts(blur)
+    (p, s), (q, r) = diameter_components(blur)
     diameter: Array = np.hypot(p, s) + np.hypot(q, r)
     return diameter
 
 
-def diameter_parts(blur: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Two vectors, the sum of whose lengths is the largest diameter: of what turns a circle, and what makes it oval."""
+def diameter_components(blur: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return two vectors whose lengths add up to the major diameter: rotation-scaling and shear
+    parts.
+    """
     p, q = (blur[..., 0, 0] + blur[..., 1, 1]) / 2, (blur[..., 0, 0] - blur[..., 1, 1]) / 2
     r, s = (blur[..., 1, 0] + blur[..., 0, 1]) / 2, (blur[..., 1, 0] - blur[..., 0, 1]) / 2
     return (p, s), (q, r)
