@@ -35,7 +35,7 @@ DRILL_POINT = np.radians(59.0)
 MIN_WALL_MM = 1.0
 """Minimum wall thickness between a bore and the mirror surface, mm."""
 
-POINTS = 64  # of Gauss's rule
+POINTS = 64  # nodes of Gauss-Legendre quadrature
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ class Body:
     counterbore_depth_mm: float = 5.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "thickness_mm": Parameter("mm", 1e-3, 1e4, "from the rim to the back"),
+        "thickness_mm": Parameter("mm", 1e-3, 1e4, "thickness from the rim to the back"),
         "bore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a bore on the axis, from the back"),
-        "bore_depth_mm": Parameter("mm", 1e-3, np.inf, "depth of the bore's full diameter; inf goes through"),
+        "bore_depth_mm": Parameter("mm", 1e-3, np.inf, "depth of the full diameter; inf for a through bore"),
         "thread": Parameter("", 0, 0, "ISO metric thread instead of a bore diameter", ("", *TAP_DRILLS_MM)),
-        "flange_width_mm": Parameter("mm", 0.0, 1e4, "how far a flange at the back stands out over the rim"),
+        "flange_width_mm": Parameter("mm", 0.0, 1e4, "radial width of a flange at the back"),
         "flange_thickness_mm": Parameter("mm", 1e-3, 1e4, "thickness of the flange"),
-        "counterbore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a wider bore for the camera, from the back"),
-        "counterbore_depth_mm": Parameter("mm", 1e-3, 1e4, "depth of the wider bore"),
+        "counterbore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a counterbore for the camera, from the back"),
+        "counterbore_depth_mm": Parameter("mm", 1e-3, 1e4, "depth of the counterbore"),
     }
 
     def __post_init__(self) -> None:
@@ -251,7 +251,7 @@ class Body:
         else:
             corners += [(rim, back)]
         corners += self._bore(mirror, back) if self.bore_mm else [(0.0, back), (0.0, 0.0)]
-        # the flange's front may lie at the rim itself
+        # the front of the flange may coincide with the rim
         return np.array([c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]])
 
     def _bore(self, mirror: Mirror, back: float) -> list[tuple[float, float]]:
@@ -320,10 +320,10 @@ class Body:
         start, rim = self.start_mm(), mirror.rim_radius_mm
         x = start + (rim - start) * (u + 1) / 2
         behind = (rim - start) / 2 * float((x * (float(mirror.sag(rim)) - mirror.sag(x)) * weight).sum())
-        # of the straight sides, by Green's theorem: the integral of x^2 / 2 along z
+        # straight sides, by Green's theorem: volume = 2 pi times the integral of x^2 / 2 dz
         (x0, z0), (x1, z1) = (np.array(c) for c in (self.outline(mirror)[:-1].T, self.outline(mirror)[1:].T))
         sides = float(((x0 * x0 + x0 * x1 + x1 * x1) / 6 * (z1 - z0)).sum())
-        # the meridian closes the outline, from where it begins to the rim
+        # the meridian closes the outline, from its start to the rim
         level = float(mirror.sag(rim)) - float(mirror.sag(start))
         return 2 * np.pi * (sides + behind + start * start / 2 * level)
 
@@ -440,7 +440,7 @@ def bored(sensor: Sensor, body: Body) -> Body:
         return body
     lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
     to_imager = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
-    if not lens + to_imager > 0:  # the camera stands before the mirror
+    if not lens + to_imager > 0:  # camera in front of the mirror
         return body
     needed = 2 * sensor.secondary.bore_radius_mm
     if not body.bore_mm:

@@ -32,8 +32,8 @@ from .formats.tool_path import Tool, write_tool_path
 from .formats.zmx import write_zmx
 from .workshop import Workshop
 
-SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # in names of files
-ACCURATE_RAY_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
+SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # suffixes of file names
+ACCURATE_RAY_DEG = 0.01  # maximum ray deviation of an accurate lens file
 
 
 @dataclass(frozen=True)
@@ -323,7 +323,7 @@ def _is_installed(package: str) -> bool:
     return find_spec(package) is not None
 
 
-# -- the formats -----------------------------------------------------------------------------------------
+# -- formats ---------------------------------------------------------------------------------------------
 
 
 def _step(plan: Plan, part: Part, path: Path) -> Content:

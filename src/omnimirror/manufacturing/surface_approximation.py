@@ -194,7 +194,7 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
     if not isinstance(mirror, EvenPolynomial | ConicAsphere):
         return None
     N = mirror.normalization_radius_mm
-    if isinstance(mirror, EvenPolynomial):  # the r^2 term is a paraboloid, which gives the vertex radius its place
+    if isinstance(mirror, EvenPolynomial):  # the r^2 term is a paraboloid with the vertex radius
         first, c, k = 2 * mirror.coefficients[0] / N, mirror.coefficients[1:], -1.0
     else:
         first, c, k = 1 / mirror.vertex_radius_mm, mirror.coefficients, mirror.conic
@@ -202,7 +202,7 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
         c = c[:-1]
     if len(c) > MAX_TERMS - 1:
         return None
-    if len(c) > TERMS - 1:  # their coefficients are heights over N, ours heights
+    if len(c) > TERMS - 1:  # mirror coefficients are heights over N, asphere coefficients are heights
         return Asphere("even", first, k, (0.0, *(N * a for a in c)), N)
     terms = [a * N ** (1 - 2 * i) for i, a in enumerate(c, start=2)]
     return Asphere("even", first, k, (0.0, *terms, *(0.0,) * (TERMS - 1 - len(terms))))
@@ -234,7 +234,7 @@ class _Fit:
         self.M, self.x, self.powers = mirror.rim_radius_mm, nodes(mirror, 801), np.array(powers)
         self.z, self.slope, _ = mirror.profile(self.x)
         self.weight = 1 / np.sqrt(1 + self.slope**2)
-        self.rate = ANGLE_SHARE * self.M * self.weight**2  # of slope into angle
+        self.rate = ANGLE_SHARE * self.M * self.weight**2  # conversion of slope to angle
         rho = self.x[:, None] / self.M
         rates = self.powers / self.M * rho ** (self.powers - 1)
         self.q, self.r = np.linalg.qr(
@@ -272,7 +272,7 @@ def _best_conic(worst: Callable[[float], float], c: float, M: float) -> float:
     return float(minimize_scalar(worst, bounds=(middle - 0.125, high), method="bounded", options={"xatol": 1e-9}).x)
 
 
-# -- curves for CAD --------------------------------------------------------------------------------
+# -- CAD curves ------------------------------------------------------------------------------------
 
 
 Ends: TypeAlias = "tuple[tuple[float, float], tuple[float, float]]"
@@ -399,7 +399,7 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     fine = np.linspace(start_mm, mirror.rim_radius_mm, 8193)
     _, slope, curvature = mirror.profile(fine)
     kappa = np.abs(curvature) / (1 + slope**2) ** 1.5
-    # steps per mm of arc, from the local curvature; at least eight in all, for nearly straight meridians
+    # steps per mm of arc from the local curvature; at least eight for nearly straight meridians
     total, share = step_density(fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um)))
     if total <= 1 and not np.any(curvature):
         return fine[[0, -1]]
@@ -415,7 +415,7 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
 def step_density(x: Array, density: Array) -> tuple[int, Array]:
     """Return the number of steps for a density (n,) along x, and the normalised cumulative count."""
     count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
-    floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), x.size)  # keeps the count growing where there is none
+    floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), x.size)  # keeps the count strictly increasing
     return int(np.ceil(count[-1])), (count + floor) / (count + floor)[-1]
 
 
@@ -489,7 +489,7 @@ def best_fit_sphere(mirror: Mirror, criterion: SphereCriterion = "least-squares"
     if not np.any(z):
         return BestFitSphere(criterion, np.inf, np.inf, 0.0, 0.0, 0.0)
     sense = float(np.sign(z[-1]))
-    z, slope = sense * z, sense * slope  # a hollow mirror from behind
+    z, slope = sense * z, sense * slope  # mirror image of a concave mirror
     chord = 2 * z[-1] / (x[-1] ** 2 + z[-1] ** 2)  # 1/R of the sphere through vertex and rim
     if chord < 1e-9:
         raise InvalidParameter("the mirror must not be nearly flat; it has no best-fit sphere")

@@ -280,6 +280,6 @@ def _built(section: str, kind: type[T], table: dict[str, Any], where: Places) ->
         if name not in names:
             hint = did_you_mean(name, names)
             raise where.error((section, name), f"unknown entry {section}.{name}{hint}; valid are {', '.join(names)}")
-        # each by itself, so that its line is said
+        # validate single entries, so that errors refer to their line
         where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]
     return kind(**table)

@@ -301,7 +301,7 @@ def test_object_sizes_refer_to_the_object_distance_of_the_requirements(distance_
     report = om.tolerance(SPH, tolerances, limits=requirements, trials=1)
     assert report.plan.objects == {"object_distance_mm": distance_mm}
     for label, value in expected.items():
-        assert report.statistics.mean(label) == pytest.approx(value, rel=2e-3)
+        assert report.statistics.mean(label) == pytest.approx(value, rel=1e-6)
 
 
 def test_object_sizes_require_a_finite_distance():

@@ -49,8 +49,8 @@ def test_a_straight_merits_shares_are_those_of_its_squares(sensor):
     for name, share in zip(NAMES, exact, strict=True):
         assert found[name].first == pytest.approx(share, abs=0.01)
         assert found[name].total == pytest.approx(share, abs=0.01)
-    assert groups == {"place of the mirror": NAMES[:2]}
-    assert found["place of the mirror"].total == pytest.approx(exact[:2].sum(), abs=0.01)
+    assert groups == {"position of the mirror": NAMES[:2]}
+    assert found["position of the mirror"].total == pytest.approx(exact[:2].sum(), abs=0.01)
 
 
 def test_shares_of_what_works_together_are_those_of_ishigami(sensor):
@@ -87,7 +87,7 @@ def test_decentre_and_tilt_of_a_sphere_are_one_error(sensor):
     errors = {"mirror.decentre_x_mm": 0.2, "mirror.tilt_y_deg": float(tilt), "imager.shift_y_px": 0.3}
     tolerances = om.Tolerances(sensor, {name: om.Tolerance(value) for name, value in errors.items()})
     found = sobol_indices(TrialEvaluator.of(sensor), tolerances, ("motion_px",)).indices["motion_px"]
-    decentre, turn, group = (found[n] for n in (*NAMES[:2], "place of the mirror"))
+    decentre, turn, group = (found[n] for n in (*NAMES[:2], "position of the mirror"))
     assert decentre.total == pytest.approx(turn.total, abs=0.03)
     assert decentre.first + turn.first < 0.6 * group.first
     assert decentre.total + turn.total > 1.3 * group.total

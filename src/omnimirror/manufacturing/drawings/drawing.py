@@ -175,7 +175,7 @@ def write_drawing(path: Path, drawing: Drawing, sheet: int = 0) -> None:
     path.write_bytes(drawing.render(path.suffix.lstrip(".").lower(), sheet))
 
 
-# -- the sheets ----------------------------------------------------------------------------------------
+# -- sheets --------------------------------------------------------------------------------------------
 
 
 def _draw_sensor_sheet(

@@ -101,11 +101,11 @@ def _dimension_style(doc: Any, size: float) -> None:
     style = doc.dimstyles.add(STYLE)
     style.dxf.dimtxt = size
     style.dxf.dimasz = size
-    style.dxf.dimexo = size / 3  # extension lines begin a little off the part
+    style.dxf.dimexo = size / 3  # gap between part and extension lines
     style.dxf.dimexe = size / 2
     style.dxf.dimgap = size / 3
     style.dxf.dimtad = 1  # text above the line
-    style.dxf.dimtih = 0  # and along it
+    style.dxf.dimtih = 0  # parallel to the line
     style.dxf.dimtoh = 0
     style.dxf.dimdec = 3
     style.dxf.dimzin = 8
@@ -115,14 +115,14 @@ def _dimension_style(doc: Any, size: float) -> None:
     style.dxf.dimclrd = style.dxf.dimclre = style.dxf.dimclrt = BY_LAYER
 
 
-# -- the part --------------------------------------------------------------------------------------
+# -- part ------------------------------------------------------------------------------------------
 
 
 def _draw_outline(page: Any, curve: ProfileCurve, section: Array) -> None:
     for side in (1.0, -1.0):
         _draw_curve(page, curve, side)
         corners = [(float(z), side * float(x)) for x, z in section]
-        if side < 0:  # from outside no bore is seen: only what stands beyond the rim, and the back
+        if side < 0:  # exterior view: only the contour beyond the rim, and the back
             back = max(z for z, _ in corners)
             outside = [c for c in corners if c[1] <= -curve.ends[1][0] * (1 - 1e-12)]
             corners = [*outside, (back, 0.0)]
@@ -130,7 +130,7 @@ def _draw_outline(page: Any, curve: ProfileCurve, section: Array) -> None:
             for x, z in [rim, start] if start[0] else [rim]:
                 page.add_line((z, -x), (z, 0.0), dxfattribs=_on(OUTLINE))
         elif not curve.ends[0][0]:
-            corners = corners[:-1]  # the axis is no edge
+            corners = corners[:-1]  # the axis is not an edge
         page.add_lwpolyline(corners, dxfattribs=_on(OUTLINE))
 
 
@@ -181,7 +181,7 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, specifi
         _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"} | override)
 
     along(edge, back, -rim, -outer, -outer - 1.5 * row, **_allowed(specification.thickness_tolerance_mm))
-    if edge:  # a flat mirror is as thick everywhere
+    if edge:  # constant thickness of a plane mirror
         along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
         along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
     at = back
@@ -264,14 +264,14 @@ def add_layout(doc: Any, sheet: Sheet) -> None:
         layout.add_solid([*map(tuple, corners)], dxfattribs=_look(patch.get_facecolor()))
     for text in sheet.ax.texts:
         _add_text(layout, text)
-    doc.layouts.delete("Layout1")  # empty
+    doc.layouts.delete("Layout1")  # default layout
 
 
 def _add_line(doc: Any, layout: Any, line: Line2D) -> None:
     points = np.stack([line.get_xdata(), line.get_ydata()], axis=-1)
     wide = line.get_linewidth() / POINT
     look = _look(line.get_color()) | {"lineweight": min(WIDTHS, key=lambda w: abs(w - 100 * wide))}
-    _, dashes = line._unscaled_dash_pattern  # type: ignore[attr-defined]  # what set_dashes was given
+    _, dashes = line._unscaled_dash_pattern  # type: ignore[attr-defined]  # pattern passed to set_dashes
     if dashes:
         look["linetype"] = _linetype(doc, [d * wide for d in dashes])
         look["ltscale"] = 1.0 / doc.header["$LTSCALE"]
@@ -292,7 +292,7 @@ def _add_text(layout: Any, text: Text) -> None:
 
     across: str = text.get_horizontalalignment()
     along: str = text.get_verticalalignment()
-    if text.get_rotation():  # a sheet aligns what comes out upright, DXF the words before they are turned
+    if text.get_rotation():  # Matplotlib aligns rotated text, DXF aligns before rotation
         across, along = UPRIGHT[along], {"right": "bottom", "center": "center", "left": "top"}[across]
     level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[along]
     side = ALIGNMENTS[across]

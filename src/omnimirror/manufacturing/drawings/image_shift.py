@@ -104,7 +104,7 @@ def _along_the_axis(sensor: Sensor) -> list[ImageShift]:
     second = sensor.secondary
     assert second is not None
     m, s, step = sensor.mirror_distance_mm, second.distance_mm, 1e-4 * sensor.mirror.rim_radius_mm
-    # the way m goes from the lens to the secondary and on to the mirror
+    # m is the path length from the lens via the secondary to the primary mirror
     moves = {"mirror distance": (1.0, 1.0), "secondary distance": (2.0, 1.0), "lens distance": (1.0, 0.0)}
     if sensor.lens.TELECENTRIC:
         moves = {"distance between mirrors": (0.0, 1.0)}
@@ -128,7 +128,7 @@ def _image_shift(
 ) -> ImageShift:
     """Compute the central difference of the image height at constant field angles."""
     mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
-    start = sensor.meridian.x_min  # before it nothing is seen: rays end at the base of a tube in water
+    start = sensor.meridian.x_min  # no rays at smaller radii: they end at the base of a tube in water
     x = np.linspace(start if not mirror.is_pointed else max(start, EDGE * M), M, POINTS)
     z, slope, _ = mirror.profile(x)
     omega = sensor.meridian.trace(np.linspace(start + 2 * EDGE * (M - start), M - EDGE * (M - start), 501)).omega
@@ -146,7 +146,7 @@ def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
     w = sensor.lens.pupil.aim(meridian.x, sensor.meridian.m + meridian.z).distance
     beta, theta = np.arctan(meridian.slope), np.arctan2(meridian.x, w)
     result, height = 2 * beta + theta, sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
-    if (cover := sensor.meridian.cover) is not None:  # it stays where it is, and only directions count
+    if (cover := sensor.meridian.cover) is not None:  # the cover is not displaced; only directions matter
         unknown = np.zeros_like(w)
         gamma, path = beta + theta, np.hypot(meridian.x, w)
         rays = ChiefRays(

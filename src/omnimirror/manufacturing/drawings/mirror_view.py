@@ -114,7 +114,7 @@ def _draw_surface(sheet: Sheet, view: View, mirror: Mirror, form_um: float | Non
     bend = np.array([view.x - 4, min(tip[1] + 7, highest)])
     sheet.leader(tip, bend, words, rightwards=False)
     if form_um is not None:
-        cells = [f"{form_um / 1000:.3g}"]  # of form alone: where it stands, code 4/ says
+        cells = [f"{form_um / 1000:.3g}"]  # form only; code 4/ specifies the position
         tolerance_frame(
             sheet, bend[0] - frame_width(sheet, cells), bend[1] - FRAME_HEIGHT - 1, "surface profile", cells
         )
@@ -178,7 +178,7 @@ def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, maki
     thick = plus_minus(length_words(back - edge), making.thickness_tolerance_mm)
     sheet.dimension(view.at(edge, -rim), view.at(back, -outer), low - ROW, thick)
     if edge:
-        sag = f"({length_words(abs(edge))})"  # follows from surface and rim, whose tolerances hold for it
+        sag = f"({length_words(abs(edge))})"  # auxiliary dimension, from surface and rim
         sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW, sag, before=True)
         sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW, f"({length_words(back)})")
     if body.bore_mm:

@@ -44,7 +44,7 @@ STEPS_DEG = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 """Candidate steps of the drawn rays; the largest step with at least two rays is used."""
 
 
-# -- the sensor --------------------------------------------------------------------------------------
+# -- sensor ------------------------------------------------------------------------------------------
 
 
 class Assembly(NamedTuple):
@@ -70,7 +70,7 @@ class Assembly(NamedTuple):
         standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
         housing, lens, base = standing.housing, standing.envelope.lens_mm - shift, standing.envelope.base_mm - shift
         away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
-        if sensor.secondary is not None:  # the camera looks the other way
+        if sensor.secondary is not None:  # opposite viewing direction of the camera
             away = -away
             lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
         if isinstance(housing.shell, Dome):
@@ -170,7 +170,7 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
     rays = sensor.meridian.trace(x)
     heights = sensor.lens.image_height(rays.first.x, rays.first.w)
     tangent = np.tan(rays.first.theta)
-    at_lens = -tangent * sensor.lens.pupil.place(tangent)  # where rays on their way to the pupil, or from it, pass it
+    at_lens = -tangent * sensor.lens.pupil.place(tangent)  # intersections of rays with it on both paths
     labels: list[tuple[float, float, str]] = []
     for i, omega in enumerate(angles):
         met, seen_at = [(float(rays.z[i]), x[i])], rays.first.x[i]
@@ -183,7 +183,7 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
         )
         wall, outwards = _through_wall(rays, i), rays.omega[i]
         if wall and view.scale * wall[0][1] > min(region.top - 8 - view.y, view.y - region.bottom):
-            wall, outwards = [], rays.reflected[i]  # it leaves the sheet before the wall
+            wall, outwards = [], rays.reflected[i]  # the ray leaves the sheet before the wall
         inner = np.array([*wall, *met, *tail])
         for side in (1, -1) if omega == angles[-1] else (1,):
             points = view.at(inner[:, 0], side * inner[:, 1])
@@ -201,7 +201,7 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if side > 0:
                 labels.append((*(start + away), f"{omega:.4g}°"))
     free = np.inf
-    for x_text, y_text, words in reversed(labels):  # of two that would overlap the one nearer to the rim is said
+    for x_text, y_text, words in reversed(labels):  # of overlapping labels, keep the one closer to the rim
         half = sheet.text_width(words) / 2 + 0.5
         if x_text + half < free:
             sheet.text(x_text, y_text, words, color=RAY, ha="center", va="bottom")
@@ -252,15 +252,15 @@ def _draw_tube(sheet: Sheet, view: View, assembly: Assembly, tube: Tube, region:
         sheet.line(view.at([assembly.back] * 2, [side * rim, side * inner]), THIN)
     if second is None:
         sheet.line(view.at([assembly.base] * 2, [-inner, inner]), THIN, DASHED)
-    else:  # the disc that carries the second mirror
+    else:  # disc that carries the secondary mirror
         brim = assembly.secondary_body.outer_radius_mm(second.mirror)
         for side in (1, -1):
             sheet.line(view.at([assembly.base] * 2, [side * brim, side * inner]), THIN)
     tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5])
-    if second is not None:  # above it are rays
+    if second is not None:  # rays above it
         tip, bend = view.at(assembly.base, outer - tube.wall_mm / 2), np.array([-12, -8])
     words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_words(tube)]
-    left = region.left + sheet.text_width(words[0]) + 3  # so that the words stay on the sheet
+    left = region.left + sheet.text_width(words[0]) + 3  # keep the label on the sheet
     sheet.leader(tip, [max(tip[0] + bend[0], left), tip[1] + bend[1]], words, rightwards=False)
 
 
@@ -275,7 +275,7 @@ def _draw_rod(sheet: Sheet, view: View, assembly: Assembly, rod: Rod) -> None:
     sheet.line(outline, THICK)
     width = f"{rod.diameter_mm:g}" + (f" to {rod.end_diameter_mm:g}" if end != radius else "")
     tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
-    # below the rim's ray, where the words end, and below those of the lens
+    # below the rim ray at the end of the label, and below the lens label
     y = _below_rays(view, assembly, tip[0] + 8 + sheet.text_width(words[0])) - 6
     if not sensor.lens.TELECENTRIC:
         y = min(y, _lens_words_y(sheet, view, assembly) - 6)
@@ -284,7 +284,7 @@ def _draw_rod(sheet: Sheet, view: View, assembly: Assembly, rod: Rod) -> None:
 
 def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None:
     radii, centres = np.array(dome.radii_mm), np.array(dome.centres_mm)
-    foot = np.arccos((assembly.lens - centres) / radii)  # from the axis, seen from the centre
+    foot = np.arccos((assembly.lens - centres) / radii)  # angle from the axis at the centre
     arcs = [np.linspace(0, end, 181) for end in foot]
     for side in (1, -1):
         inner, outer = (
@@ -336,12 +336,12 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     sheet.line(view.at([assembly.imager] * 2, [-size, size]), 2 * THICK, solid_capstyle="butt")
     tip = view.at(assembly.imager, size)
     about = ["imager", f"{imager.width_px} × {imager.height_px}", f"{imager.pixel_pitch_um:g} µm"]
-    if sensor.secondary is not None:  # the camera's side is the right one
+    if sensor.secondary is not None:  # camera on the right
         right = view.at(max(assembly.back, assembly.imager), 0.0)[0] + 9
         sheet.leader(tip, [right, view.y + 12], about)
         sheet.leader(bottom, [right, view.y - 18], words)
         return
-    if isinstance(assembly.housing.shell, Dome):  # beside it, where its wall is not in the way
+    if isinstance(assembly.housing.shell, Dome):  # to the left, clear of the wall
         sheet.leader(bottom, bottom - np.array([10, 3]), words, rightwards=False)
         sheet.leader(tip, tip + np.array([-7, 12]), about, rightwards=False)
         return
@@ -403,7 +403,7 @@ def _place_mirror(sheet: Sheet, view: View, assembly: Assembly, allocated: Mappi
     low, high = assembly.ends
     datum(sheet, view.at(low, 0.0) - [8.0, 0.0], (-1.0, 0.0), "C", reach=4.0)
     x, y = view.at(high, 0.0)[0] + 3, view.at(0.0, -assembly.outer)[1] - 14
-    if assembly.sensor.secondary is not None:  # below what is said of lens and imager
+    if assembly.sensor.secondary is not None:  # below the labels of lens and imager
         x, y = view.at(max(assembly.back, assembly.imager), 0.0)[0] + 9, view.y - 22
     tip = view.at(assembly.back, -0.55 * assembly.sensor.mirror.rim_radius_mm)
     bend = max(tip[1] - (x - tip[0]), y)

@@ -105,7 +105,7 @@ def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]
     [[[0.0, 0.0], [4.0, 4.0]]]
     """
     turn = np.array([[1.0, 1.0], [-1.0, 1.0]] if rising else [[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
-    along, across = turn @ outline.T  # the lines run along the first
+    along, across = turn @ outline.T  # lines are parallel to the first row
     lines = []
     for at in spacing * np.arange(np.ceil(across.min() / spacing), np.floor(across.max() / spacing) + 1):
         above = across > at
@@ -193,7 +193,7 @@ class Sheet:
         line = Line2D(x, y, linewidth=width * POINT, **look)
         if dashes:
             line.set_dashes(dashes)
-        self.ax.add_artist(line)  # not plot: the paper's limits stand, no line moves them
+        self.ax.add_artist(line)  # unlike plot, add_artist keeps the axis limits
 
     def hatch(self, outline: ArrayLike, spacing: float = 3.0, rising: bool = True) -> None:
         """Hatch a closed outline (n, 2) at 45 deg."""
@@ -230,7 +230,7 @@ class Sheet:
             (x, y), high = text.get_position(), float(text.get_fontsize()) / POINT * CAPITAL
             wide = self.text_width(text.get_text(), high, text.get_fontweight())
             before = {"left": 0.0, "center": 0.5, "right": 1.0}[text.get_horizontalalignment()]
-            if text.get_rotation():  # upright: right of its letters is the reader's lower side
+            if text.get_rotation():  # upright text: its baseline is on the right
                 boxes.append(Region(x - 1.4 * high, y - wide / 2, x, y + wide / 2))
             else:
                 boxes.append(Region(x - before * wide, y, x + (1 - before) * wide, y + high))

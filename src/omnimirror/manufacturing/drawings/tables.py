@@ -79,7 +79,7 @@ def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, h
     Lists of more than :data:`MAX_VALUES` values refer to the data file, or to the sag table without one.
     """
     allocated = tolerances or {}
-    rows: Rows = [("kind", mirror.KIND)]
+    rows: Rows = [("type", mirror.KIND)]
     for i, formula in enumerate(FORMULAS.get(mirror.KIND, ())):
         if getattr(mirror, "normalization_radius_mm", None) == 1.0:
             for with_n, without in WITHOUT_N:
@@ -106,7 +106,7 @@ def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None, h
     return [
         *rows,
         ("best-fit sphere, radius", f"{sphere.radius_mm:.4f} mm"),
-        ("departure from it, P-V", _departure_words(sphere.peak_to_valley_um)),
+        ("departure, P-V", _departure_words(sphere.peak_to_valley_um)),
         ("RMS", _departure_words(sphere.rms_um)),
     ]
 
@@ -144,7 +144,7 @@ def sag_rows(part: Part, count: int) -> Rows:
     rim = part.mirror.rim_radius_mm
     steps = (a * 10.0**n for n in range(-6, 6) for a in (1, 2, 5))
     step = next(s for s in steps if rim / s <= max(count - 1, 1))
-    x = np.append(step * np.arange(int(np.ceil(rim / step - 0.2))), rim)  # none close to the rim
+    x = np.append(step * np.arange(int(np.ceil(rim / step - 0.2))), rim)  # omit a point close to the rim
     z, slope, _ = part.mirror.profile(x)
     omega = omega_of(part.sensor, x, part.is_secondary)
     rows = zip(x, z, np.degrees(np.arctan(slope)), np.degrees(omega), strict=True)
@@ -163,19 +163,19 @@ def sensor_rows(sensor: Sensor) -> Rows:
     if sensor.lens.TELECENTRIC:
         wide = cast(Orthographic, sensor.lens)
         lens = [("lens", f"telecentric, {wide.magnification:g} ×"), ("working F-number", f"{wide.working_f_number:g}")]
-        lens.append(("in focus, from the vertex", f"{wide.focus_distance_mm:g} mm"))
+        lens.append(("focus distance from the vertex", f"{wide.focus_distance_mm:g} mm"))
     else:
         near = cast(GaussianLens, sensor.lens)
         lens = [("lens", f"f = {near.focal_length_mm:g} mm, F/{near.f_number:g}")]
-        lens.append(("focused at", f"{near.focus_distance_mm:g} mm from it"))
+        lens.append(("focus distance", f"{near.focus_distance_mm:g} mm"))
     imager = sensor.imager
     if sensor.secondary is not None:
-        lens.append(("bore that the beam needs", f"Ø{length_words(beam_in_bore_mm(sensor))}"))
+        lens.append(("bore for the beam", f"Ø{length_words(beam_in_bore_mm(sensor))}"))
     return [
         *lens,
         ("imager", f"{imager.width_px} × {imager.height_px} of {imager.pixel_pitch_um:g} µm"),
         ("field Ω from the axis", f"{low:.4g}° to {high:.6g}°"),
-        ("image of the rim, radius", f"{sensor.rim_radius_px:.1f} px"),
+        ("image radius of the rim", f"{sensor.rim_radius_px:.1f} px"),
     ]
 
 
@@ -185,7 +185,7 @@ def hidden_rows(sensor: Sensor) -> Rows:
         (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
         for ring in sensor.obscurations
     ]
-    rows.append(("in all, at every azimuth", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
+    rows.append(("total, all azimuths", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
     shell = sensor.obstructions.housing.shell
     if isinstance(shell, Tube | Dome):
         shell = shell.centred()

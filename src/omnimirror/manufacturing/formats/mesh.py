@@ -34,13 +34,13 @@ def mesh_of(mirror: Mirror, body: Body, tolerance_um: float = 10.0) -> tuple[Arr
     --------
     >>> from omnimirror.mirrors import Sphere
     >>> vertices, triangles = mesh_of(Sphere(50.0, 40.0), Body(), tolerance_um=100)
-    >>> len(triangles) == 2 * len(vertices) - 4  # Euler: closed, and without holes
+    >>> len(triangles) == 2 * len(vertices) - 4  # Euler characteristic of a closed surface of genus 0
     True
     """
     if not tolerance_um > 0:
         raise InvalidParameter(f"chord_tolerance_um must be positive; got {tolerance_um:g}")
     x = chords(mirror, tolerance_um / 2, body.start_mm())
-    # the outline ends where the meridian begins
+    # the outline ends at the start of the meridian
     profile = np.concatenate([np.stack([x, mirror.sag(x)], axis=-1), body.outline(mirror)[1:-1]])
     segments = _segments(mirror, tolerance_um / 2)
     if 2 * segments * len(profile) > MAX_TRIANGLES:
@@ -56,7 +56,7 @@ def _segments(mirror: Mirror, tolerance_um: float) -> int:
     x = np.linspace(0.0, mirror.rim_radius_mm, 1025)
     slope = np.abs(mirror.slope(x))
     reach = float((x * slope / np.sqrt(1 + slope**2)).max())  # r sin(beta)
-    # the solid's plain cylinders are not held to the tolerance: a flange may be coarser than the mirror
+    # the tolerance does not apply to cylinders: a flange may be coarser than the mirror
     least = 64
     if reach <= 1e-3 * tolerance_um:
         return least
@@ -129,7 +129,7 @@ def write_mesh(path: Path, mirror: Mirror, body: Body, tolerance_um: float) -> t
         path.write_bytes(export_stl(mesh))
         stored = vertices.astype(np.float32).astype(np.float64)
     else:
-        write: Any = export_3MF  # it says that its unit is the millimetre
+        write: Any = export_3MF  # the 3MF writer sets the unit millimetre
         path.write_bytes(write(mesh))
         stored = vertices
     return mesh_deviation_um(mirror, stored, triangles, body), len(triangles)

@@ -70,7 +70,7 @@ def table_points(
         x = np.concatenate([[0.0], x[x > CLOSE * rim], [rim]])
     else:
         x = np.append(_steps("step_mm", rim / 100 if step_mm is None else step_mm, 0.0, rim), rim)
-    # the last step may meet the rim but for rounding
+    # the last step may differ from the rim only by rounding
     points: Array = x[np.append(np.diff(x) > CLOSE * rim, True)]
     return points
 

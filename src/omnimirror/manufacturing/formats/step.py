@@ -89,7 +89,7 @@ def _edge(curve: ProfileCurve) -> Any:
     if curve.kind == "line":
         return BRepBuilderAPI_MakeEdge(*ends).Edge()
     if curve.kind == "arc":
-        # angles count from -z towards x
+        # angles from -z towards x
         circle = gp_Circ(gp_Ax2(_point(0.0, curve.radius_mm), gp_Dir(0, -1, 0), gp_Dir(0, 0, -1)), curve.radius_mm)
         angles = [float(np.arctan2(x, curve.radius_mm - z)) for x, z in curve.ends]
         return BRepBuilderAPI_MakeEdge(circle, *angles).Edge()

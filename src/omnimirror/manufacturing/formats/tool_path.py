@@ -28,11 +28,11 @@ from ..surface_approximation import step_density
 
 Array = NDArray[np.float64]
 
-FINE = 8193  # points of the meridian by which steps are chosen
-SHARE = 0.8  # of the tolerance that steps may use; the rest is for rounding and for what curvature does within a step
-BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]  # places along each step where its distance is taken
+FINE = 8193  # samples of the meridian for step selection
+SHARE = 0.8  # share of the tolerance for steps; the rest is for rounding and curvature variation
+BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]  # positions of distance checks along each step
 MIN_STEPS = 8
-ROUNDS = 6  # of Newton's method, which has no more than rounding left after three
+ROUNDS = 6  # Newton iterations; three are sufficient
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ class Tool:
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "radius_mm": Parameter("mm", 1e-3, 100.0, "nose radius of the tool"),
-        "feed_um": Parameter("um", 1e-3, 1e3, "feed along the surface in a turn of the spindle"),
-        "tolerance_nm": Parameter("nm", 0.1, 1e5, "how far the path may leave the mirror"),
-        "spindle_rpm": Parameter("1/min", 1.0, 1e5, "turns of the spindle a minute"),
-        "clearance_mm": Parameter("mm", 0.0, 1e3, "between tool and work before and after"),
+        "feed_um": Parameter("um", 1e-3, 1e3, "feed along the surface per revolution"),
+        "tolerance_nm": Parameter("nm", 0.1, 1e5, "maximum form error of the cut surface"),
+        "spindle_rpm": Parameter("1/min", 1.0, 1e5, "spindle speed"),
+        "clearance_mm": Parameter("mm", 0.0, 1e3, "clearance before and after the cut"),
     }
 
     def __post_init__(self) -> None:
@@ -168,7 +168,7 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
     True
     """
     tool, digits = tool or Tool(), whole("digits", digits, 3, 12)
-    rounding_nm = 1e6 * 10.0**-digits / np.sqrt(2)  # of X and Z together
+    rounding_nm = 1e6 * 10.0**-digits / np.sqrt(2)  # combined error of X and Z
     if rounding_nm > (1 - SHARE) * tool.tolerance_nm:
         raise InvalidParameter(
             f"tolerance_nm must be at least {rounding_nm / (1 - SHARE):.2g} for digits = {digits}, which rounds "

@@ -97,18 +97,22 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     distorts = not np.array_equal(sensor.lens.distorted(rim), rim)
     return [
         f"omnimirror {__version__}: {'; '.join(shapes)}.",
-        f"Light runs backwards: object = imager, stop = lens, {way}, then directions into the world.",
+        f"Reversed light path: object = imager, stop = lens, {way}, then viewing directions.",
         f"Omega = {direction}. Omega of the fields, deg: {angles}.",
         *(
             [
-                f"The {shell.KIND} ({wall_words(shell)}) is left out: angles are those between it and the mirror. "
+                f"The {shell.KIND} ({wall_words(shell)}) is not included: angles are those between it and the mirror. "
                 f"Omega outside, deg: {_listed_deg(rays.omega)}."
             ]
             if shell is not None
             else []
         ),
-        *(["The distortion of the lens is left out."] if distorts and sensor.lens.IS_THIN else []),
-        *([] if sensor.lens.IS_THIN else ["The lens is an ideal one of its focal length, entrance pupil and focus."]),
+        *(["Lens distortion is not included."] if distorts and sensor.lens.IS_THIN else []),
+        *(
+            []
+            if sensor.lens.IS_THIN
+            else ["The lens is ideal, with the focal length, entrance pupil and focus of the sensor."]
+        ),
     ]
 
 
@@ -131,14 +135,14 @@ def _system(sensor: Sensor) -> list[str]:
     """Return the lines of aperture, field points and wavelength."""
     rays = _field_rays(sensor)
     if sensor.lens.TELECENTRIC:
-        wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
+        wide = cast(Orthographic, sensor.lens)  # light cone on the mirror side
         aperture = f"OBNA {_number(np.sin(np.arctan(wide.aperture_slope)))} 0"
         heights = rays.first.x
     else:
         aperture = f"ENPD {_number(2 * cast(GaussianLens, sensor.lens).aperture_radius)}"
         heights = -sensor.lens.ideal_height(
             rays.first.x, rays.first.w
-        )  # the lens turns the image over, and does not distort
+        )  # the lens inverts the image; without distortion
     return [
         aperture,
         "ENVD 20 1 0",
@@ -165,7 +169,7 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     else:
         lens = cast(GaussianLens, sensor.lens)
         to_mirror = (m if second is None else m - second.distance_mm) - lens.pupil.at_mm
-        # seen from its entrance pupil it is a thin lens, which has that principal distance in focus there
+        # equivalent thin lens at the entrance pupil with the same principal distance in focus
         c, focal = lens.principal_distance, lens.focal_length_mm
         if lens.pupil_from_principal:
             focal = 1 / (1 / c + 1 / lens.from_pupil)

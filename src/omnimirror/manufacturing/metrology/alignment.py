@@ -22,22 +22,22 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ROUNDS = 60
-MIN_WIDTH = 0.2  # of the rim radius, across
-CENTRINGS = 3  # of what no distance tells, by the outline
-DONE = 1e-10  # of the rim radius, a step that is none
-UNDETERMINED = 1e-4  # of the best determined motion: a motion that changes distances less is left alone
-FAR = 3.0  # scatters from which on a point counts less
-OUTLIER = 6.0  # scatters from which on a point belongs to no outline
-UNLIKE = 0.02  # of the rim radius, rms distance from which on the points are of something else
-SPHERICAL = 1e-7  # of the radius, departure up to which a mirror is a sphere
-SAME_RADIUS = 0.05  # relative difference of radii up to which a sphere is the nominal one
-INSIDE = 0.15  # weight of corners of the outline inside of its circle, against those outside
-CERTAIN = 4.0  # standard deviations that an outline must be off the axis to replace the machine's axis
-STRAIGHT = 1e-4  # of the length of a profile, across
-BOTH_SIDES = 0.05  # of the rim radius, on either side of the axis, that a profile covers at least
-UNITS = {1e3: "um", 1e-3: "m", 1 / 25.4: "inch"}  # true unit by the factor of sizes read as mm
-UNIT_SLACK = 0.35  # relative; the points may leave out a part of the mirror
-FOOT_POINTS = 4001  # of the table of probe centres over the mirror
+MIN_WIDTH = 0.2  # minimum extent, in rim radii
+CENTRINGS = 3  # iterations of centring by the outline
+DONE = 1e-10  # convergence limit, in rim radii
+UNDETERMINED = 1e-4  # singular values below this ratio are undetermined motions
+FAR = 3.0  # scale of the robust weights, in standard deviations
+OUTLIER = 6.0  # outlier limit, in standard deviations
+UNLIKE = 0.02  # maximum median distance, in rim radii
+SPHERICAL = 1e-7  # maximum relative departure of a sphere
+SAME_RADIUS = 0.05  # maximum relative radius error
+INSIDE = 0.15  # weight of hull corners inside the circle
+CERTAIN = 4.0  # significance of a decentred outline, in standard deviations
+STRAIGHT = 1e-4  # maximum relative width of a profile
+BOTH_SIDES = 0.05  # minimum coverage of a profile on both sides, in rim radii
+UNITS = {1e3: "um", 1e-3: "m", 1 / 25.4: "inch"}  # units by size ratio
+UNIT_SLACK = 0.35  # tolerance of the size ratio, for partial coverage
+FOOT_POINTS = 4001  # samples of the probe-centre table
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def aligned(mirror: Mirror, points: Array, source: str = "the cloud", probe_radi
             f"{source} must cover both sides of the axis; got a profile from {p[:, 0].min():.4g} to "
             f"{p[:, 0].max():.4g} mm"
         )
-    axis = pose.turn.T @ [0.0, 0.0, 1.0]  # of the mirror, as the machine sees it
+    axis = pose.turn.T @ [0.0, 0.0, 1.0]  # mirror axis in the machine frame
     tilt = np.degrees([-np.arctan2(axis[1], axis[2]), np.arctan2(axis[0], axis[2])])
     vertex = pose.vertex
     if line is not None:
@@ -255,7 +255,7 @@ class _Sphere:
         """Move the vertex of the best-fit sphere to the origin; keep the axes unless the outline is
         decentred.
         """
-        nominal = float(mirror.radius_t(0.0)) + probe_radius_mm  # of the centres of a ball in front of the mirror
+        nominal = float(mirror.radius_t(0.0)) + probe_radius_mm  # radius of the sphere of probe centres
         centre, radius, sigma, near = _fitted_sphere(pose.points, nominal)
         if abs(radius / nominal - 1) > SAME_RADIUS and abs(radius - nominal) > CERTAIN * sigma:
             raise OmnimirrorError(
@@ -385,7 +385,7 @@ def _inliers(mirror: Mirror, points: Array) -> Array:
 def _centring(points: Array, free: Array, rim: float) -> Array:
     """Return the undetermined motion (6,) that centres the outline of the points about the axis."""
     z = float(points[_edge(points), 2].mean()) / rim
-    shifts = np.stack([free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]])  # of the edge, by each motion
+    shifts = np.stack([free[:, 0] + z * free[:, 4], free[:, 1] - z * free[:, 3]])  # shifts of the edge by each motion
     step = np.zeros(6)
     step[:5] = -np.linalg.lstsq(shifts, outline_centre(points), rcond=None)[0] @ free
     return step

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 POINTS = 400
 MAX_TERMS = 16
-LEFT_UM = 1e-3  # so little left needs no more terms
+LEFT_UM = 1e-3  # residual that requires no further terms
 UM = 1e3
 
 

@@ -27,21 +27,21 @@ from .alignment import Alignment, aligned, distances, is_line, outline_centre
 
 Array = NDArray[np.float64]
 
-MIN_POINTS = 200  # points
+MIN_POINTS = 200
 MIN_PROFILE_POINTS = 50
-PER_TERM = 5  # points, at least
+PER_TERM = 5  # minimum number of points per term
 ORDERS = (2, 4, 6, 8, 10, 12)
-ABOUT_AXIS = tuple(range(2, 42, 2))  # orders of rotational terms that are tried
-PATIENCE = 3  # orders that bring nothing end the search
-STEADY = 30.0  # condition of the terms at the points up to which they are told apart
-STEADY_OF_PROFILE = 1e4  # the same of a profile, whose terms are few
-WRONG = 6.0  # scatters that a point must be off to be wrong
-MIN_OUTLIER_MM = 1e-6  # off, to be wrong: no machine measures that
-ROUNDING = 1e-14  # of sums of squares
-CELLS = 12  # sectors, and half as many rings, of points whose errors may go together
-AT_A_TIME = 8192  # points
+ABOUT_AXIS = tuple(range(2, 42, 2))  # candidate orders of symmetric terms
+PATIENCE = 3  # orders without improvement that end the search
+STEADY = 30.0  # maximum condition number
+STEADY_OF_PROFILE = 1e4  # maximum condition number for profiles
+OUTLIER_SIGMAS = 6.0  # outlier limit in standard deviations
+MIN_OUTLIER_MM = 1e-6  # minimum outlier distance, below the accuracy of any machine
+ROUNDING = 1e-14  # relative rounding error of sums of squares
+CELLS = 12  # sectors, and twice the number of rings, of cells with correlated residuals
+AT_A_TIME = 8192  # points per block
 PROFILE_POINTS = 401
-MIN_TERM_UM = 1e-6  # of a radius that is off, to be listed
+MIN_TERM_UM = 1e-6  # minimum contribution of a radius error
 UM = 1e3
 
 
@@ -302,7 +302,7 @@ def form_error(
     while True:
         fit = equations.of_profile() if place.is_profile else equations.chosen(order)
         left = part.distance - part.modelled(fit.terms, fit.values)
-        far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
+        far = np.abs(left) > max(OUTLIER_SIGMAS * NORMAL * float(np.median(np.abs(left))), MIN_OUTLIER_MM)
         if not far.any():
             break
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
@@ -396,7 +396,7 @@ def _sphere_sag(x: Array, radius: float) -> Array:
     return sag
 
 
-# -- the fit ---------------------------------------------------------------------------------------------
+# -- fit -------------------------------------------------------------------------------------------------
 
 
 class _Heights(NamedTuple):
@@ -552,7 +552,7 @@ def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
     Residuals within one cell of the mirror may be correlated; those of different cells are
     independent. The uncertainty is at least that of uncorrelated noise.
     """
-    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # of equal areas
+    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # rings of equal area
     sector = (np.floor((np.arctan2(part.y, part.x) / (2 * np.pi)) * CELLS) % CELLS).astype(int)
     cell = ring * CELLS + sector
     scores = np.zeros((CELLS * CELLS // 2, len(fit.terms)))

@@ -56,7 +56,7 @@ def plot_form_error(form: FormError) -> Figure:
         **_limits(residual),
     )
     figure.colorbar(dots, ax=left, label="um")
-    left.set_title(f"left: noise {form.noise_um:.2g} um, more {form.unexplained_um:.2g} um")
+    left.set_title(f"residual: noise {form.noise_um:.2g} um, unexplained {form.unexplained_um:.2g} um")
     for ax in (fitted, left):
         ax.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", xlim=extent[:2], ylim=extent[2:])
         ax.grid(visible=False)
@@ -75,8 +75,8 @@ def _draw_meridian(ax: Axes, form: FormError) -> None:
     around = np.linspace(0.0, 2 * np.pi, 73)[:-1, None]
     height = form.at((r * np.cos(around)).ravel(), (r * np.sin(around)).ravel()).reshape(len(around), -1)
     height = height - height.mean()
-    ax.fill_between(r, height.min(axis=0), height.max(axis=0), color=GREY, alpha=0.3, linewidth=0, label="all around")
-    ax.plot(r, height.mean(axis=0), color=INK, label="about the axis")
+    ax.fill_between(r, height.min(axis=0), height.max(axis=0), color=GREY, alpha=0.3, linewidth=0, label="all azimuths")
+    ax.plot(r, height.mean(axis=0), color=INK, label="symmetric part")
     ax.set(xlabel="distance from the axis, mm", ylabel="form, um")
     ax.set_title("meridian")
     ax.legend(frameon=False)

@@ -30,7 +30,7 @@ MAX_MACHINE_FILE_BYTES = 256 << 20
 """Maximum size of a file and of its decompressed content, bytes."""
 MAX_GRID_POINTS = 20_000_000
 """Maximum number of points of a grid, which require about 2 GB of memory."""
-BEGINNING = 512  # bytes that tell text from numbers
+BEGINNING = 512  # bytes for the detection of text files
 
 
 @checked
@@ -106,7 +106,7 @@ def _of_machine(path: Path) -> Array:
             x, y, z = reader.topography().to_unit("mm").positions_and_heights()
     except OmnimirrorError:
         raise
-    except Exception as e:  # it names no common kind of its own
+    except Exception as e:  # no common exception type
         raise OmnimirrorError(
             f"{path} cannot be read: {str(e).splitlines()[0] if str(e) else type(e).__name__}"
         ) from None

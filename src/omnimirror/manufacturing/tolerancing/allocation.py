@@ -24,12 +24,12 @@ from .tolerances import BLOCK, Tolerances
 
 Array = NDArray[np.float64]
 
-DRAWS = 4096  # trials of each step
-STEP = 0.1  # of the logarithm of a tolerance
-SOFT = 0.08  # of a limit, over which the yield is smeared
-DAMPING = 1 / 3  # what errors do grows with the square of their tolerance, as a rule
+DRAWS = 4096  # trials per step
+STEP = 0.1  # step of the logarithm of a tolerance
+SOFT = 0.08  # softening width, relative to a limit
+DAMPING = 1 / 3  # effects typically grow with the square of the tolerance
 ROUNDS = 8
-MIN_PREFIX = 1e-3  # of the largest effect, below which an effect is noise
+MIN_PREFIX = 1e-3  # noise level, relative to the largest effect
 NEAR = 0.95
 """Fraction of the maximum from which a tolerance counts as being at its maximum."""
 HALVINGS = 12
@@ -133,7 +133,7 @@ def allocate(
         sizes = case.scaled(sizes, target_yield)
     if (cost * requested / sizes).sum() > (cost * requested / equal).sum():
         sizes = equal
-    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, target_yield)  # those trials were chosen by
+    sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, target_yield)  # independent trials
     chosen = dict(zip(case.names, (float(v) for v in sizes), strict=True))
     confirmed = monte_carlo(evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
     return Allocation(

@@ -19,7 +19,7 @@ from .requirement_merits import is_lower_limit
 from .sensitivity import ErrorSensitivity, VarianceDecomposition
 
 MAX_BARS = 24
-ROW = 0.19  # inches of a bar
+ROW = 0.19  # height of a bar, inches
 MAX_SHARES = 12
 HEIGHT, ACROSS, NAME_LETTERS = 2.9, 3, 30
 SMALLEST = 1e-4
@@ -48,10 +48,10 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
     for depth, colour, height in imaged:
         name = after("motion_px", depth)  # type: ignore[arg-type]  # one of them
         sizes = [min(row.merits[name], 2 * max_tolerances) for row in ranked]
-        words = "as built" if depth == "none" else f"after a calibration: {depth}"
+        words = "as built" if depth == "none" else f"after calibration: {depth}"
         ax.barh(places, np.maximum(sizes, SMALLEST * max_tolerances), height, color=colour, label=words)
     ax.set_yticks(places, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
-    ax.set(xscale="log", xlabel="largest motion of the picture, px")
+    ax.set(xscale="log", xlabel="maximum image motion, px")
     ax.set_xlim(SMALLEST * max_tolerances, 1.3 * max_tolerances)
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
@@ -87,15 +87,15 @@ def curves(statistics: YieldStatistics) -> Figure:
         motion.plot(values, 100 * shares, color=colour, label="as built" if depth == "none" else depth)
         if name in statistics.limits:
             motion.axvline(statistics.limits[name], color=colour, linewidth=0.8, linestyle=":")
-    motion.set(xscale="log", xlabel="largest motion of the picture, px", ylabel="sensors under it, %")
-    motion.set_title("motion, and what calibrations leave")
+    motion.set(xscale="log", xlabel="maximum image motion, px", ylabel="sensors below, %")
+    motion.set_title("motion, as built and after calibration")
     blur.tick_params(labelleft=False)
     figure.legend(*motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5)
     values, shares = statistics.curve("blur_px")
     blur.plot(values, 100 * shares, color=INK)
     if "blur_px" in statistics.limits:
         blur.axvline(statistics.limits["blur_px"], color=GREY, linewidth=0.8, linestyle=":")
-    blur.set(xlabel="worst blur, px")
+    blur.set(xlabel="maximum blur, px")
     blur.set_title("blur")
     blur.set_ylim(0, 101)
     return figure
@@ -108,7 +108,7 @@ def _kept(ax: Axes, statistics: YieldStatistics, name: str) -> None:
     ax.plot(values, 100 * retained, color=INK)
     ax.axvline(statistics.limits[name], color=GREY, linewidth=0.8, linestyle=":")
     ax.set_xlabel(textwrap.fill(visible(name), NAME_LETTERS), parse_math=False)
-    ax.set_title("sensors above it, %" if is_lower_limit(name) else "sensors under it, %")
+    ax.set_title("sensors above, %" if is_lower_limit(name) else "sensors below, %")
 
 
 def plot_variance(result: VarianceDecomposition) -> Figure:
@@ -137,7 +137,7 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
             total,
             0.8,
             color=PALETTE[5],
-            label="with all that it does together with others",
+            label="total",
             xerr=errors,
             error_kw={"ecolor": GREY, "elinewidth": 0.8},
         )
@@ -146,7 +146,7 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
         for label, (name, _) in zip(ax.get_yticklabels(), ranked, strict=True):
             label.set_fontweight("bold" if name in result.groups else "normal")
         ax.set_xlim(0.0, None)
-        ax.set_title(f"share of the variance of {merit}, %")
+        ax.set_title(f"Sobol indices of {merit}, %")
         ax.invert_yaxis()
         ax.grid(visible=False, axis="y")
     figure.legend(*ax.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=2)

@@ -34,8 +34,8 @@ POSE = (
     "mirror.tilt_y_deg",
 )
 
-STEP = 0.02  # mm and deg, of the differences: third derivatives and rounding stay under 1e-6 of what they measure
-OUTSIDE = 1e-6  # share of a column outside the ones before it, below which it is the same once more
+STEP = 0.02  # step of differences, mm and deg; truncation and rounding errors below 1e-6
+OUTSIDE = 1e-6  # relative residual below which a column is linearly dependent
 RADIAL_POWERS = (2, 3, 4, 5, 6, 7)
 ROUNDS = 3
 """Gauss-Newton iterations for the pose; from 0.5 mm and 0.5 deg, the fourth has no effect."""
@@ -149,7 +149,7 @@ def _outside(rows: Array, vector: Array) -> Array:
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
     """Compute first derivatives of motion by each pose parameter, and second-order terms of pairs."""
-    pose = [name for name in POSE if name in error_sources(field.sensor)]  # two mirrors move along their axis alone
+    pose = [name for name in POSE if name in error_sources(field.sensor)]  # folded sensors: axial displacement only
     pairs = list(combinations_with_replacement(range(len(pose)), 2))
     steps = []
     for i, j in pairs:
@@ -164,7 +164,7 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
     straight: list[Array] = []
     for k, (i, j) in enumerate(pairs):
         both, neither, first, second = moved[4 * k : 4 * k + 4]
-        if i == j:  # two steps of one: first and second are 0
+        if i == j:  # two steps of one parameter: first and second are 0
             straight.append((both - neither) / (4 * STEP))
             bent[i, j] = (both + neither) / (8 * STEP**2)
         else:

@@ -56,7 +56,7 @@ def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Arra
         merits,
         displaced,
     )
-    merits[:, -2] += states.focal_mm - states.breathing_mm  # from the principal point, not from the pupil
+    merits[:, -2] += states.focal_mm - states.breathing_mm  # relative to the principal point instead of the pupil
     return merits, displaced
 
 
@@ -88,7 +88,7 @@ def _filled(columns: Array, sizes: tuple[int, ...]) -> Array:
     return np.pad(columns, ((0, 0), (0, target - columns.shape[1])))
 
 
-CHUNK = 256  # trials at a time in NumPy: their arrays stay in the cache
+CHUNK = 256  # trials per batch in NumPy, for cache locality
 COMPILED_CHUNK = 2048
 
 

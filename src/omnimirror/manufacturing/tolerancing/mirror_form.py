@@ -29,9 +29,9 @@ from .evaluator import TrialEvaluator
 
 Array = NDArray[np.float64]
 
-LOWEST_ORDER = 2  # below, forms are places
-GRID = 41  # points across the mirror, on which figures are measured
-DRAWS = 200  # figures whose mean peak to valley is taken
+LOWEST_ORDER = 2  # lower orders are piston and tilt
+GRID = 41  # grid points across the mirror
+DRAWS = 200  # samples for the mean peak-to-valley value
 MM_PER_UM = 1e-3
 
 
@@ -140,7 +140,7 @@ def figure_tolerances(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
     return {f"mirror.zernike_{j}_um": 2 * sigma for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()}
 
 
-MIN_UM = 1e-6  # rms: what is smaller is rounding
+MIN_UM = 1e-6  # rounding errors, rms
 
 
 @checked
@@ -304,7 +304,7 @@ def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Se
         beside = {t.noll: t.um for t in form.terms if noll(t.noll)[1] and t.noll <= TERMS}
         sensor = replace(sensor, mirror_form=MirrorForm(tuple(beside), tuple(beside.values())))
     away, pose, second = 1e-3 * form.vertex_um, sensor.mirror_pose, sensor.secondary
-    if second is not None:  # two mirrors stand where their distances say
+    if second is not None:  # mirror positions of folded sensors are distances
         farther = replace(second, distance_mm=second.distance_mm + away)
         distance = sensor.mirror_distance_mm + away
         return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)

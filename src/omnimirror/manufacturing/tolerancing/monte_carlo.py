@@ -69,7 +69,7 @@ def check_limits(limits: Mapping[str, float]) -> None:
 def satisfies_limit(merits: Array, name: str, limit: float) -> NDArray[np.bool_]:
     """Return which merits (...) satisfy a limit; NaN does not.
 
-    >>> within(np.array([1.0, 3.0, np.nan]), "min aspect", 2.0)
+    >>> satisfies_limit(np.array([1.0, 3.0, np.nan]), "min aspect", 2.0)
     array([False,  True, False])
     """
     kept: NDArray[np.bool_] = merits >= limit if is_lower_limit(name) else merits <= limit
@@ -79,7 +79,7 @@ def satisfies_limit(merits: Array, name: str, limit: float) -> NDArray[np.bool_]
 def format_limit(name: str, limit: float) -> str:
     """Format a limit.
 
-    >>> told("min field_to_deg", 120.0), told("motion_px after pose", 0.5)
+    >>> format_limit("min field_to_deg", 120.0), format_limit("motion_px after pose", 0.5)
     ('min field_to_deg ≥ 120', 'motion_px after pose ≤ 0.5')
     """
     return f"{name} {'≥' if is_lower_limit(name) else '≤'} {limit:g}"

@@ -33,7 +33,7 @@ value."""
 MARGINAL_RAYS = EDGE_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 SEEN = 0.99
 """Fraction of the rim radius that a perturbed folded sensor with a nominally full aperture images."""
-TANGENT = 1e-5  # steps of it tell how the picture widens
+TANGENT = 1e-5  # step of differences for the image scale
 
 
 class SensorImages(NamedTuple):
@@ -176,8 +176,8 @@ EDGE = 0.97
 """Default upper field limit as a fraction of the maximum field angle; at the rim, any decentre loses
 rays."""
 ANGLES, AZIMUTHS = 8, 12
-STEP_DEG = 1e-3  # of objects, of differences
-BEYOND = 0.05  # of the rim radius: objects seen at the rim itself move beyond it in the differences
+STEP_DEG = 1e-3  # step of differences of object directions
+BEYOND = 0.05  # of the rim radius: differences at the rim extend beyond it
 
 
 @dataclass(frozen=True)
@@ -270,10 +270,10 @@ def field_of(
     >>> len(field), field.omega_deg[[0, 1, -1]].round(1)
     (97, array([  0. ,  16.4, 131. ]))
     """
-    if not sensor.is_axial:  # what is out of place in the file is an error that has happened: judged against its place
+    if not sensor.is_axial:  # misalignments in the file are errors relative to the aligned sensor
         displaced = MirrorPose(displacement_mm=sensor.mirror_pose.displacement_mm)
         sensor = replace(sensor.aligned(), mirror_pose=displaced)
-    is_bare = sensor.secondary is None and sensor.housing.shell is None  # others have something in the middle
+    is_bare = sensor.secondary is None and sensor.housing.shell is None  # other sensors are obscured in the centre
     smallest, largest = sensor.field_deg if is_bare else sensor.clear_field_deg
     inner = smallest if is_bare or not smallest else smallest + (1 - EDGE) * (largest - smallest)
     requested = (inner, EDGE * largest) if field_deg is None else numbers("field_deg", field_deg, "(it takes two)")
@@ -312,11 +312,11 @@ def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
 
 def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
     """Create objects (n,) at given field angles and azimuths."""
-    away, turned = directions_of(omega_deg, azimuth_deg)  # a sensor without errors turns nothing: one frame for both
+    away, turned = directions_of(omega_deg, azimuth_deg)  # mirror and camera frame coincide without errors
     azimuth = np.radians(azimuth_deg)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
-    x, z = rays.last  # where light leaves mirror or cover
+    x, z = rays.last  # exit points on mirror or cover
     points = np.stack([x * cos, x * sin, z + sensor.mirror_pose.displacement_mm], axis=-1)
     start = np.stack([rays.x * cos, rays.x * sin], axis=-1)
     distant = bool(np.isinf(distance))

@@ -53,47 +53,45 @@ def _kind(name: str, unit: str, meaning: str, coarse: float, medium: float, fine
 
 
 _PLACE = (
-    _kind("mirror.decentre_x_mm", "mm", "the mirror sits to the right, in the image", 0.2, 0.05, 0.01),
-    _kind("mirror.decentre_y_mm", "mm", "the mirror sits down, in the image", 0.2, 0.05, 0.01),
-    _kind("mirror.displacement_mm", "mm", "the mirror sits farther from the lens", 0.3, 0.1, 0.02),
-    _kind("mirror.tilt_x_deg", "deg", "the mirror is turned about the image's X", 0.3, 0.1, 0.02),
-    _kind("mirror.tilt_y_deg", "deg", "the mirror is turned about the image's Y", 0.3, 0.1, 0.02),
+    _kind("mirror.decentre_x_mm", "mm", "decentre of the mirror, to the right in the image", 0.2, 0.05, 0.01),
+    _kind("mirror.decentre_y_mm", "mm", "decentre of the mirror, downwards in the image", 0.2, 0.05, 0.01),
+    _kind("mirror.displacement_mm", "mm", "displacement of the mirror away from the lens", 0.3, 0.1, 0.02),
+    _kind("mirror.tilt_x_deg", "deg", "tilt of the mirror about the image X axis", 0.3, 0.1, 0.02),
+    _kind("mirror.tilt_y_deg", "deg", "tilt of the mirror about the image Y axis", 0.3, 0.1, 0.02),
 )
 _DISTORTION = (
-    _kind("lens.k1", "", "distortion of the lens, r^2", 0.02, 0.005, 0.001),
-    _kind("lens.k2", "", "distortion of the lens, r^4", 0.02, 0.005, 0.001),
-    _kind("lens.k3", "", "distortion of the lens, r^6", 0.02, 0.005, 0.001),
-    _kind("lens.p1", "", "tangential distortion of the lens", 0.002, 0.0005, 0.0001),
-    _kind("lens.p2", "", "tangential distortion of the lens", 0.002, 0.0005, 0.0001),
+    _kind("lens.k1", "", "radial distortion, r^2", 0.02, 0.005, 0.001),
+    _kind("lens.k2", "", "radial distortion, r^4", 0.02, 0.005, 0.001),
+    _kind("lens.k3", "", "radial distortion, r^6", 0.02, 0.005, 0.001),
+    _kind("lens.p1", "", "tangential distortion", 0.002, 0.0005, 0.0001),
+    _kind("lens.p2", "", "tangential distortion", 0.002, 0.0005, 0.0001),
 )
 _IMAGER = (
     _kind(
         "imager.shift_x_px",
         "px",
-        "the lens's axis meets the imager to the right of where it was meant",
+        "principal point shifted to the right",
         40.0,
         20.0,
         5.0,
     ),
-    _kind("imager.shift_y_px", "px", "the lens's axis meets the imager below where it was meant", 40.0, 20.0, 5.0),
-    _kind("imager.rotation_deg", "deg", "the imager is turned in its plane", 1.0, 0.5, 0.1),
-    _kind("imager.tilt_x_deg", "deg", "the imager leans about the image's X", 0.5, 0.2, 0.05),
-    _kind("imager.tilt_y_deg", "deg", "the imager leans about the image's Y", 0.5, 0.2, 0.05),
-    _kind("imager.pitch_ppm", "ppm", "pixels are farther apart", 50.0, 20.0, 5.0),
+    _kind("imager.shift_y_px", "px", "principal point shifted downwards", 40.0, 20.0, 5.0),
+    _kind("imager.rotation_deg", "deg", "rotation of the imager in its plane", 1.0, 0.5, 0.1),
+    _kind("imager.tilt_x_deg", "deg", "tilt of the imager about the image X axis", 0.5, 0.2, 0.05),
+    _kind("imager.tilt_y_deg", "deg", "tilt of the imager about the image Y axis", 0.5, 0.2, 0.05),
+    _kind("imager.pitch_ppm", "ppm", "relative increase of the pixel pitch", 50.0, 20.0, 5.0),
 )
 _SECONDARY = (
     _kind(
-        "secondary.displacement_mm", "mm", "the second mirror sits farther from the first, on its axis", 0.3, 0.1, 0.02
+        "secondary.displacement_mm", "mm", "displacement of the secondary mirror away from the primary", 0.3, 0.1, 0.02
     ),
 )
-_WARMTH = (
-    _kind("temperature.warmer_k", "K", "all of it is warmer than [thermal] says its numbers are", 40.0, 20.0, 5.0),
-)
+_WARMTH = (_kind("temperature.warmer_k", "K", "temperature above the reference of [thermal]", 40.0, 20.0, 5.0),)
 FORM_SIZES = (5.0, 1.0, 0.15)
 """RMS of each Zernike term by grade, um."""
 
 
-MEASURED = _kind("mirror.measured", "", "so many times a form that was measured", 1.0, 1.0, 1.0)
+MEASURED = _kind("mirror.measured", "", "multiple of a measured form error", 1.0, 1.0, 1.0)
 
 
 def measured(name: str) -> str:
@@ -144,7 +142,7 @@ def _shape(mirror: Any) -> list[ErrorSource]:
     radius = mirror.vertex_radius if isinstance(mirror, Conic) else getattr(mirror, "vertex_radius_mm", None)
     if radius is not None:
         kinds += [
-            _kind("mirror.vertex_radius_mm", "mm", "radius at the vertex", 5e-3 * radius, 1e-3 * radius, 2e-4 * radius),
+            _kind("mirror.vertex_radius_mm", "mm", "vertex radius", 5e-3 * radius, 1e-3 * radius, 2e-4 * radius),
             _kind("mirror.conic", "", "conic constant", 0.02, 0.005, 0.001),
         ]
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
@@ -156,7 +154,7 @@ def _shape(mirror: Any) -> list[ErrorSource]:
 
 
 def _form() -> list[ErrorSource]:
-    words = "form error, Zernike term {} of Noll, rms"
+    words = "form error, Noll Zernike term {}, rms"
     return [_kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES) for j in range(4, TERMS + 1)]
 
 
@@ -172,10 +170,10 @@ def _of_lens(lens: Any) -> list[ErrorSource]:
     return [
         _kind("lens.focal_length_mm", "mm", "focal length", 0.03 * f, 0.01 * f, 0.002 * f),
         _kind("lens.magnification", "", "magnification", 0.03 * mu, 0.01 * mu, 0.002 * mu),
-        _kind("lens.focus_distance_mm", "mm", "distance that the lens is set to", 0.03 * L0, 0.01 * L0, 0.003 * L0),
-        _kind("lens.entrance_pupil_mm", "mm", "the entrance pupil stands nearer to the mirror", 0.5, 0.2, 0.05),
+        _kind("lens.focus_distance_mm", "mm", "focus distance", 0.03 * L0, 0.01 * L0, 0.003 * L0),
+        _kind("lens.entrance_pupil_mm", "mm", "displacement of the entrance pupil towards the mirror", 0.5, 0.2, 0.05),
         _kind("lens.f_number", "", "F-number", 0.1 * F, 0.05 * F, 0.02 * F),
-        _kind("lens.working_f_number", "", "F-number on the imager's side", 0.1 * Fw, 0.05 * Fw, 0.02 * Fw),
+        _kind("lens.working_f_number", "", "working F-number", 0.1 * Fw, 0.05 * Fw, 0.02 * Fw),
     ]
 
 
@@ -185,24 +183,31 @@ def _of_cover(sensor: Sensor) -> list[ErrorSource]:
         return []
     shell = sensor.obstructions.housing.shell
     kinds = [
-        _kind("cover.wall_mm", "mm", "the wall is thicker, inwards", 0.3, 0.1, 0.02),
-        _kind("cover.diameter_mm", "mm", "the cover is wider", 0.5, 0.2, 0.05),
+        _kind("cover.wall_mm", "mm", "increase of the wall thickness, inwards", 0.3, 0.1, 0.02),
+        _kind("cover.diameter_mm", "mm", "increase of the cover diameter", 0.5, 0.2, 0.05),
         _kind("cover.refractive_index", "", "refractive index of the wall", 2e-3, 1e-3, 5e-4),
-        _kind("cover.decentre_x_mm", "mm", "the cover sits to the right, in the image", 0.5, 0.2, 0.05),
-        _kind("cover.decentre_y_mm", "mm", "the cover sits down, in the image", 0.5, 0.2, 0.05),
-        _kind("cover.tilt_x_deg", "deg", "the cover is turned about the image's X", 0.5, 0.2, 0.05),
-        _kind("cover.tilt_y_deg", "deg", "the cover is turned about the image's Y", 0.5, 0.2, 0.05),
-        _kind("cover.centre_mm", "mm", "the dome sits higher", 0.5, 0.2, 0.05),
-        _kind("cover.height_mm", "mm", "the window sits higher", 0.5, 0.2, 0.05),
-        _kind("cover.inner_shift_mm", "mm", "the dome's inner sphere sits higher than the outer", 0.1, 0.05, 0.01),
+        _kind("cover.decentre_x_mm", "mm", "decentre of the cover, to the right in the image", 0.5, 0.2, 0.05),
+        _kind("cover.decentre_y_mm", "mm", "decentre of the cover, downwards in the image", 0.5, 0.2, 0.05),
+        _kind("cover.tilt_x_deg", "deg", "tilt of the cover about the image X axis", 0.5, 0.2, 0.05),
+        _kind("cover.tilt_y_deg", "deg", "tilt of the cover about the image Y axis", 0.5, 0.2, 0.05),
+        _kind("cover.centre_mm", "mm", "displacement of the dome upwards", 0.5, 0.2, 0.05),
+        _kind("cover.height_mm", "mm", "displacement of the window upwards", 0.5, 0.2, 0.05),
+        _kind(
+            "cover.inner_shift_mm",
+            "mm",
+            "displacement of the inner sphere of the dome relative to the outer",
+            0.1,
+            0.05,
+            0.01,
+        ),
     ]
     return [kind for kind in kinds if getattr(shell, kind.name.partition(".")[2], None) is not None]
 
 
 GROUPS = {
-    "mirror.decentre": "place of the mirror",
-    "mirror.displacement": "place of the mirror",
-    "mirror.tilt": "place of the mirror",
+    "mirror.decentre": "position of the mirror",
+    "mirror.displacement": "position of the mirror",
+    "mirror.tilt": "position of the mirror",
     "mirror.zernike": "form of the mirror",
     "mirror.measured": "form of the mirror",
     "mirror.": "shape of the mirror",
@@ -210,7 +215,7 @@ GROUPS = {
     "lens.p": "distortion",
     "lens.": "lens",
     "imager.": "imager",
-    "secondary.": "place of the second mirror",
+    "secondary.": "position of the secondary mirror",
     "cover.": "cover",
     "temperature.": "temperature",
 }
@@ -332,7 +337,7 @@ def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
         return replace(shaped, vertex_radius_mm=shaped.vertex_radius_mm + radius, conic=shaped.conic + conic)
     if isinstance(mirror, Sphere) and not conic:
         return replace(mirror, radius_mm=mirror.radius_mm + radius)
-    if isinstance(mirror, Conic) and (radius or conic):  # what is left of it has no word of its own
+    if isinstance(mirror, Conic) and (radius or conic):  # the perturbed shape is a general conic
         return ConicAsphere(mirror.vertex_radius + radius, mirror.conic + conic, mirror.rim_radius_mm)
     return shaped
 

@@ -25,8 +25,8 @@ from ...thermal import Thermal
 
 Array = NDArray[np.float64]
 
-NODES = 1024  # of the table; quintic pieces of .001 of a rim radius are exact to 1e-12 of it
-MIN_RADIUS = 1e-9  # of the rim radius: on the axis, derivatives are taken so far beside it
+NODES = 1024  # nodes of the table; quintic pieces of 0.001 rim radii are accurate to 1e-12
+MIN_RADIUS = 1e-9  # minimum radius for derivatives, in rim radii
 ORDERS = {terms_of(order): order for order in range(LARGEST_ORDER + 1)}
 """Order of a form by its number of coefficients."""
 
@@ -266,7 +266,7 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     pupil = np.zeros((trials, 3))
     surfaces = _surfaces(sensor, error)
     distance = growth.distance(sensor, surfaces)
-    pupil[:, 2] = np.where(possible, at - distance, np.nan)  # what is no lens loses all rays
+    pupil[:, 2] = np.where(possible, at - distance, np.nan)  # physically impossible lenses lose all rays
     vergence = 1 / (focus - at)
     principal_distance = focal / (1 - (focal - at) * vergence)
     pitch_mm = sensor.imager.pitch_mm * growth.imager * (1 + 1e-6 * error("imager.pitch_ppm"))
@@ -392,7 +392,7 @@ def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
         polynomial = _coefficients(mirror, error, first=1)
     else:
         table = MeridianTable.of(mirror)
-    curvature = zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)  # what is no mirror, too
+    curvature = zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)  # as do impossible mirrors
     return MirrorSurfaces(rim, curvature, conic, polynomial, _form(error), table)
 
 

@@ -88,7 +88,7 @@ class MeritName:
         """
         frequency = "" if self.cycles_per_px is None else f" at {self.cycles_per_px:g} cycles/px"
         words = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{told_part(self.omega_deg)}"
-        return after(words, self.after)  # type: ignore[arg-type]  # a word that is no calibration is refused
+        return after(words, self.after)  # type: ignore[arg-type]  # _check rejects other words
 
     def limit(self, value: float) -> Limit:
         """Convert to a limit of a requirement file."""
@@ -197,7 +197,7 @@ def merit_limits(limit: Limit) -> dict[str, float]:
     }
 
 
-CHUNK = 256  # trials at a time: their arrays stay in the cache
+CHUNK = 256  # trials per batch, for cache locality
 
 
 class MeritRows(NamedTuple):
@@ -271,7 +271,7 @@ class RequiredMerits:
         if any(merit.quantity == STRAIGHTNESS for merit in merits):
             lines = StraightLines.of(field, refocus, distance_mm, floor_px2)
         blank = cls(names, objects, refocus, lines, np.zeros(3))
-        with np.errstate(all="ignore"):  # what looks along the axis
+        with np.errstate(all="ignore"):  # axial rays
             viewpoint = blank._view({"imager.pitch_ppm": np.zeros(1)})[0].viewpoint[0]
         return cls(names, objects, refocus, lines, viewpoint)
 
@@ -293,7 +293,7 @@ class RequiredMerits:
 
     def rows(self, values: Values, motions: Motions) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
         """Return the values of each merit and the number of lost objects (t,)."""
-        with np.errstate(all="ignore"):  # what is lost is not a number
+        with np.errstate(all="ignore"):  # NaN of lost rays
             view, rim = self._view(values)
             departures = None if self.lines is None else self.lines.departures(motions(self.lines.reference, values))
             whole = partial(_whole, self.field.sensor, values)

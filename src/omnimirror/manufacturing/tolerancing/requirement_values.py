@@ -263,7 +263,7 @@ def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     visible = [_seen_by(field, {name: float(of[k]) for name, of in values.items()}, refocus) for k in range(trials)]
     scale, blur, origins, out = (np.stack(arrays) for arrays in list(zip(*visible, strict=True))[:4])
     optics = Optics(*(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True)))
-    with np.errstate(all="ignore"):  # what is lost is not a number
+    with np.errstate(all="ignore"):  # NaN of lost rays
         heights, middle = viewpoint_heights(ExitRays(origins, out), field.omega_deg)
         view = field_values(scale, blur, optics, heights, field, origins)
     return TrialView(view, middle, np.array([one.lost for one in visible])), np.array([one.focus_mm for one in visible])

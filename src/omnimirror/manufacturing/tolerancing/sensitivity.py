@@ -192,11 +192,11 @@ def _of_blur(evaluator: TrialEvaluator, shown: TrialImages, step: float) -> dict
     }
 
 
-STEP = 0.05  # of the tolerance, of the differences that derivatives are made of
-LADDER = 48
+STEP = 0.05  # step of differences, relative to the tolerance
+GRID_SIZE = 48
 """Number of grid points in each of the two searches for the maximum tolerance."""
-RUNGS_AT_ONCE = 8
-REACH = 1e4  # times its tolerance, beyond which an error alone is not asked for
+BATCH_SIZE = 8
+REACH = 1e4  # search range of the maximum tolerance, relative to the tolerance
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ def sensitivities(
 
 
 def _rates(evaluator: TrialEvaluator, name: str, step: float, tolerances: Tolerances) -> dict[str, Rates]:
-    with np.errstate(all="ignore"):  # a step beyond the mirror loses every ray: NaN
+    with np.errstate(all="ignore"):  # NaN if a step loses all rays
         return merit_rates(evaluator, name, step, tolerances)
 
 
@@ -279,9 +279,9 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: 
     size = tolerances.errors[name].value
     if size == 0:
         return np.nan
-    sizes = size * np.geomspace(1 / REACH, REACH, LADDER)
+    sizes = size * np.geomspace(1 / REACH, REACH, GRID_SIZE)
     low, high = 0.0, np.inf
-    for _ in range(2):  # a ladder, and one between two of its rungs
+    for _ in range(2):  # coarse grid, then a fine grid between two of its points
         bad = _first_bad(evaluator, tolerances, name, merit, limit, sizes)
         if bad is None:
             return float(high)
@@ -289,7 +289,7 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: 
         low = float(sizes[bad - 1]) if bad else low
         if not low:
             return 0.0
-        sizes = np.linspace(low, high, LADDER)
+        sizes = np.linspace(low, high, GRID_SIZE)
     return low
 
 
@@ -300,8 +300,8 @@ def _first_bad(
     batches.
     """
     place = evaluator.names.index(merit)
-    for start in range(0, len(sizes), RUNGS_AT_ONCE):
-        some = sizes[start : start + RUNGS_AT_ONCE]
+    for start in range(0, len(sizes), BATCH_SIZE):
+        some = sizes[start : start + BATCH_SIZE]
         values = tolerances.expand_forms({name: np.concatenate([some, -some])})
         good = satisfies_limit(evaluator.evaluate(values)[:, place], merit, limit).reshape(2, -1).all(axis=0)
         bad = np.flatnonzero(~good)

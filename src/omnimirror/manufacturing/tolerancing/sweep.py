@@ -299,7 +299,7 @@ def _parquet() -> tuple[Any, Any]:
         raise OmnimirrorError("shards require pyarrow; install with pip install 'omnimirror[design]'") from None
 
 
-AHEAD = 3  # shards that wait, for each worker
+AHEAD = 3  # queued shards per worker
 CONNECT_S = 10.0
 
 
@@ -411,7 +411,7 @@ def make_on_worker(shard: Shard) -> None:
 
 SHARD_TRIALS = 64 * BLOCK
 """Default number of trials per shard: 5 to 10 s of one core, 50 MB."""
-ROUNDS = 3  # in which shards that turn out corrupt are made again
+ROUNDS = 3  # attempts to recompute corrupt shards
 FULL_SWEEP = (1, 1)
 
 

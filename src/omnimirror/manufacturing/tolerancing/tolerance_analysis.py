@@ -206,7 +206,7 @@ def tolerance(
     elif limits is not None:
         limits = limits if isinstance(limits, Mapping) else limits_of(limits)
         plan = replace(plan, limits=limits)
-    if target_yield is not None:  # before anything is built
+    if target_yield is not None:  # before the simulation
         check_target_yield(target_yield, plan.limits)
     begin = time.perf_counter()
     required = requirement_merits(plan.limits)
@@ -402,7 +402,7 @@ def typical_sensors(
     evaluator = TrialEvaluator.of(sensor, plan.refocus, requirement_merits([merit]), **plan.objects)
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
     merits = evaluator.evaluate(drawn)[:, evaluator.names.index(merit)]
-    ranked = np.argsort(-merits if is_lower_limit(merit) else merits)  # what is NaN comes last
+    ranked = np.argsort(-merits if is_lower_limit(merit) else merits)  # NaN last
     found = []
     for quantile in quantiles:
         if not 0 <= quantile <= 1:

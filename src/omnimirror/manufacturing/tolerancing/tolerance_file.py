@@ -412,7 +412,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
 
 
 LAST_ZERNIKE = 11
-MORE_BLUR = 1.2  # times that of a sensor without errors, as a start
+MORE_BLUR = 1.2  # default limit relative to the nominal blur
 HEAD = """\
 # Tolerances of {name}, grade {grade}. All values are symmetric (plus or minus).
 #   omnimirror tolerance SENSOR tolerances.toml

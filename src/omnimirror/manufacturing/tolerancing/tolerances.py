@@ -23,7 +23,7 @@ DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
 """Distributions within the tolerance t: uniform; normal with t = 2 sigma; the same, truncated at t;
 arcsine, with a maximum at both ends, as for parts machined until they pass; constant t."""
 
-SIGMAS = 2.0  # that a tolerance is of a normal distribution
+SIGMAS = 2.0  # tolerance of a normal distribution in standard deviations
 UNLIKELY = float(ndtr(-SIGMAS))
 
 
@@ -49,9 +49,9 @@ def drawn(distribution: Distribution, share: Array) -> Array:
     ...     print(name, drawn(name, share).round(3) + 0.0)
     uniform [-0.5   0.    0.95]
     normal [-0.337  0.     0.98 ]
-    truncated [-0.32   0.     0.839]
-    end-heavy [-0.707  0.     0.997]
-    always [1. 1. 1.]
+    truncated-normal [-0.32   0.     0.839]
+    arcsine [-0.707  0.     0.997]
+    constant [1. 1. 1.]
     """
     if distribution == "constant":
         return np.ones_like(share)
@@ -61,7 +61,7 @@ def drawn(distribution: Distribution, share: Array) -> Array:
         return np.asarray(ndtri(share) / SIGMAS)
     if distribution == "truncated-normal":
         return np.asarray(ndtri(UNLIKELY + share * (1 - 2 * UNLIKELY)) / SIGMAS)
-    return -np.cos(np.pi * share)  # the arcsine law
+    return -np.cos(np.pi * share)  # arcsine distribution
 
 
 BLOCK = 8192
@@ -69,7 +69,7 @@ BLOCK = 8192
 order."""
 MIN_TOLERANCE, MAX_TOLERANCE = 1e-50, 1e6
 """Range of a nonzero tolerance in any unit, which avoids underflow and overflow of squares."""
-MIN_PROBABILITY = 2.0**-54  # no share is 0, which some distributions send to infinity
+MIN_PROBABILITY = 2.0**-54  # avoids infinite quantiles at 0
 
 
 @dataclass(frozen=True)

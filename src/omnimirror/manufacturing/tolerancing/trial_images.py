@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 STEPS = 8
 """Maximum number of Newton steps; three are sufficient from 0.1 mm and 0.1 deg."""
-CLOSE = 1e-13  # of the rim radius; a step that short is rounding
+CLOSE = 1e-13  # convergence limit, in rim radii
 
 
 class TracedObjects(NamedTuple):
@@ -67,7 +67,7 @@ def trace_objects(
     TracedObjects
         Reflection points, tangents and vergences.
     """
-    with np.errstate(all="ignore"):  # what has no mirror is lost
+    with np.errstate(all="ignore"):  # NaN of lost rays
         pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
         towards = targets if distant else targets - states.shift[:, None, :]
         towards = np.einsum("tji,...nj->tni" if distant else "tji,tnj->tni", states.rotation, towards)
@@ -140,7 +140,7 @@ def _seen(states: States, path: _Path, xy: Array, rim_slack: float) -> TracedObj
     turn = states.rotation
     towards = np.einsum("tij,tnj->tni", turn, path.step)
     tangents = towards[..., :2] / towards[..., 2:]
-    sideways = np.zeros((*xy.shape, 3))  # of the mirror point, by x and by y, in the mirror's frame
+    sideways = np.zeros((*xy.shape, 3))  # tangent vectors along x and y in the mirror frame
     sideways[..., 0, 0] = sideways[..., 1, 1] = 1.0
     sideways[..., 2] = path.slopes
     displaced = np.einsum("tij,tnkj->tnik", turn, sideways)
