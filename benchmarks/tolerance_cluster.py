@@ -39,7 +39,7 @@ sensor = om.load_sensor("paper-spherical")
 plan = om.load_tolerances(sys.argv[1], sensor)
 sweep = om.Sweep(Path(sys.argv[2]), scheduler=sys.argv[4] or None)
 found = om.tolerance(sensor, plan, trials=int(sys.argv[3]), sweep=sweep)
-print(found.tally.trials, found.tally.passed, time.process_time())
+print(found.statistics.trials, found.statistics.passed, time.process_time())
 """
 
 

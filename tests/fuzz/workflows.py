@@ -108,7 +108,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "tolerance_template": (om.tolerance_template, {"sensor": SENSOR, "grade": "fine"}),
     "perturbed": (om.perturbed, {"sensor": SENSOR, "values": {"lens.k1": 0.01}}),
     "tolerance": (om.tolerance, {"sensor": SENSOR, "plan": TOLERANCES, "limits": {"blur_px": 20.0}, "trials": 20,
-                                 "seed": 0, "wanted_yield": None}),
+                                 "seed": 0, "target_yield": None}),
     "field_angles": (om.field_angles, {"sensor": SENSOR, "step_deg": 5.0}),
     "simulate_detections": (om.simulate_detections, {"camera": CAMERA, "board": BOARD, "count": 1, "noise_px": 0.1,
                                                      "seed": 0, "points_mm": None}),

@@ -16,8 +16,8 @@ from omnimirror.manufacturing.body import MIN_WALL_MM, parts_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
-from tests.manufacturing.test_lens_files import parse_zmx, sag_of
-from tests.manufacturing.test_step import read, volume
+from tests.manufacturing.formats.test_step import read, volume
+from tests.manufacturing.formats.test_zmx import parse_zmx, sag_of
 
 QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 

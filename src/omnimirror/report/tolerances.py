@@ -1,4 +1,4 @@
-"""Tolerances on one self-contained page, to be sent with an order: what to hold, what that costs, how many are good."""
+"""Tolerance report for manufacturers as one self-contained page."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from ..manufacturing.workshop import PartSpecification
 from .pages import figure_html, page_html
 
 DISTRIBUTED = {
-    "uniform": "even",
+    "uniform": "uniform",
     "normal": "normal, two sigma",
-    "truncated-normal": "normal, two sigma, nothing beyond",
-    "arcsine": "towards the ends",
-    "constant": "the same of all",
+    "truncated-normal": "normal, two sigma, truncated",
+    "arcsine": "arcsine",
+    "constant": "constant",
 }
 
 
 @dataclass(frozen=True)
 class _Order:
-    """What the page says: tolerances to be held, and what becomes of sensors that hold them."""
+    """Content of the report: tolerances and the statistics of sensors within them."""
 
     report: ToleranceReport
     tolerances: Tolerances
@@ -50,7 +50,7 @@ class _Order:
 
     @classmethod
     def of(cls, report: ToleranceReport) -> _Order:
-        """Those that were allocated, traced anew, or those that were tried."""
+        """Use the allocated tolerances with new trials, or the given ones."""
         plan, found = report.plan, report.allocation
         if found is None:
             return cls(report, plan.tolerances, report.statistics, report.sensitivities, report.statistics.yields)
@@ -64,7 +64,7 @@ class _Order:
         return cls(report, chosen, statistics, sensitivities(evaluator, chosen, plan.limits), found.confirmed_yield)
 
     def cost(self, name: str) -> float:
-        """Of a tolerance as it is to be held."""
+        """Return the cost of a tolerance."""
         asked = self.report.plan.tolerances.errors[name].value
         held = self.tolerances.errors[name].value
         return self.report.plan.costs.get(name, 1.0) * (asked / held if held else 0.0)
@@ -108,7 +108,7 @@ def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
 
 
 def page_name(path: str | Path) -> Path:
-    """The name of a page of tolerances; InvalidParameter for another ending."""
+    """Return the path of a report; raise InvalidParameter for another suffix."""
     path = file_name("path", path)
     if path.suffix.lower() != ".html":
         raise InvalidParameter(f"tolerances are written as .html, and {path.name} ends otherwise")
@@ -116,7 +116,7 @@ def page_name(path: str | Path) -> Path:
 
 
 def tolerances_html(report: ToleranceReport) -> str:
-    """The page with everything inside it."""
+    """Format the report as a self-contained page."""
     order, name = _Order.of(report), report.sensor.name
     with styled():
         bars, shares = (render(figure, "svg") for figure in (plot_tornado(order.effects), curves(order.statistics)))
@@ -127,12 +127,12 @@ def tolerances_html(report: ToleranceReport) -> str:
         heading=f"Tolerances of {html_text(name)}",
         lead=_lead(order),
         numbers=_numbers(order),
-        errors=_table(("error", "plus or minus", "distributed", "cost", "alone, px", "after pose, px"), _errors(order)),
-        indications=_table(("", "ISO 10110", "that is"), indications(order.tolerances)),
-        limits=_table(("within", "good, %", "median", "95 %"), _limits(order)),
+        errors=_table(("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"), _errors(order)),
+        indications=_table(("", "ISO 10110", "description"), indications(order.tolerances)),
+        limits=_table(("limit", "good, %", "median", "95 %"), _limits(order)),
         judged=_judged(order),
-        tornado=figure_html(bars, "svg+xml", "How far each error alone moves the picture at its tolerance.", "plot"),
-        curves=figure_html(shares, "svg+xml", f"Of {order.statistics.trials} sensors built so.", "plot"),
+        tornado=figure_html(bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"),
+        curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
         command=html_text(
             f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} "
             f"--seed {report.seed}{wanted} --report order.html"
@@ -143,27 +143,27 @@ def tolerances_html(report: ToleranceReport) -> str:
 def _lead(order: _Order) -> str:
     of = order.confirmed_yield
     return (
-        f"Of the sensors built within these tolerances {100 * of.value:.1f} % are good; with a confidence of 95 % "
-        f"between {100 * of.low:.1f} and {100 * of.high:.1f} %, by {order.statistics.trials} sensors that were traced."
+        f"Predicted yield within these tolerances: {100 * of.value:.1f} % (95 % confidence: {100 * of.low:.1f} to "
+        f"{100 * of.high:.1f} %), from {order.statistics.trials} simulated sensors."
     )
 
 
 def _numbers(order: _Order) -> str:
     found, of = order.report.allocation, order.confirmed_yield
     numbers = {
-        "Good sensors": f"{100 * of.value:.2f} %",
-        "between": f"{100 * of.low:.2f} and {100 * of.high:.2f} %",
+        "Yield": f"{100 * of.value:.2f} %",
+        "95 % confidence": f"{100 * of.low:.2f} to {100 * of.high:.2f} %",
         "Errors": str(sum(bound.value > 0 for bound in order.tolerances.errors.values())),
-        "Rays lost by": f"{order.statistics.lost} of {order.statistics.trials}",
-        "Price": f"{sum(order.cost(name) for name in order.tolerances.names):.4g}",
+        "Sensors with lost rays": f"{order.statistics.lost} of {order.statistics.trials}",
+        "Cost": f"{sum(order.cost(name) for name in order.tolerances.names):.4g}",
     }
     if found is not None:
-        numbers["if all were scaled alike"] = f"{found.uniform_cost:.4g}"
+        numbers["Cost with uniform scaling"] = f"{found.uniform_cost:.4g}"
     return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items())
 
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
-    """A row for each error, in groups, the dearest first."""
+    """Return a row per error, in groups, the most expensive first."""
     known, effects = error_sources(order.report.sensor), {row.name: row for row in order.effects}
     groups: dict[str, list[str]] = {}
     for name in sorted(order.tolerances.names, key=order.cost, reverse=True):
@@ -184,7 +184,7 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
 
 
 def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
-    """What ISO 10110 has codes for, of the mirror: form (3/), and centring (4/), as its drawing has them.
+    """Return the indications of the mirror by ISO 10110: form (3/) and centring (4/), as in its drawing.
 
     >>> import omnimirror as om
     >>> errors = {"mirror.zernike_5_um": om.Tolerance(0.3), "mirror.tilt_x_deg": om.Tolerance(0.1)}
@@ -198,15 +198,15 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
         (
             "surface form",
             form_code(PartSpecification(), values),
-            "rms of all form errors along the axis, spread within theirs",
+            "rms of all form errors along the axis, uniformly distributed",
         ),
         (
             "centring",
             centring_code(PartSpecification(), values),
-            "half of tilt and decentre; the mount has the other half",
+            "half of tilt and decentre; the other half is for the mount",
         ),
     ]
-    named = {"mirror.vertex_radius_mm": "radius at the vertex, mm", "mirror.conic": "conic constant"}
+    named = {"mirror.vertex_radius_mm": "vertex radius, mm", "mirror.conic": "conic constant"}
     named |= {"mirror.displacement_mm": "distance from the lens, mm"}
     return rows + [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
 
@@ -221,16 +221,16 @@ def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
 
 def _judged(order: _Order) -> str:
     plan = order.report.plan
-    focus = {"none": "as its file says", "rms": "anew, for the least rms of its blur"}
-    focused = focus.get(plan.refocus, "anew, for its least worst blur")
+    focus = {"none": "has the nominal focus", "rms": "is refocused for minimum rms blur"}
+    focused = focus.get(plan.refocus, "is refocused for minimum worst-case blur")
     return (
-        "Judged by objects all over the field against a sensor without errors; motions are of the picture. Each sensor "
-        f"is focused {focused}. &ldquo;After&rdquo; is what a calibration of that depth leaves."
+        "Image motions of objects over the field relative to the nominal sensor. Each sensor "
+        f"{focused}. &ldquo;After&rdquo; denotes residuals after the calibration."
     )
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; a row of one cell heads those below it, and what follows a bar is small."""
+    """Format a table; a row of one cell is a heading, and text after a bar is small."""
     body = []
     for row in rows:
         if len(row) == 1:

@@ -15,7 +15,7 @@ from omnimirror.manufacturing.surface_approximation import chords
 from omnimirror.mirrors import ConicAsphere
 from tests.conftest import MIRRORS
 from tests.everyday import few
-from tests.manufacturing.test_step import BODIES, exact_volume
+from tests.manufacturing.formats.test_step import BODIES, exact_volume
 
 
 def load(path):

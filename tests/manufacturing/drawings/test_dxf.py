@@ -13,7 +13,7 @@ from omnimirror.manufacturing.drawings.dxf import LAYERS, write_dxf
 from omnimirror.manufacturing.drawings.sheet import SHEETS
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
-from tests.manufacturing.test_step import BODIES
+from tests.manufacturing.formats.test_step import BODIES
 
 
 def surface_points(entity):

@@ -31,7 +31,7 @@ from tests.everyday import few
 
 TRIALS = 4 * BLOCK + 100  # five shards, the last a small one
 LIMITS = {"motion_px": 1.0, "blur_px": 12.0}
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ RUN = """
 import sys, pickle
 from pathlib import Path
 import tests.manufacturing.tolerancing.gate
-from tests.manufacturing.tolerancing.test_sweeps import counted
+from tests.manufacturing.tolerancing.test_sweep import counted
 counted(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
 """
 

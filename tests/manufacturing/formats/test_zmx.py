@@ -18,8 +18,7 @@ from omnimirror.manufacturing.formats.zmx import field_angles, format_zmx, write
 from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 from tests.everyday import FEW_MIRRORS, few
-
-from .test_housing import IN_DOME, IN_WATER
+from tests.manufacturing.test_housing import IN_DOME, IN_WATER
 
 
 def parse_zmx(path):
