@@ -23,7 +23,7 @@ from pathlib import Path
 from circumstances import other_load, processor
 
 from omnimirror.files import write_text
-from omnimirror.tolerancing.sweeps import SHARD_TRIALS
+from omnimirror.manufacturing.tolerancing.sweep import SHARD_TRIALS
 
 IDLE_S = 20.0
 SHARDS, WORKERS = 20, os.cpu_count() or 1  # ten million sensors
@@ -39,7 +39,7 @@ sensor = om.load_sensor("paper-spherical")
 plan = om.load_tolerances(sys.argv[1], sensor)
 sweep = om.Sweep(Path(sys.argv[2]), scheduler=sys.argv[4] or None)
 found = om.tolerance(sensor, plan, trials=int(sys.argv[3]), sweep=sweep)
-print(found.tally.trials, found.tally.passed, time.process_time())
+print(found.statistics.trials, found.statistics.passed, time.process_time())
 """
 
 
@@ -94,7 +94,7 @@ def main() -> None:
         subprocess.run(
             [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"], cwd=folder, check=True
         )
-        of_threads, alone = swept(folder, "threads")
+        of_threads, single = swept(folder, "threads")
         of_both, again = swept(folder, "threads")  # nothing to make: reading and summing up
         address, processes = cluster(stack, folder)
         idle, _ = during(processes, lambda: time.sleep(IDLE_S))
@@ -102,7 +102,7 @@ def main() -> None:
         busy, wall = during(processes, lambda: found.append(swept(folder, "cluster", address)))
     (of_cluster, client), standing = found[0], {what: seconds / IDLE_S for what, seconds in idle.items()}
     assert of_threads == of_both == of_cluster
-    write(arguments.out, alone, again, client, busy, standing, wall, loaded)
+    write(arguments.out, single, again, client, busy, standing, wall, loaded)
 
 
 def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[dict[str, float], float]:
@@ -116,7 +116,7 @@ def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[
 
 def write(
     out: Path,
-    alone: float,
+    single: float,
     again: float,
     client: float,
     spent: dict[str, float],
@@ -124,20 +124,20 @@ def write(
     wall: float,
     busy: str,
 ) -> None:
-    whole, shard = client + sum(spent.values()), (alone - again) / SHARDS
-    quiet = again + (alone - again) / WORKERS
-    beyond = whole - alone - sum(standing.values()) * max(wall - quiet, 0.0)
+    whole, shard = client + sum(spent.values()), (single - again) / SHARDS
+    quiet = again + (single - again) / WORKERS
+    beyond = whole - single - sum(standing.values()) * max(wall - quiet, 0.0)
     rows = [
-        f"| threads of one process | {alone:.1f} |",
+        f"| threads of one process | {single:.1f} |",
         f"| of that, start, reading and summing up | {again:.1f} |",
         f"| cluster: the process that asks | {client:.1f} |",
         f"| cluster: scheduler | {spent['scheduler']:.2f} |",
         f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
         f"| cluster: scheduler, waiting, each second | {standing['scheduler']:.3f} |",
         f"| cluster: {WORKERS} workers, waiting, each second | {standing['workers']:.3f} |",
-        f"| cluster beyond threads, as it ran | {whole - alone:.1f}, {100 * (whole / alone - 1):.0f} % |",
+        f"| cluster beyond threads, as it ran | {whole - single:.1f}, {100 * (whole / single - 1):.0f} % |",
         f"| cluster beyond threads, in the {quiet:.0f} s that it takes undisturbed | {beyond:.1f}, "
-        f"{100 * beyond / alone:.1f} % |",
+        f"{100 * beyond / single:.1f} % |",
     ]
     text = "\n".join(
         [

@@ -28,11 +28,11 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
+from omnimirror.manufacturing.tolerancing.trial_images import trace_objects
 from omnimirror.native import backend
-from omnimirror.tolerancing.trials.compensation import POSE
-from omnimirror.tolerancing.trials.judge import Judge
-from omnimirror.tolerancing.trials.states import states_of
-from omnimirror.tolerancing.trials.tracing import seen
 
 RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3
 SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))
@@ -70,11 +70,11 @@ def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
     return RealRays(zero, zero, np.full(n, -sensor.mirror_distance_mm), *way.T.copy(), one, 0.55 * one)
 
 
-def largest_angle_rad(sensor: om.Sensor, judge: Judge, values: dict[str, float]) -> float:
+def largest_angle_rad(sensor: om.Sensor, evaluator: TrialEvaluator, values: dict[str, float]) -> float:
     """Between where our trial looks and where Optiland's rays go, launched as our trial shows the objects."""
-    field = judge.field
+    field = evaluator.field
     states = states_of(field.sensor, {name: np.array([v]) for name, v in values.items()})
-    tangents = seen(states, field.targets, field.distant, field.start).tangents[0]
+    tangents = trace_objects(states, field.targets, field.distant, field.start).tangents[0]
     system, rays = optiland_system(sensor), launched(sensor, tangents)
     perturb(system, values)
     system.surface_group.surfaces[1].trace(rays)
@@ -113,15 +113,17 @@ def main() -> None:
     warnings.simplefilter("ignore")
     backend.set_threads(1)
     sensor = om.load_sensor("paper-spherical")
-    judge = Judge.of(sensor, "rms")
-    rng, n = np.random.default_rng(1), len(judge.field)
+    evaluator = TrialEvaluator.of(sensor, "rms")
+    rng, n = np.random.default_rng(1), len(evaluator.field)
     off = max(
-        largest_angle_rad(sensor, judge, {name: float(rng.normal() * size) for name, size in SIZES.items()})
+        largest_angle_rad(sensor, evaluator, {name: float(rng.normal() * size) for name, size in SIZES.items()})
         for _ in range(5)
     )
-    tolerances = om.Tolerances(sensor, {name: om.ErrorBound(2 * size, "normal") for name, size in SIZES.items()})
+    tolerances = om.Tolerances(sensor, {name: om.Tolerance(2 * size, "normal") for name, size in SIZES.items()})
     states = states_of(sensor, {}, 1)
-    tangents = seen(states, judge.field.targets, judge.field.distant, judge.field.start).tangents[0]
+    tangents = trace_objects(states, evaluator.field.targets, evaluator.field.distant, evaluator.field.start).tangents[
+        0
+    ]
     by_hand = optiland_system(sensor)
 
     def one_call() -> None:
@@ -138,7 +140,7 @@ def main() -> None:
 
     every, single = (tolerancing(optiland_system(sensor), count) for count in (n, 1))
     functions: dict[str, Callable[[], object]] = {
-        "ours": lambda: judge.judged(tolerances.drawn(0, 0, TRIALS)),
+        "ours": lambda: evaluator.evaluate(tolerances.drawn(0, 0, TRIALS)),
         "every": lambda: every.run(OF_OPTILAND),
         "single": lambda: single.run(OF_OPTILAND),
         "aimed": one_call_aimed,

@@ -21,31 +21,31 @@ from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.native import backend
-from omnimirror.tolerancing.trials.compensation import POSE
-from omnimirror.tolerancing.trials.judge import Judge
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
 TRIALS, FEW, RUNS = 8192, 256, 9
-ERRORS = {name: om.ErrorBound(0.1) for name in POSE}
-ERRORS |= {f"mirror.zernike_{j}_um": om.ErrorBound(1.0) for j in range(4, 16)}
+ERRORS = {name: om.Tolerance(0.1) for name in POSE}
+ERRORS |= {f"mirror.zernike_{j}_um": om.Tolerance(1.0) for j in range(4, 16)}
 
 
 def functions_of(name: str) -> dict[str, Callable[[], object]]:
     """Judging trials of a sensor: compiled by threads, and in NumPy."""
     sensor = om.load_sensor(name)
-    judge, tolerances = Judge.of(sensor, "rms"), om.Tolerances(sensor, ERRORS)
+    evaluator, tolerances = TrialEvaluator.of(sensor, "rms"), om.Tolerances(sensor, ERRORS)
 
     def compiled(threads: int) -> Callable[[], object]:
         def run() -> object:
             backend.set_threads(threads)
-            return judge.judged(tolerances.drawn(0, 0, TRIALS))
+            return evaluator.evaluate(tolerances.drawn(0, 0, TRIALS))
 
         return run
 
     def in_numpy() -> object:
         with mock.patch.object(backend, "module", None):
-            return judge.judged(tolerances.drawn(0, 0, FEW))
+            return evaluator.evaluate(tolerances.drawn(0, 0, FEW))
 
     return {"1": compiled(1), "2": compiled(2), "NumPy": in_numpy}
 

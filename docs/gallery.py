@@ -31,7 +31,8 @@ SECTIONS = {
 WIDTH, QUALITY = 600, 80  # images on the page: width in px, WebP quality
 INTRODUCTION = """# Gallery
 
-Example programs with their output. The sources are in `gallery/`, and the tests run them: `python gallery/dewarp/panorama.py`.
+Example programs with their output. The sources are in `gallery/`, and the tests run them:
+`python gallery/dewarp/panorama.py`.
 """
 
 

@@ -21,12 +21,12 @@ import tomli_w
 import omnimirror as om
 from omnimirror.cli import app
 from omnimirror.design import parse_requirements
-from omnimirror.manufacture.workshop import parse_workshop
+from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
+from omnimirror.manufacturing.workshop import parse_workshop
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
 from omnimirror.specs import format_sensor, parse_sensor
-from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.commands import omnimirror
 from tests.everyday import few
 

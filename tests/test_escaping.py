@@ -41,7 +41,7 @@ from omnimirror.figures import FIGURES
 from omnimirror.interop.export_formats import Deviation, ExportFormat
 from omnimirror.interop.ray_tables import RAY_FORMATS
 from omnimirror.interop.view_maps import MAP_FORMATS
-from omnimirror.manufacture import FORMATS, Content, Format
+from omnimirror.manufacturing import FORMATS, Content, Format
 from omnimirror.mirrors import Sphere
 from tests.commands import omnimirror
 from tests.everyday import few

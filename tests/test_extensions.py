@@ -35,7 +35,7 @@ import numpy as np
 from omnimirror.design import Limitable
 import omnimirror as om
 from omnimirror.calibrate.formats import CameraFormat, Layout, Stored
-from omnimirror.manufacture import Content, Format
+from omnimirror.manufacturing import Content, Format
 from omnimirror.mirrors import RIM_RADIUS, Mirror
 from omnimirror.parameters import Parameter
 from omnimirror.quantities import Quantity
@@ -327,8 +327,8 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_quantity(LIMITABLE["aspect"])
     with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
         om.register_quantity("aspect")
-    with pytest.raises(InvalidParameter, match=r"\.step files are written as another format"):
-        om.register_format("other", om.manufacture.Format(print, (".step",)))
+    with pytest.raises(InvalidParameter, match=r"suffixes must not belong to another format; got \.step"):
+        om.register_format("other", om.manufacturing.Format(print, (".step",)))
 
 
 def test_an_installed_package_brings_a_mirror(installed, tmp_path):

@@ -43,9 +43,7 @@ def test_example_writes_its_image(example, tmp_path, monkeypatch):
     plt.close("all")
     image = read_image(tmp_path / f"{example.stem}.png")[..., :3]
     expected = read_image(ROOT / "docs" / "images" / "gallery" / f"{example.stem}.webp")[..., :3]
-    assert aspect(image) == pytest.approx(aspect(expected), rel=0.02), (
-        "update the images with python docs/gallery.py"
-    )
+    assert aspect(image) == pytest.approx(aspect(expected), rel=0.02), "update the images with python docs/gallery.py"
     assert np.abs(mean_colour(image) - mean_colour(expected)).max() < 8, "update the images with python docs/gallery.py"
 
 

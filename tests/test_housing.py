@@ -14,7 +14,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
 from omnimirror.housing.base import Envelope
 from omnimirror.imagers import Imager
-from omnimirror.manufacture.parts import housed, parts_of
+from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.rendering.exposure import expose
@@ -83,7 +83,7 @@ def sensor(request):
 def test_drawing_evaluation_and_verdict_say_the_same_angles(sensor):
     low, high = sensor.clear_field_deg
     assert (low, high) != sensor.field_deg
-    assert housed(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
+    assert with_housing(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
     assert om.evaluate(sensor, [90.0]).summary()["clear_field_deg"] == [low, high]
     counted = counted_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
     assert (counted.hidden_deg, counted.hidden_from_deg) == (low, high)

@@ -6,13 +6,13 @@ import numpy as np
 import omnimirror as om
 
 sensor = om.load_sensor("paper-spherical")
-errors = {f"mirror.decentre_{axis}_mm": om.ErrorBound(0.1) for axis in "xy"}
-errors |= {f"mirror.tilt_{axis}_deg": om.ErrorBound(0.1) for axis in "xy"}
+errors = {f"mirror.decentre_{axis}_mm": om.Tolerance(0.1) for axis in "xy"}
+errors |= {f"mirror.tilt_{axis}_deg": om.Tolerance(0.1) for axis in "xy"}
 figure, ax = plt.subplots(figsize=(7, 4))
 limits = np.linspace(0.1, 4, 14)
 for merit in ("motion_px", "motion_px after principal-point", "motion_px after pose"):
     shares = [
-        om.tolerance(sensor, om.Tolerances(sensor, errors), limits={merit: limit}, trials=400).tally.yields.value
+        om.tolerance(sensor, om.Tolerances(sensor, errors), limits={merit: limit}, trials=400).statistics.yields.value
         for limit in limits
     ]
     ax.plot(limits, shares, label=merit)

@@ -108,14 +108,28 @@ if TYPE_CHECKING:
     from .interop.view_maps import ViewMap as ViewMap
     from .interop.view_maps import view_map as view_map
     from .interop.view_maps import write_maps as write_maps
-    from .manufacture import Body as Body
-    from .manufacture import export as export
-    from .manufacture import register_format as register_format
+    from .manufacturing import Body as Body
+    from .manufacturing import export as export
+    from .manufacturing import register_format as register_format
+    from .manufacturing.metrology.form_error import FormError as FormError
+    from .manufacturing.metrology.form_error import form_error as form_error
+    from .manufacturing.metrology.readers import read_points as read_points
+    from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
+    from .manufacturing.tolerancing.mirror_form import as_built as as_built
+    from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
+    from .manufacturing.tolerancing.perturbation import perturbed as perturbed
+    from .manufacturing.tolerancing.sweep import Sweep as Sweep
+    from .manufacturing.tolerancing.tolerance_analysis import ToleranceReport as ToleranceReport
+    from .manufacturing.tolerancing.tolerance_analysis import TypicalSensor as TypicalSensor
+    from .manufacturing.tolerancing.tolerance_analysis import tolerance as tolerance
+    from .manufacturing.tolerancing.tolerance_analysis import typical_sensors as typical_sensors
+    from .manufacturing.tolerancing.tolerance_file import TolerancePlan as TolerancePlan
+    from .manufacturing.tolerancing.tolerance_file import load_tolerances as load_tolerances
+    from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
+    from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
+    from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
     from .media import read_image as read_image
     from .media import write_image as write_image
-    from .metrology.form_errors import FormError as FormError
-    from .metrology.form_errors import form_error as form_error
-    from .metrology.readers import read_points as read_points
     from .mirrors import register_mirror as register_mirror
     from .report import write_demo as write_demo
     from .report.calibration import write_calibration_figures as write_calibration_figures
@@ -162,20 +176,6 @@ if TYPE_CHECKING:
     from .studio.notebook import LookAround as LookAround
     from .studio.notebook import show as show
     from .thermal import Thermal as Thermal
-    from .tolerancing.analysis import ToleranceReport as ToleranceReport
-    from .tolerancing.analysis import tolerance as tolerance
-    from .tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
-    from .tolerancing.errors import perturbed as perturbed
-    from .tolerancing.forms.effects import as_made as as_made
-    from .tolerancing.forms.effects import form_effect as form_effect
-    from .tolerancing.sweeps import Sweep as Sweep
-    from .tolerancing.tolerance_file import TolerancePlan as TolerancePlan
-    from .tolerancing.tolerance_file import load_tolerances as load_tolerances
-    from .tolerancing.tolerance_file import tolerance_template as tolerance_template
-    from .tolerancing.tolerances import ErrorBound as ErrorBound
-    from .tolerancing.tolerances import Tolerances as Tolerances
-    from .tolerancing.typical import TypicalSensor as TypicalSensor
-    from .tolerancing.typical import typical_sensors as typical_sensors
 
 __version__ = "0.2.0"
 
@@ -282,16 +282,16 @@ _HOMES = {
     "RayTable": "interop.ray_tables",
     "ray_table": "interop.ray_tables",
     "write_rays": "interop.ray_tables",
-    "Body": "manufacture",
-    "export": "manufacture",
-    "register_format": "manufacture",
+    "Body": "manufacturing",
+    "export": "manufacturing",
+    "register_format": "manufacturing",
     "read_image": "media",
     "write_image": "media",
-    "as_made": "tolerancing.forms.effects",
-    "form_effect": "tolerancing.forms.effects",
-    "form_error": "metrology.form_errors",
-    "FormError": "metrology.form_errors",
-    "read_points": "metrology.readers",
+    "as_built": "manufacturing.tolerancing.mirror_form",
+    "form_effect": "manufacturing.tolerancing.mirror_form",
+    "form_error": "manufacturing.metrology.form_error",
+    "FormError": "manufacturing.metrology.form_error",
+    "read_points": "manufacturing.metrology.readers",
     "register_mirror": "mirrors",
     "write_calibration_figures": "report.calibration",
     "write_calibration_report": "report.calibration",
@@ -337,18 +337,18 @@ _HOMES = {
     "dewarp_video": "straighten.video",
     "LookAround": "studio.notebook",
     "show": "studio.notebook",
-    "ErrorBound": "tolerancing.tolerances",
-    "load_tolerances": "tolerancing.tolerance_file",
-    "perturbed": "tolerancing.errors",
-    "tolerance": "tolerancing.analysis",
-    "tolerance_conflicts": "tolerancing.drawing_conflicts",
-    "tolerance_template": "tolerancing.tolerance_file",
-    "TolerancePlan": "tolerancing.tolerance_file",
-    "Sweep": "tolerancing.sweeps",
-    "ToleranceReport": "tolerancing.analysis",
-    "Tolerances": "tolerancing.tolerances",
-    "typical_sensors": "tolerancing.typical",
-    "TypicalSensor": "tolerancing.typical",
+    "Tolerance": "manufacturing.tolerancing.tolerances",
+    "load_tolerances": "manufacturing.tolerancing.tolerance_file",
+    "perturbed": "manufacturing.tolerancing.perturbation",
+    "tolerance": "manufacturing.tolerancing.tolerance_analysis",
+    "tolerance_conflicts": "manufacturing.tolerancing.drawing_conflicts",
+    "tolerance_template": "manufacturing.tolerancing.tolerance_file",
+    "TolerancePlan": "manufacturing.tolerancing.tolerance_file",
+    "Sweep": "manufacturing.tolerancing.sweep",
+    "ToleranceReport": "manufacturing.tolerancing.tolerance_analysis",
+    "Tolerances": "manufacturing.tolerancing.tolerances",
+    "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
+    "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -49,7 +49,7 @@ VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "reproduce": (("reproduce", "--out", "out"), "out/*"),
     "tolerance": (
-        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "--out", "out"), "out/trials/*",
+        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"), "out/trials/*",
     ),
     "design": (
         ("design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--starts", "99", "--resume", "s.json"),

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.manufacture import asphere_of
-from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
-from omnimirror.manufacture.forms import EXACT_UM
+from omnimirror.manufacturing import fit_asphere
+from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
+from omnimirror.manufacturing.surface_approximation import EXACT_UM
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
@@ -64,7 +64,7 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
     for height in heights:
         ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
         omega.append(np.degrees(np.arctan2(float(ray.M[0]), -float(ray.N[0]))))
-    tolerance = 1e-6 if kind in SURFACES_OF_LENS_FILES else asphere_of(sensor.mirror).ray_deg + 1e-5
+    tolerance = 1e-6 if kind in SURFACES_OF_LENS_FILES else fit_asphere(sensor.mirror).ray_deg + 1e-5
     assert tolerance < 1e-3
     off = np.abs(np.sort(omega) - field_angles(sensor)).max()
     kinds = "of their own form" if kind in SURFACES_OF_LENS_FILES else "as aspheres of a lens file"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.tolerancing.trials.compensation import POSE
-from omnimirror.tolerancing.trials.judge import Judge
+from omnimirror.manufacturing.tolerancing.compensation import POSE
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 
 pytestmark = pytest.mark.full
 CLOSE_RAD = 1e-12
@@ -20,8 +20,8 @@ def test_a_sensor_out_of_place_shows_objects_where_optiland_reflects_to_them(fie
     from tolerance_peers import largest_angle_rad
 
     sensor = om.load_sensor("paper-spherical")
-    judge, rng = Judge.of(sensor, field_deg=field_deg), np.random.default_rng(5)
+    evaluator, rng = TrialEvaluator.of(sensor, field_deg=field_deg), np.random.default_rng(5)
     errors = [dict.fromkeys(POSE, 0.0) | {name: 0.1} for name in POSE]
     errors += [{name: float(rng.normal() * 0.3) for name in POSE} for _ in range(5)]
-    off = max(largest_angle_rad(sensor, judge, values) for values in errors)
+    off = max(largest_angle_rad(sensor, evaluator, values) for values in errors)
     beside("Optiland", "rays of sensors with their mirrors out of place", off, CLOSE_RAD, "rad")

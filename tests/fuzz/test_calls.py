@@ -29,6 +29,7 @@ from omnimirror.files import MARK
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 from omnimirror.interop.http_server.server import listen
+from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.media import keyframes
 from omnimirror.media.video.sequences import first_number
 from omnimirror.mirrors import TabulatedMapping
@@ -36,7 +37,6 @@ from omnimirror.parameters import Uncertainty
 from omnimirror.simulate.datasets import video
 from omnimirror.simulate.rendering import samples
 from omnimirror.straighten.request import Recording
-from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.everyday import few
 
 from . import workflows
@@ -295,7 +295,9 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
 )
 def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
     function, usual = CALLS[name]
-    with pytest.raises(OmnimirrorError, match=r"valid|cannot be read as numbers| is not | not a name|Not a directory"):
+    with pytest.raises(
+        OmnimirrorError, match=r"valid|must|cannot be read as numbers| is not | not a name|Not a directory"
+    ):
         function(**usual | words)
 
 
@@ -344,7 +346,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         (lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]), "tilt_min_deg and tilt_max_deg are one number each"),
         (lambda _: om.views.panorama(BALL, (9, 9, 9)), r"size = \(9, 9, 9\) is not 2 values in a row"),
         (lambda _: om.read_image("a\0.png"), "is not valid as a file name: it is one with characters no file can have"),
-        (lambda _: om.register_format("x", "y"), "'y' is no omnimirror.manufacture.Format"),
+        (lambda _: om.register_format("x", "y"), "kind must be an omnimirror.manufacturing.Format; got 'y'"),
         (lambda _: om.register_view("panorama", om.views.dome), "there is a view 'panorama' already; choose another"),
         (
             lambda _: om.find_boards([np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]),

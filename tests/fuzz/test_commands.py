@@ -43,7 +43,7 @@ ERRORS = (
     '[[limit]]\nquantity = "motion_px"\nafter = "pose"\nat_most = {d}\n{e}'
 )
 FIGURES = (
-    "[judged]\nobject_distance_mm = {a}\n[[figure]]\nrms_um = {b}\nexponent = {c}\norders = [{d}, 6]\n"
+    "[objects]\nobject_distance_mm = {a}\n[[figure]]\nrms_um = {b}\nexponent = {c}\norders = [{d}, 6]\n"
     '[[limit]]\nquantity = "motion_px"\nat_most = 1.0\n{e}'
 )
 HOUSED = (
@@ -233,7 +233,7 @@ COMMANDS = (
     "form paper-spherical {}",
     "form paper-spherical points.csv --order {}",
     "form paper-spherical points.csv --json {}",
-    "form paper-spherical points.csv --whole -o {}",
+    "form paper-spherical points.csv --asymmetric -o {}",
     "tolerance small.toml errors.toml --trials 3 --seed {}",
     "tolerance small.toml errors.toml --trials 3 --merit motion_px={}",
     "uncertainty {}",

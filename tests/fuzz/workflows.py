@@ -17,7 +17,7 @@ from omnimirror.frames import Mount
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.manufacture import Tool, tool_path
+from omnimirror.manufacturing import Tool, tool_path
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.mirrors import Sphere
 from omnimirror.simulate.datasets.truth import ground_truth
@@ -36,7 +36,7 @@ PICTURE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
 LARGER = np.zeros((64, 64, 3), np.uint8)
 PARTS = Catalogue((LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),))
 MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
-TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.ErrorBound(0.01)})
+TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.Tolerance(0.01)})
 REPORT = om.tolerance(SENSOR, om.TolerancePlan(TOLERANCES, {"blur_px": 20.0}), trials=20)
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
 ON_MIRROR = [
@@ -80,7 +80,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                                    "are_departures": False}),
     "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
-    "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
+    "as_built": (om.as_built, {"sensor": SENSOR, "form": FORM}),
     "read_surveys": (om.read_surveys, {"points": ["survey.csv"], "directions": ["stars.csv"]}),
     "read_lines": (om.read_lines, {"paths": ["edges.csv"]}),
     "load_views": (om.load_views, {"path": "views.toml"}),
@@ -101,14 +101,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Tool": (Tool, {"radius_mm": 0.5, "feed_um": 2.0, "tolerance_nm": 5.0, "spindle_rpm": 1000.0, "clearance_mm": 1.0,
                     "x_is_diameter": False}),
     "tool_path": (tool_path, {"mirror": SENSOR.mirror, "tool": Tool(), "digits": 6}),
-    "ErrorBound": (om.ErrorBound, {"value": 0.1, "distribution": "normal"}),
-    "Tolerances": (om.Tolerances, {"sensor": SENSOR, "errors": {"lens.k1": om.ErrorBound(0.1)}, "correlations": {}}),
+    "Tolerance": (om.Tolerance, {"value": 0.1, "distribution": "normal"}),
+    "Tolerances": (om.Tolerances, {"sensor": SENSOR, "errors": {"lens.k1": om.Tolerance(0.1)}, "correlations": {}}),
     "TolerancePlan": (om.TolerancePlan, {"tolerances": TOLERANCES, "limits": {"blur_px": 20.0}, "refocus": "none"}),
     "load_tolerances": (om.load_tolerances, {"path": "tolerances.toml", "sensor": SENSOR}),
     "tolerance_template": (om.tolerance_template, {"sensor": SENSOR, "grade": "fine"}),
     "perturbed": (om.perturbed, {"sensor": SENSOR, "values": {"lens.k1": 0.01}}),
     "tolerance": (om.tolerance, {"sensor": SENSOR, "plan": TOLERANCES, "limits": {"blur_px": 20.0}, "trials": 20,
-                                 "seed": 0, "wanted_yield": None}),
+                                 "seed": 0, "target_yield": None}),
     "field_angles": (om.field_angles, {"sensor": SENSOR, "step_deg": 5.0}),
     "simulate_detections": (om.simulate_detections, {"camera": CAMERA, "board": BOARD, "count": 1, "noise_px": 0.1,
                                                      "seed": 0, "points_mm": None}),

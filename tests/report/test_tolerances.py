@@ -14,16 +14,16 @@ from tests.commands import omnimirror
 
 SENSOR = om.load_sensor("paper-spherical")
 ERRORS = {
-    "mirror.tilt_x_deg": om.ErrorBound(0.1),
-    "mirror.tilt_y_deg": om.ErrorBound(0.2),
-    "mirror.decentre_x_mm": om.ErrorBound(0.05),
-    "mirror.zernike_5_um": om.ErrorBound(0.3),
-    "mirror.zernike_8_um": om.ErrorBound(0.4),
-    "mirror.conic": om.ErrorBound(0.005),
-    "lens.k1": om.ErrorBound(0.01),
+    "mirror.tilt_x_deg": om.Tolerance(0.1),
+    "mirror.tilt_y_deg": om.Tolerance(0.2),
+    "mirror.decentre_x_mm": om.Tolerance(0.05),
+    "mirror.zernike_5_um": om.Tolerance(0.3),
+    "mirror.zernike_8_um": om.Tolerance(0.4),
+    "mirror.conic": om.Tolerance(0.005),
+    "lens.k1": om.Tolerance(0.01),
 }
 PLAN = om.TolerancePlan(
-    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, judged={"angles": 2, "azimuths": 6}
+    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, objects={"angles": 2, "azimuths": 6}
 )
 
 
@@ -36,22 +36,22 @@ def test_a_surface_is_indicated_as_iso_10110_does():
 
 @pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
 def test_the_page_says_what_the_report_found(tmp_path, wanted):
-    found = om.tolerance(SENSOR, PLAN, trials=500, wanted_yield=wanted)
+    found = om.tolerance(SENSOR, PLAN, trials=500, target_yield=wanted)
     page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml") == 2
     assert not re.search(r'(src|href)="(?!data:)', page)
-    of = found.tally.yields if found.allocation is None else found.allocation.reached
+    of = found.statistics.yields if found.allocation is None else found.allocation.confirmed_yield
     assert f"{100 * of.value:.2f} %" in page
-    assert f"{100 * of.low:.2f} and {100 * of.high:.2f} %" in page
+    assert f"{100 * of.low:.2f} to {100 * of.high:.2f} %" in page
     held = {name: bound.value for name, bound in ERRORS.items()}
     held |= {} if found.allocation is None else dict(found.allocation.tolerances)
     rows = dict(re.findall(r"<small>([\w.]+)</small></th><td>± ([\d.e+-]+)", page))
     assert rows.keys() == ERRORS.keys()
     for name, words in rows.items():
         assert float(words) == pytest.approx(held[name], rel=5e-3)
-    prices = [float(p) for p in re.findall(r"<td>even</td><td>([\d.e+-]+)</td>", page)]
+    prices = [float(p) for p in re.findall(r"<td>uniform</td><td>([\d.e+-]+)</td>", page)]
     told = sum(prices)
-    assert told == pytest.approx(len(ERRORS) if found.allocation is None else found.allocation.price, rel=1e-2)
+    assert told == pytest.approx(len(ERRORS) if found.allocation is None else found.allocation.cost, rel=1e-2)
 
 
 def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypatch):
@@ -63,4 +63,4 @@ def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypat
     found = om.tolerance(SENSOR, PLAN, trials=10)
     with pytest.raises(InvalidParameter, match=r"written as \.html, and order\.pdf ends otherwise"):
         write_tolerances(found, "order.pdf")
-    assert np.isfinite(found.tally.mean("motion_px"))
+    assert np.isfinite(found.statistics.mean("motion_px"))

@@ -12,14 +12,13 @@ from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.housing import Dome, Housing
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.specs import parse_sensor, tables_of
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.tolerance_messages import Built
 from omnimirror.studio.framing import unframed
-from omnimirror.tolerancing.errors import errors_of, perturbed
-from omnimirror.tolerancing.trials.compensation import CALIBRATIONS
-from omnimirror.tolerancing.trials.judge import Judge
-from omnimirror.tolerancing.trials.merits import after
 
 from .browser import PATIENCE_MS
 from .test_bench_page import AXE, WITHOUT_PICTURES, bench  # noqa: F401 - a fixture
@@ -47,23 +46,23 @@ def asked(path, client, **body):
 def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
     found = asked("errors", client).json()
     names = [error["name"] for error in found["errors"]]
-    assert names == [n for n in errors_of(SPH) if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11]
+    assert names == [n for n in error_sources(SPH) if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11]
     assert found["calibrations"] == list(CALIBRATIONS)
-    first = errors_of(SPH)[names[0]]
-    assert found["errors"][0]["medium"] == first.usual["medium"]
+    first = error_sources(SPH)[names[0]]
+    assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
 
 
 def test_a_built_sensor_is_told_as_its_trial(client):
     answer = asked("built", client, values=VALUES, refocus="none")
     header, data = unframed(answer.content, Built)
-    judge = Judge.of(SPH)
-    merits, moved = judge.judged_with_motions({name: np.array([value]) for name, value in VALUES.items()})
+    evaluator = TrialEvaluator.of(SPH)
+    merits, moved = evaluator.evaluate_with_motions({name: np.array([value]) for name, value in VALUES.items()})
     for name, of in (("motion_px", header.motion_px), ("direction_error_deg", header.direction_error_deg)):
         for depth, value in zip(CALIBRATIONS, of, strict=True):
-            assert value == pytest.approx(merits[0, judge.names.index(after(name, depth))], abs=1e-9)
+            assert value == pytest.approx(merits[0, evaluator.names.index(after(name, depth))], abs=1e-9)
     assert header.straightness_deg[0] > header.straightness_deg[3]
     columns = np.frombuffer(data, "<f4").reshape(1 + len(CALIBRATIONS), 2, header.objects)
-    np.testing.assert_allclose(columns[0].T, judge.reference_px, atol=1e-3)
+    np.testing.assert_allclose(columns[0].T, evaluator.reference_px, atol=1e-3)
     np.testing.assert_allclose(columns[1].ravel(), moved[0], atol=1e-4)
     assert header.tables == tables_of(perturbed(SPH, VALUES))
 
@@ -72,15 +71,15 @@ def test_the_yield_is_that_of_tolerances(client):
     errors = {"mirror.decentre_x_mm": 0.3, "mirror.tilt_x_deg": 0.1, "lens.k1": 0.0}
     body = {"errors": [{"name": n, "tolerance": t} for n, t in errors.items()], "refocus": "none", "seed": 3}
     found = asked("yield", client, merit="motion_px", limit=2.0, trials=1000, **body).json()
-    tolerances = om.Tolerances(SPH, {name: om.ErrorBound(size) for name, size in errors.items()})
+    tolerances = om.Tolerances(SPH, {name: om.Tolerance(size) for name, size in errors.items()})
     expected = om.tolerance(SPH, tolerances, limits={"motion_px": 2.0}, trials=1000, seed=3)
-    of = expected.tally.yields
+    of = expected.statistics.yields
     assert (found["share"], found["low"], found["high"]) == pytest.approx((of.value, of.low, of.high))
-    alone = {row.name: row.merits for row in expected.sensitivities}
+    max_tolerance = {row.name: row.merits for row in expected.sensitivities}
     assert [row["name"] for row in found["rows"]] == ["mirror.decentre_x_mm", "mirror.tilt_x_deg"]
     for row in found["rows"]:
-        told = [alone[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS]
-        assert row["motion_px"] == pytest.approx(told, abs=1e-9)
+        format_limit = [max_tolerance[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS]
+        assert row["motion_px"] == pytest.approx(format_limit, abs=1e-9)
 
 
 @pytest.mark.full
@@ -98,7 +97,7 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
     ("path", "body", "words"),
     [
         ("built", {"values": {"mirror.nonsense": 1.0}, "refocus": "none"}, "no error that this sensor can have"),
-        ("yield", {"merit": "nonsense"}, "nothing that trials are judged by"),
+        ("yield", {"merit": "nonsense"}, "not a merit of trials"),
         ("yield", {"limit": -1.0}, "valid above 0"),
         ("yield", {"errors": []}, "no error in the tolerances"),
         ("errors", {"tables": {}}, "mirror"),
@@ -126,14 +125,14 @@ def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # n
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
     moved, _, _, left, _ = bench.evaluate(f"{LAST}.motion_px")
-    judge = Judge.of(SPH)
-    expected = judge.judged({"mirror.decentre_x_mm": np.array([0.1])})[0]
-    assert moved == pytest.approx(expected[judge.names.index("motion_px")], rel=1e-6)
+    evaluator = TrialEvaluator.of(SPH)
+    expected = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.1])})[0]
+    assert moved == pytest.approx(expected[evaluator.names.index("motion_px")], rel=1e-6)
     assert left < 1e-3
     drawn = parse_sensor_tables(bench.evaluate(f"{LAST}.tables"))
     assert drawn.mirror_pose.decentre_x_mm == pytest.approx(0.1)
     lines = bench.locator("svg.moved").first.locator("line")
-    assert lines.count() == len(judge.field)
+    assert lines.count() == len(evaluator.field)
     bench.get_by_role("button", name="Without errors").click()
     bench.wait_for_function(f"{LAST}.motion_px[0] < 1e-6")
 

@@ -33,7 +33,7 @@ import omnimirror as om
 from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
 from omnimirror.interop.http_server import limits, server
-from omnimirror.interop.http_server.auth import is_loopback
+from omnimirror.interop.http_server.auth import Guard, is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import server_addresses
 from omnimirror.mirrors import MIRRORS, SECONDARIES

@@ -1,6 +1,6 @@
 // Sensors with errors: where each shows the objects of a field, how it blurs them, what calibrations leave.
 //
-// Formulas: src/omnimirror/tolerancing/trials, in surface.py, tracing.py, picture.py, compensation.py and merits.py.
+// Formulas: src/omnimirror/manufacturing/tolerancing: perturbed_states.py, trial_images.py, compensation.py.
 #pragma once
 
 #include <cstdint>

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import OmnimirrorError, SpecError
-from omnimirror.manufacture import format_grid_sag
+from omnimirror.manufacturing import format_grid_sag
 from omnimirror.mirrors import Cone, Hyperboloid, SampledProfile, Sphere
 from omnimirror.mirrors.measured.clouds import profile_of
 from omnimirror.specs import load_sensor, parse_sensor

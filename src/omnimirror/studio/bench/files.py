@@ -160,7 +160,7 @@ OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
 
 
 def _exported(sensor: Sensor, name: str, kind: str) -> File:
-    from ...manufacture.exporter import export
+    from ...manufacturing.exporter import export
 
     return _written(name, kind, lambda path: export(sensor, path))
 

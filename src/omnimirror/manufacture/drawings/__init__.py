@@ -1,1 +1,0 @@
-"""Sheets of drawing paper, and DXF."""

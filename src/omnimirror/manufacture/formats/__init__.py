@@ -1,1 +1,0 @@
-"""Files for workshops and other programs."""

@@ -1,0 +1,1 @@
+"""Engineering drawings on paper sheets (PDF, SVG, PNG) and as DXF."""

@@ -1,0 +1,1 @@
+"""Metrology of manufactured mirrors: measurement files, alignment, form error and Forbes aspheres."""

@@ -1,0 +1,1 @@
+"""Tolerance analysis: perturbations, Monte Carlo yield, sensitivities, compensation and allocation."""

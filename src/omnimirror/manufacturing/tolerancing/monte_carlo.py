@@ -1,0 +1,251 @@
+"""Monte Carlo simulation of manufacturing: yield, quantiles and their statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv
+
+from ...errors import InvalidParameter
+from .compensation import merit_names
+from .evaluator import TrialEvaluator
+from .requirement_merits import check_limit, is_lower_limit, is_requirement_merit
+from .tolerances import BLOCK, Tolerances
+
+Array = NDArray[np.float64]
+
+Progress = Callable[[int, int], None]
+
+CONFIDENCE = 0.95
+MAX_TRIALS = 10**10
+LOWEST, HIGHEST, BINS = 1e-9, 1e9, 36 * 256
+"""Range of the logarithmic histogram and number of bins; quantiles are accurate to 0.23 %.
+
+Merits that limits require are counted by their distance from the limit on either side, because many
+vary by less than that."""
+
+
+class YieldEstimate(NamedTuple):
+    """Fraction of trials with a 95 % confidence interval (Clopper and Pearson, 1934)."""
+
+    value: float
+    low: float
+    high: float
+
+
+def clopper_pearson(passed: int, trials: int) -> YieldEstimate:
+    """Estimate a proportion with its confidence interval.
+
+    >>> [round(v, 3) for v in clopper_pearson(95, 100)]
+    [0.95, 0.887, 0.984]
+    """
+    tail = (1 - CONFIDENCE) / 2
+    low = 0.0 if passed == 0 else float(betaincinv(passed, trials - passed + 1, tail))
+    high = 1.0 if passed == trials else float(betaincinv(passed + 1, trials - passed, 1 - tail))
+    return YieldEstimate(passed / trials, low, high)
+
+
+def check_limits(limits: Mapping[str, float]) -> None:
+    """Raise an error for limits of unknown merits and for limits that cannot be satisfied.
+
+    Parameters
+    ----------
+    limits
+        Upper limits by merit name, and lower limits of merits with the prefix ``min``.
+
+    Raises
+    ------
+    InvalidParameter
+        With the valid names or values.
+    """
+    for name, limit in limits.items():
+        check_limit(name, limit)
+
+
+def satisfies_limit(merits: Array, name: str, limit: float) -> NDArray[np.bool_]:
+    """Return which merits (...) satisfy a limit; NaN does not.
+
+    >>> satisfies_limit(np.array([1.0, 3.0, np.nan]), "min aspect", 2.0)
+    array([False,  True, False])
+    """
+    kept: NDArray[np.bool_] = merits >= limit if is_lower_limit(name) else merits <= limit
+    return kept
+
+
+def format_limit(name: str, limit: float) -> str:
+    """Format a limit.
+
+    >>> format_limit("min field_to_deg", 120.0), format_limit("motion_px after pose", 0.5)
+    ('min field_to_deg ≥ 120', 'motion_px after pose ≤ 0.5')
+    """
+    return f"{name} {'≥' if is_lower_limit(name) else '≤'} {limit:g}"
+
+
+MIN_MOTION_PX = 5e-4
+"""Motions below this value are displayed as "< 0.001", px."""
+
+
+def format_motion(px: float) -> str:
+    """Format an image motion.
+
+    >>> format_motion(0.4251), format_motion(1.8e-13)
+    ('0.425', '< 0.001')
+    """
+    return "< 0.001" if px < MIN_MOTION_PX else f"{px:.3g}"
+
+
+def check_trials(trials: int) -> None:
+    """Raise an error for an invalid number of trials."""
+    if not 1 <= trials <= MAX_TRIALS:
+        raise InvalidParameter(f"trials must be between 1 and {MAX_TRIALS}; got {trials}")
+
+
+@dataclass
+class YieldStatistics:
+    """Accumulated statistics of trials, independent of their order.
+
+    Attributes
+    ----------
+    limits
+        Upper or lower limits by merit name.
+    names
+        Names of the merits.
+    trials, lost, passed
+        Number of trials, of trials that lose rays, and of trials within all limits.
+    passed_each
+        Number of trials within each limit.
+    sums : (m,)
+        Sums of merits of trials without lost rays.
+    counts : (m, 2 bins)
+        Histogram of distances below and above the origin of each merit, in logarithmic bins.
+    """
+
+    limits: Mapping[str, float]
+    names: tuple[str, ...] = field(default_factory=merit_names)
+    trials: int = 0
+    lost: int = 0
+    passed: int = 0
+    passed_each: dict[str, int] = field(default_factory=dict)
+    sums: Array = field(init=False)
+    counts: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sums = np.zeros(len(self.names))
+        self.counts = np.zeros((len(self.names), 2 * BINS), dtype=np.int64)
+
+    def _origin(self, merit: str) -> float:
+        """Return the origin of the histogram of a merit."""
+        return self.limits.get(merit, 0.0) if is_requirement_merit(merit) else 0.0
+
+    def add(self, merits: Array) -> None:
+        """Add trials by their merits (t, m), rounded to single precision as in shards."""
+        merits = merits.astype(np.float32).astype(float)
+        whole = merits[:, -1] == 0
+        good = np.asarray(whole)
+        for name, limit in self.limits.items():
+            kept = whole & satisfies_limit(merits[:, self.names.index(name)], name, limit)
+            self.passed_each[name] = self.passed_each.get(name, 0) + int(kept.sum())
+            good = good & kept
+        self.trials += len(merits)
+        self.lost += int((~whole).sum())
+        self.passed += int(good.sum())
+        of_whole = merits[whole]
+        self.sums += of_whole.sum(axis=0)
+        scale = BINS / np.log(HIGHEST / LOWEST)
+        away = of_whole - np.array([self._origin(name) for name in self.names])
+        place = (np.log(np.clip(np.abs(away), LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        place = np.where(away < 0, BINS - 1 - place, BINS + place)
+        for row, places in zip(self.counts, place.T, strict=True):
+            row += np.bincount(places, minlength=2 * BINS)
+
+    @property
+    def yields(self) -> YieldEstimate:
+        """Fraction of trials within all limits."""
+        return clopper_pearson(self.passed, self.trials)
+
+    def quantile(self, merit: str, share: float) -> float:
+        """Return the value that a fraction of all trials does not exceed; infinite if more lose rays.
+
+        For merits with a lower limit, return the value that a fraction reaches; 0 if more lose rays.
+        """
+        counts = np.cumsum(self.counts[self.names.index(merit)])
+        target = share * self.trials
+        if target > counts[-1]:
+            return 0.0 if is_lower_limit(merit) else np.inf
+        if is_lower_limit(merit):
+            target = counts[-1] - target
+        place = int(np.searchsorted(counts, target))
+        return float(self._values(merit, np.array([place]), 0.5)[0])
+
+    def _values(self, merit: str, places: NDArray[np.intp], share: float) -> Array:
+        """Return values (n,) within bins at a given fraction; values in the innermost bins are 0."""
+        above = places >= BINS
+        steps = np.where(above, places - BINS + share, BINS - places - share)
+        away = np.where(np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS))
+        values: Array = self._origin(merit) + np.where(above, away, -away)
+        return values
+
+    def curve(self, merit: str) -> tuple[Array, Array]:
+        """Return the cumulative distribution: values, and the fraction of all trials below each."""
+        counts = np.cumsum(self.counts[self.names.index(merit)])
+        used = np.flatnonzero(np.diff(counts, prepend=0))
+        if not used.size:
+            return np.zeros(0), np.zeros(0)
+        some = np.arange(used[0], used[-1] + 1)
+        return self._values(merit, some, 1.0), counts[some] / self.trials
+
+    def mean(self, merit: str) -> float:
+        """Return the mean of trials without lost rays."""
+        kept = self.trials - self.lost
+        return float(self.sums[self.names.index(merit)] / kept) if kept else np.nan
+
+
+def monte_carlo(
+    evaluator: TrialEvaluator,
+    tolerances: Tolerances,
+    limits: Mapping[str, float],
+    *,
+    trials: int = 10_000,
+    seed: int = 0,
+    on_progress: Progress | None = None,
+) -> YieldStatistics:
+    """Simulate sensors with random errors.
+
+    Parameters
+    ----------
+    evaluator
+        Evaluator of the sensor.
+    tolerances
+        Tolerances of its errors.
+    limits
+        Limits of a good sensor, by merit name.
+    trials
+        Number of trials.
+    seed
+        Random seed; results are reproducible.
+    on_progress
+        Callback with completed and total trials.
+
+    Returns
+    -------
+    YieldStatistics
+        Statistics of the trials.
+
+    Raises
+    ------
+    InvalidParameter
+        If the number of trials or a limit is invalid.
+    """
+    check_limits(limits)
+    check_trials(trials)
+    statistics = YieldStatistics(dict(limits), evaluator.names)
+    for block in range(-(-trials // BLOCK)):
+        count = min(BLOCK, trials - block * BLOCK)
+        statistics.add(evaluator.evaluate(tolerances.drawn(seed, block, count)))
+        if on_progress:
+            on_progress(statistics.trials, trials)
+    return statistics

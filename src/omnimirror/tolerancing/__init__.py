@@ -1,1 +1,0 @@
-"""How well a sensor must be built, and how many of those built will be good."""

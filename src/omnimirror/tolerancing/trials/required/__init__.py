@@ -1,1 +1,0 @@
-"""What requirements limit, of sensors with errors: over the whole picture, by the code that designs are judged with."""

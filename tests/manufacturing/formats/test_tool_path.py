@@ -1,0 +1,180 @@
+"""Paths of a lathe's tool: what they cut is the mirror, by how far its points are from the lines that are driven."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.manufacturing import Tool, format_gcode, format_points, tool_path
+from omnimirror.mirrors import EvenPolynomial, Sphere
+from tests.commands import omnimirror
+from tests.conftest import MIRRORS, sensor_of
+
+NUMBER = r"(-?\d+\.\d+)"
+
+
+def driven(program: str) -> np.ndarray:
+    """X and Z (n, 2) of the straight cuts in a program, as a machine reads them."""
+    return np.array([[float(v) for v in m] for m in re.findall(rf"^G1 X{NUMBER} Z{NUMBER}$", program, re.MULTILINE)])
+
+
+def nearest(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Distance of points (n, 2) from the nearest of the lines between ends (m, 2)."""
+    from scipy.spatial import KDTree
+
+    near = KDTree(ends).query(points, k=4)[1]
+    best = np.full(len(points), np.inf)
+    for first in (*near.T, *(near.T - 1)):
+        a = ends[np.clip(first, 0, len(ends) - 2)]
+        along = ends[np.clip(first, 0, len(ends) - 2) + 1] - a
+        share = np.clip(((points - a) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
+    return best
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_what_is_cut_is_the_mirror(kind):
+    mirror, tool = sensor_of(kind).mirror, Tool(0.4, tolerance_nm=8.0)
+    path = tool_path(mirror, tool)
+    centres = driven(format_gcode(path, kind)) + np.array([0.0, tool.radius_mm])
+    x = np.random.default_rng(1).uniform(0.0, mirror.rim_radius_mm, 4000)
+    left = 1e6 * (nearest(np.stack([x, -mirror.sag(x)], axis=-1), centres) - tool.radius_mm)
+    assert np.abs(left).max() < 8.0
+    assert np.abs(left).max() <= path.deviation_nm * 1.001
+    assert np.abs(left).max() > 0.5 * path.deviation_nm or path.deviation_nm < 1.0
+    assert centres[0, 0] >= mirror.rim_radius_mm
+    assert (np.diff(centres[:, 0]) < 0).all()
+
+
+def test_a_ball_is_turned_by_arcs_about_its_centre_and_half_the_tolerance_takes_more_points():
+    coarse, fine = (tool_path(Sphere(30.0, 20.0), Tool(1.0, tolerance_nm=nm), digits=8) for nm in (40.0, 10.0))
+    for path in (coarse, fine):
+        assert np.abs(np.hypot(path.x_mm, path.z_mm + 31.0) - 31.0).max() * 1e6 < 0.05
+    assert fine.deviation_nm < 10.0 < coarse.deviation_nm < 40.0
+    assert len(fine.x_mm) == pytest.approx(2 * len(coarse.x_mm), rel=0.05)
+    assert fine.length_mm == pytest.approx(31.0 * np.arcsin(20.0 / 30.0), rel=1e-6)
+    assert fine.minutes == pytest.approx(fine.length_mm / (0.002 * 1000), rel=1e-12)  # 2 um a turn, 1000 turns a minute
+    assert fine.edge_deg == (0.0, pytest.approx(np.degrees(np.arcsin(20.0 / 30.0)), abs=0.01))
+
+
+def test_cusps_are_those_of_a_nose_stepped_along_a_ball():
+    tool, R = Tool(0.5, feed_um=20.0), 10.0
+    step = 1e-3 * tool.feed_um / R
+    between = np.array([np.sin(step / 2), np.cos(step / 2)])
+    along = np.linspace(R - 1e-3, R + 1e-3, 20001)[:, None] * between  # a crest is where two noses meet
+    touched = np.hypot(*(along - [0.0, R + tool.radius_mm]).T) <= tool.radius_mm
+    crest = np.hypot(*along[np.argmax(touched)]) - R
+    assert tool.cusp_nm(1 / R) == pytest.approx(1e6 * crest, rel=2e-3)
+
+
+def test_a_nose_too_round_for_a_hollow_is_refused_with_what_fits():
+    hollow = EvenPolynomial((0.01, -8e-6), 24.0)  # bends back from 14.4 mm on
+    x = np.linspace(0.0, 24.0, 20001)
+    slope = 0.02 * x - 3.2e-5 * x**3
+    sharpest = ((9.6e-5 * x**2 - 0.02) / (1 + slope**2) ** 1.5).max()
+    assert tool_path(hollow, Tool(0.99 / sharpest), digits=8).deviation_nm < 5.0
+    with pytest.raises(InvalidParameter, match=rf"less than the concave radius {1 / sharpest:.4g}"):
+        tool_path(hollow, Tool(1.01 / sharpest))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ({"radius_mm": 0.0}, "radius_mm = 0 mm is outside 0.001 to 100 mm"),
+        *(
+            ({name: value * (1 + off)}, rf"{name} = .* {unit} is outside {low:g} to {high:g} {unit}")
+            for name, unit, low, high in (
+                ("radius_mm", "mm", 1e-3, 100.0),
+                ("feed_um", "um", 1e-3, 1e3),
+                ("tolerance_nm", "nm", 0.1, 1e5),
+                ("spindle_rpm", "1/min", 1.0, 1e5),
+            )
+            for value, off in ((low, -1e-6), (high, 1e-6))
+        ),
+        ({"clearance_mm": -1e-6}, "clearance_mm = -1e-06 mm is outside 0 to 1000 mm"),
+        ({"clearance_mm": 1001.0}, "clearance_mm = 1001 mm is outside 0 to 1000 mm"),
+        ({"x_is_diameter": 2}, "x_is_diameter = 2 is not"),
+    ],
+)
+def test_a_tool_that_cannot_be_is_refused(words, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        Tool(**words)
+
+
+@pytest.mark.parametrize("bound", [0, 1])
+def test_bounds_are_valid_values(bound):
+    limits = {
+        "radius_mm": (1e-3, 100.0),
+        "feed_um": (1e-3, 1e3),
+        "tolerance_nm": (0.1, 1e5),
+        "spindle_rpm": (1.0, 1e5),
+        "clearance_mm": (0.0, 1e3),
+    }
+    values = {name: pair[bound] for name, pair in limits.items()}
+    assert {name: getattr(Tool(**values), name) for name in values} == values
+
+
+def test_decimals_too_few_for_the_tolerance_are_refused():
+    with pytest.raises(InvalidParameter, match=r"at least 35 for digits = 5, which rounds by up to 7.1 nm"):
+        tool_path(Sphere(30.0, 20.0), digits=5)
+
+
+def test_the_list_holds_where_the_tool_touches_and_a_diameter_is_twice_a_radius():
+    path = tool_path(Sphere(30.0, 20.0), Tool(1.0))
+    text = format_points(path, "ball")
+    contact, x, z = np.loadtxt(text.splitlines(), skiprows=3, delimiter="\t", unpack=True)
+    assert np.abs(x - contact * 31.0 / 30.0).max() < 2e-6
+    twice = tool_path(Sphere(30.0, 20.0), Tool(1.0, x_is_diameter=True))
+    assert np.array_equal(driven(format_gcode(twice, "ball")), np.stack([2 * x, z], axis=-1))
+
+
+@pytest.mark.parametrize("mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"])
+@pytest.mark.parametrize("x_is_diameter", [False, True])
+def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards(mirror, x_is_diameter):
+    """Along the tangent at the rim, over which a hollow's program must rise first; X may count as a diameter."""
+    path = tool_path(mirror, Tool(1.0, x_is_diameter=x_is_diameter))
+    lines = format_gcode(path, "a (ball); 50% µ\n").splitlines()
+    assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"
+    assert all(re.fullmatch(r"%|\([^()]*\)|[GMXZFS0-9. -]+", line) for line in lines)
+    quick = [line for line in lines if line.startswith("G0")]
+    assert quick[0] == quick[-1]
+    assert {"G97 S1000 M3", "G95 F0.002000"} <= set(lines)
+    start = np.array([float(quick[1].split("X")[1]), float(quick[2].split("Z")[1])])
+    cuts = driven("\n".join(lines))
+    if x_is_diameter:
+        start[0], cuts[:, 0] = start[0] / 2, cuts[:, 0] / 2
+    np.testing.assert_allclose(cuts, np.stack([path.x_mm, path.z_mm], axis=-1), rtol=0, atol=1e-9)
+    away, tangent = start - cuts[0], cuts[0] - cuts[1]
+    np.testing.assert_allclose(away, tangent / np.hypot(*tangent), rtol=0, atol=1e-5)  # 1 mm, the clearance
+    assert float(quick[0].split("Z")[1]) == pytest.approx(1.0 + max(0.0, cuts[:, 1].max(), start[1]), abs=1e-6)
+
+
+def test_the_command_line_writes_program_and_list(tmp_path):
+    done = omnimirror(
+        "export",
+        "folded-spherical",
+        "-o",
+        tmp_path,
+        "--formats",
+        "gcode,points",
+        "--tool-radius-mm",
+        0.2,
+        "--path-tolerance-nm",
+        20,
+    )
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"folded-spherical{mirror}-path.{suffix}" for mirror in ("", "-secondary") for suffix in ("nc", "tsv")
+    }
+    mirror = om.load_sensor("folded-spherical").mirror
+    centres = driven((tmp_path / "folded-spherical-path.nc").read_text()) + np.array([0.0, 0.2])
+    x = np.linspace(0.0, mirror.rim_radius_mm, 999)
+    assert np.abs(nearest(np.stack([x, -mirror.sag(x)], axis=-1), centres) - 0.2).max() < 20e-6
+    refused = omnimirror("export", "folded-spherical", "-o", tmp_path / "a.nc", "--tool-radius-mm", -1)
+    assert refused.returncode != 0
+    assert "radius_mm = -1 mm is outside" in refused.stderr
+    assert not (tmp_path / "a.nc").exists()

@@ -1,0 +1,97 @@
+"""Aspheres of Forbes: orthogonal slopes, closed forms, and mirrors that are fitted by them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
+from omnimirror.mirrors import Cone, Sphere
+from omnimirror.numerics.forbes import qbfs_values
+from tests.commands import omnimirror
+
+from .clouds import on
+
+
+def test_slopes_are_orthogonal_over_the_aperture():
+    """The property that defines them: the mean over psi, u = sin(psi), by a rule that is exact for such sums."""
+    psi = (np.arange(400) + 0.5) / 400 * np.pi / 2
+    h = 1e-5
+    slopes = (qbfs_values(np.sin(psi) + h, 10) - qbfs_values(np.sin(psi) - h, 10)) / (2 * h)
+    np.testing.assert_allclose(slopes.T @ slopes / 400, np.eye(10), atol=1e-6)
+
+
+def test_the_first_polynomials_are_those_that_forbes_prints():
+    x = np.linspace(0.1, 0.9, 9)
+    u, front = np.sqrt(x), x * (1 - x)
+    printed = [
+        1 + 0 * x,
+        (13 - 16 * x) / np.sqrt(19),
+        np.sqrt(2 / 95) * (29 - 4 * x * (25 - 19 * x)),
+        np.sqrt(2 / 2545) * (207 - 4 * x * (315 - x * (577 - 320 * x))),
+    ]
+    np.testing.assert_allclose(qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12)
+
+
+def test_a_sphere_has_no_terms_and_known_terms_come_back():
+    ball = forbes_asphere(Sphere(50.0, 40.0))
+    assert ball.radius_mm == pytest.approx(50.0, rel=1e-12)
+    assert np.abs(ball.um).max() < 1e-6
+    made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
+    x = np.linspace(0, 40, 401)
+    profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
+    found = forbes_asphere(profile)
+    assert found.um[:3] == pytest.approx((12.0, -3.0, 0.7), abs=5e-3)
+    assert found.sag(x) == pytest.approx(made.sag(x), abs=1e-5)
+
+
+def test_a_mirror_that_is_hard_to_describe_has_16_terms():
+    """A ripple of 40 periods of 1 um is left over, by its rms over the aperture."""
+    x = np.linspace(0, 40, 2001)
+    ripple = 1e-3 * np.cos(2 * np.pi * x)
+    profile = om.mirrors.SampledProfile(
+        tuple(x), tuple(Sphere(50.0, 40.0).sag(x) + ripple - ripple[0]), uncertainty_um=0.0
+    )
+    found = forbes_asphere(profile)
+    assert len(found.um) == 16
+    assert found.left_um == pytest.approx(1 / np.sqrt(2), rel=0.1)
+
+
+def test_terms_end_once_so_little_is_left():
+    made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
+    x = np.linspace(0, 40, 2001)
+    profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
+    assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [3, 2, 1, 1]
+    # the rms over the meridian of the terms left out, at equal steps of the angle whose sine is x / M
+    u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
+    left = forbes_asphere(profile, 0.3)
+    departure = made.sag(40 * u) - left.sag(40 * u)
+    assert left.left_um == pytest.approx(1e3 * np.sqrt(np.mean(departure**2)), rel=1e-3)
+
+
+@pytest.mark.parametrize("mirror", [Cone(30.0, 20.0), Sphere(50.0, 49.99999)])
+def test_what_is_no_such_asphere_is_refused(mirror):
+    if mirror.is_pointed:
+        with pytest.raises(InvalidParameter, match="pointed apex"):
+            forbes_asphere(mirror)
+    else:
+        assert forbes_asphere(mirror).radius_mm == pytest.approx(50.0)
+
+
+def test_the_command_tells_it(tmp_path):
+    """Of an error about the axis: the sag of its asphere is that of the mirror with the error."""
+    mirror = om.load_sensor("paper-spherical").mirror
+    np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")
+    done = omnimirror("form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json")
+    assert done.returncode == 0, done.stderr
+    assert "an asphere of Forbes (Qbfs): R = " in done.stdout
+    told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
+    asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
+    x = np.linspace(0, mirror.rim_radius_mm, 50)
+    u = x / mirror.rim_radius_mm
+    error = 2e-3 * np.sqrt(5) * (6 * u**4 - 6 * u**2)  # from its own vertex
+    assert np.abs(asphere.sag(x) - mirror.sag(x) - error).max() < 1e-4

@@ -1,0 +1,270 @@
+"""Form errors that were put in come back, apart from place, noise and wrong points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.mirrors import Cone, EvenPolynomial, Hyperboloid, Sphere
+from omnimirror.numerics.zernike import noll, zernike_values
+from tests.everyday import few
+
+from .clouds import TERMS, height_mm, in_machine, on, places
+
+BALL, HYPERBOLOID = Sphere(50.0, 44.0), Hyperboloid(32.5, 74.5, 44.0)
+MIRRORS = {"ball": BALL, "hyperboloid": HYPERBOLOID, "polynomial": EvenPolynomial((0.012, 2e-6), 30.0)}
+
+
+def amounts(form) -> dict[int, float]:
+    return {term.noll: term.um for term in form.terms}
+
+
+def test_the_terms_are_those_of_the_textbook():
+    x, y = places(1.0, 200, np.random.default_rng(3))
+    for j, formula in TERMS.items():
+        np.testing.assert_allclose(zernike_values(x, y, [j])[:, 0], formula(x, y), atol=1e-12)
+
+
+@pytest.mark.parametrize("above", [False, True])
+@pytest.mark.parametrize("term", few([6, 11, 14, 22], 11))
+@pytest.mark.parametrize("name", MIRRORS)
+def test_a_micrometre_comes_back_within_five_percent(name, term, above):
+    form = om.form_error(MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above))
+    found = amounts(form)
+    assert found[term] == pytest.approx(1.0, abs=0.05)
+    others = [um for j, um in found.items() if j not in (1, term)]
+    assert np.abs(others).max() < 0.03
+    assert form.noise_um == pytest.approx(0.2, rel=0.1)
+    assert form.unexplained_um < 0.05
+    assert form.outliers <= 2
+
+
+def test_the_place_in_the_machine_is_found_and_a_ball_is_centred_by_its_outline():
+    for mirror, vertex, tilt in ((HYPERBOLOID, 2e-4, 2e-4), (BALL, 0.1, 0.1)):
+        place = om.form_error(mirror, in_machine(on(mirror, {9: 0.5}, 0.1))).place
+        np.testing.assert_allclose(place.vertex_mm, [3.0, -2.0, 100.0], atol=vertex)
+        np.testing.assert_allclose(place.tilt_deg, [0.8, -0.5], atol=tilt)
+        assert len(place.free) == (2 if mirror is BALL else 0)
+
+
+def test_what_is_stated_is_as_uncertain_as_stated():
+    truth = {5: 0.4, 9: -0.3, 11: 0.5}
+    off = []
+    for seed in range(25):
+        form = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.3, count=1500, seed=seed)), order=4)
+        # A shift and a tilt of the mirror explain a part of 2, 3, 7 and 8, its height one of 1
+        off += [
+            (t.um - truth.get(t.noll, 0.0)) / t.sigma_um for t in form.terms if t.noll in (5, 6, 9, 10, 12, 13, 14, 15)
+        ]
+    assert np.mean(np.abs(off) < 3) >= 0.95
+    assert 0.7 < np.std(off) < 1.3
+
+
+def test_noise_is_told_from_form_that_the_terms_do_not_hold():
+    points = on(HYPERBOLOID, {6: 1.0}, noise_um=0.1, count=20000)
+    ripple = 0.3e-3 * np.sin(2 * np.pi * points[:, 0] / 4.0)  # 4 mm
+    form = om.form_error(HYPERBOLOID, in_machine(points + ripple[:, None] * [0.0, 0.0, 1.0]))
+    r = np.hypot(points[:, 0], points[:, 1])
+    along_normal = 1e3 * np.std(ripple / np.sqrt(1 + HYPERBOLOID.slope(r) ** 2))
+    assert form.unexplained_um == pytest.approx(along_normal, rel=0.1)
+    assert form.noise_um == pytest.approx(
+        0.1, rel=0.5
+    )  # neighbours are .4 mm apart: some of the ripple counts as noise
+    assert amounts(form)[6] == pytest.approx(1.0, abs=0.05)
+
+
+def test_wrong_points_are_left_out_and_counted():
+    points = on(HYPERBOLOID, {11: 0.5}, 0.1)
+    points[::500, 2] += 0.02
+    form = om.form_error(HYPERBOLOID, in_machine(points))
+    assert form.outliers == 12
+    assert amounts(form)[11] == pytest.approx(0.5, abs=0.02)
+
+
+def test_departures_of_a_null_test_say_the_same():
+    truth = {6: 0.8, 11: -0.4}
+    points = on(HYPERBOLOID, {}, 0.0)
+    r = np.hypot(points[:, 0], points[:, 1])
+    along = height_mm(truth, points[:, 0] / 44.0, points[:, 1] / 44.0) / np.sqrt(1 + HYPERBOLOID.slope(r) ** 2)
+    seen = np.column_stack([points[:, :2] + [7.0, 9.0], along + 0.01])
+    found = amounts(om.form_error(HYPERBOLOID, seen, are_departures=True))
+    assert found[6] == pytest.approx(0.8, abs=0.02)
+    assert found[11] == pytest.approx(-0.4, abs=0.04)
+
+
+def test_the_corrected_mirror_has_the_part_about_the_axis():
+    truth = {4: 0.5, 6: 1.0, 11: -0.6, 22: 0.3}
+    made = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.05, count=12000))).corrected()
+    x = np.linspace(0.5, 43.5, 200)
+    about = {j: um for j, um in truth.items() if noll(j)[1] == 0}
+    wanted = HYPERBOLOID.sag(x) + height_mm(about, x / 44.0, 0 * x) - height_mm(about, np.zeros(1), np.zeros(1))
+    assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the mirror's place takes what it can
+
+
+def test_figures_of_the_whole_are_those_of_the_surface():
+    form = om.form_error(BALL, on(BALL, {6: 0.5, 11: 0.2}, 0.0))
+    assert form.rms_um == pytest.approx(np.hypot(0.5, 0.2), rel=0.02)
+    assert form.rotational_rms_um == pytest.approx(0.2, rel=0.05)
+    x, y = places(1.0, 200000, np.random.default_rng(1))
+    assert form.peak_to_valley_um == pytest.approx(1e3 * np.ptp(height_mm({6: 0.5, 11: 0.2}, x, y)), rel=0.03)
+
+
+def test_a_half_measured_mirror_has_fewer_terms_or_none():
+    points = on(HYPERBOLOID, {6: 1.0}, 0.1)
+    half = points[points[:, 0] > 12.0]
+    with pytest.raises(OmnimirrorError, match=r"the points do not determine terms up to order 8"):
+        om.form_error(HYPERBOLOID, half, order=8)
+
+
+@pytest.mark.parametrize(
+    ("points", "sentence"),
+    [
+        (on(HYPERBOLOID, {}, 0.1)[:199], "the cloud must have at least 200 points; got 199"),
+        (1e-3 * on(HYPERBOLOID, {}, 0.1), r"0.08.* mm wide .* the mirror 88 .*: the unit seems to be m; give"),
+        (1e3 * on(HYPERBOLOID, {}, 0.1), "the unit seems to be um"),
+        (on(HYPERBOLOID, {}, 0.1) / 25.4, "the unit seems to be inch"),
+        (on(Hyperboloid(32.5, 74.5, 4.0), {}, 0.1), "the points must cover at least"),
+        (on(Sphere(80.0, 44.0), {}, 0.1), "does not match the mirror"),
+        (on(HYPERBOLOID, {}, 0.1) * [1, 1, 0], "is flat"),
+        (np.full((300, 3), np.nan), "points"),
+        (np.zeros((300, 4)), r"points_mm has shape \(300, 4\)"),
+        (np.zeros((300, 2)), "one single point"),
+        (on(HYPERBOLOID, {}, 0.1)[:, [2, 0, 1]], "check"),
+        (np.zeros((300, 3)), "."),
+    ],
+)
+def test_points_that_are_no_mirror_are_refused_by_a_sentence(points, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        om.form_error(HYPERBOLOID, points)
+
+
+def test_an_order_out_of_range_is_refused():
+    with pytest.raises(InvalidParameter, match="order = 40 is"):
+        om.form_error(HYPERBOLOID, on(HYPERBOLOID, {}, 0.1), order=40)
+
+
+def profile_error_um(form, truth) -> float:
+    """Largest departure of the mirror as built from the true one, both from their vertices."""
+    x = np.linspace(0, 0.999 * truth.rim_radius_mm, 300)
+    return float(1e3 * np.abs(form.corrected().sag(x) - truth.sag(x)).max())
+
+
+def posed(points: np.ndarray, seed: int) -> np.ndarray:
+    """Points in a machine with a random place, tilts of a degree, and either direction of z."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_euler("xyz", [*rng.normal(size=2), rng.uniform(0, 360)], degrees=True)
+    seen = points @ turn.as_matrix().T + 30 * rng.normal(size=3)
+    return seen * [1.0, -1.0, -1.0] if seed % 2 else seen
+
+
+def in_place(points: np.ndarray, seed: int) -> np.ndarray:
+    return points
+
+
+@pytest.mark.parametrize("place", [in_place, posed])
+@pytest.mark.parametrize("factor", few([1.0, 1.002, 0.998, 0.98, 1.02], 1.002, 0.98))
+def test_a_sphere_of_another_radius_keeps_its_vertex_and_its_axis(factor, place):
+    """The radius is the only error: no tilt, no form across the axis, no points lost."""
+    nominal = om.load_sensor("paper-spherical").mirror
+    truth = replace(nominal, radius_mm=factor * nominal.radius_mm)
+    form = om.form_error(nominal, place(on(truth, {}, 0.3, count=4000, seed=101), 3))
+    assert form.radius_mm == pytest.approx(truth.radius_mm, abs=4 * form.place.radius_sigma_mm + 1e-6)
+    assert form.place.radius_sigma_mm < 1e-4
+    assert form.outliers == 0
+    assert len(form.x_mm) > 3990
+    assert profile_error_um(form, truth) < 0.1
+    assert max(abs(t.um) for t in form.terms if noll(t.noll)[1]) < 0.03
+    if place is in_place:
+        assert np.abs(form.place.vertex_mm).max() < 1e-3
+        np.testing.assert_array_equal(form.place.tilt_deg, 0.0)
+        assert not form.place.is_centred_by_outline
+
+
+def test_a_sphere_of_quite_another_radius_is_another_mirror():
+    with pytest.raises(OmnimirrorError, match=r"sphere of radius 60 mm, and the mirror has 50 mm; check that"):
+        om.form_error(BALL, on(Sphere(60.0, 44.0), {}, 0.1))
+
+
+@pytest.mark.parametrize("seed", few(range(6), 0, 1))
+@pytest.mark.parametrize("name", [*MIRRORS, "cone"])
+def test_two_percent_of_points_are_three_millimetres_off(name, seed):
+    mirror = {**MIRRORS, "cone": Cone(45.0, 30.0)}[name]
+    points, rng = on(mirror, {}, 0.3, count=4000, seed=seed), np.random.default_rng(seed)
+    wrong = rng.choice(4000, 80, replace=False)
+    points[wrong, 2] += 3.0 if seed % 2 else rng.choice([-3.0, 3.0], 80)
+    form = om.form_error(mirror, posed(points, seed))
+    assert 75 <= form.outliers <= 82
+    assert profile_error_um(form, mirror) < 0.1  # noise at the vertex, where few points lie
+    assert max(abs(t.um) for t in form.terms if noll(t.noll)[1]) < 0.1
+
+
+def ball_centres(mirror, radius: float, points: np.ndarray) -> np.ndarray:
+    """Centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
+    r = np.hypot(points[:, 0], points[:, 1])
+    slope = mirror.slope(r)
+    normal = np.stack([-slope * points[:, 0] / r, -slope * points[:, 1] / r, np.ones(len(r))], axis=1)
+    return points - radius * normal / np.sqrt(1 + slope**2)[:, None]
+
+
+@pytest.mark.parametrize("radius", few([0.5, 2.0, 4.0], 2.0))
+@pytest.mark.parametrize("name", [*MIRRORS, "ball of another radius"])
+def test_the_radius_of_the_probe_is_taken_away(name, radius):
+    nominal = MIRRORS.get(name, BALL)
+    truth = nominal if name in MIRRORS else replace(BALL, radius_mm=50.5)
+    centres = ball_centres(truth, radius, on(truth, {}, 0.1, count=3000))
+    form = om.form_error(nominal, posed(centres, 5), probe_radius_mm=radius)
+    assert profile_error_um(form, truth) < 0.06
+    assert len(form.x_mm) > 2990
+    if form.radius_mm is not None:
+        assert form.radius_mm == pytest.approx(truth.radius_mm, abs=1e-4)
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+@pytest.mark.parametrize("name", [*MIRRORS, "ball of another radius"])
+def test_a_profile_through_the_axis_gives_the_form_about_it(name, columns):
+    nominal = MIRRORS.get(name, BALL)
+    truth = nominal if name in MIRRORS else replace(BALL, radius_mm=50.5)
+    x, rng = np.linspace(-0.99, 0.99, 801) * truth.rim_radius_mm, np.random.default_rng(2)
+    z = (
+        truth.sag(np.abs(x))
+        + 1e-3 * 0.5 * np.sqrt(5) * (6 * (x / truth.rim_radius_mm) ** 4 - 6 * (x / truth.rim_radius_mm) ** 2 + 1)
+        + 1e-4 * rng.normal(size=801)
+    )
+    c, s = np.cos(0.005), np.sin(0.005)
+    profile = np.stack([c * x - s * z + 3.0, s * x + c * z + 50.0], axis=1)
+    if columns == 3:  # along another line, seen from above
+        profile = np.column_stack([0.6 * profile[:, 0], 0.8 * profile[:, 0] + 2.0, -profile[:, 1]])
+    form = om.form_error(nominal, profile)
+    assert form.place.is_profile
+    assert form.place.is_inverted == (columns == 3)
+    assert all(noll(t.noll)[1] == 0 for t in form.terms)
+    at = np.linspace(0, 0.98, 200)
+    made = truth.sag(at * truth.rim_radius_mm) + 1e-3 * 0.5 * np.sqrt(5) * (6 * at**4 - 6 * at**2)
+    assert np.abs(1e3 * (form.corrected().sag(at * truth.rim_radius_mm) - made)).max() < 0.1
+    if name == "hyperboloid":
+        across = [0, -1] if columns == 2 else [-0.8, -0.6]
+        np.testing.assert_allclose(form.place.tilt_deg, np.degrees(0.005) * np.array(across), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "sentence"),
+    [
+        (np.stack([np.linspace(2, 40, 400), BALL.sag(np.linspace(2, 40, 400))], axis=1), {}, "both sides of the axis"),
+        (np.stack([np.linspace(-40, 40, 40), BALL.sag(np.abs(np.linspace(-40, 40, 40)))], axis=1), {}, "at least 50"),
+        (
+            np.stack([np.linspace(-40, 40, 99), BALL.sag(np.abs(np.linspace(-40, 40, 99)))], axis=1),
+            {"order": 4},
+            "order",
+        ),
+        (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm = -1"),
+        (on(BALL, {}, 0.1), {"probe_radius_mm": 1.0, "are_departures": True}, "of the surface itself"),
+    ],
+)
+def test_what_no_profile_and_no_probe_can_tell_is_refused(points, options, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        om.form_error(BALL, points, **options)

@@ -1,0 +1,173 @@
+"""Exports of folded sensors: both mirrors, the way of light through the lens file, and what the drawing counts."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import omnimirror as om
+from omnimirror.cli import main
+from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Housing, Rod, Tube
+from omnimirror.manufacturing import Body, image_shifts, sag_table
+from omnimirror.manufacturing.body import MIN_WALL_MM, parts_of
+from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
+from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
+from tests.everyday import few
+from tests.manufacturing.formats.test_step import read, volume
+from tests.manufacturing.formats.test_zmx import parse_zmx, sag_of
+
+QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
+
+
+@pytest.mark.parametrize("kind", few(["flat", "aspheric", "telecentric"], "flat"))
+def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path):
+    files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
+    names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
+    assert sorted(names) == [
+        "s-drawing.svg",
+        "s-mirror-drawing.svg",
+        "s-sag.csv",
+        "s-secondary-drawing.svg",
+        "s-secondary-sag.csv",
+        "s-secondary.dat",
+        "s-secondary.dxf",
+        "s-secondary.stl",
+        "s.dat",
+        "s.dxf",
+        "s.stl",
+        "s.zmx",
+    ]
+    assert all(file.path.stat().st_size > 500 for file in files)
+
+
+def test_one_file_of_a_mirror_has_the_other_beside_it(tmp_path):
+    files = om.export(FOLDED, tmp_path / "part.step", secondary_body=Body(3.0))
+    assert [file.path.name for file in files] == ["part.step", "part-secondary.step"]
+    primary, secondary = (read(file.path) for file in files)
+    assert volume(secondary) == pytest.approx(np.pi * 20.5**2 * 3, rel=1e-9)
+    mirror, back = FOLDED.mirror, float(FOLDED.mirror.sag(43.905)) + 5
+    pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[0]  # from the bore on
+    body = parts_of(FOLDED, secondary_body=Body(3.0))[0].body
+    pierced -= np.pi * ((body.counterbore_diameter_mm / 2) ** 2 - 5.0**2) * body.counterbore_depth_mm
+    assert volume(primary) == pytest.approx(pierced, rel=1e-7)
+    assert volume(primary) == pytest.approx(body.volume_mm3(mirror), rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["folded-spherical", "folded-hyperboloidal"])
+def test_a_camera_looks_through_the_counterbore(name):
+    """Chief rays from the second mirror to the lens, and a lens of its size, pass the solid; and wall is left."""
+    sensor = om.load_sensor(name)
+    body, mirror = parts_of(sensor)[0].body, sensor.mirror
+    corners = body.outline(mirror)
+    lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
+    back = body.back_mm(mirror)
+    floor = back - body.counterbore_depth_mm
+    assert floor <= lens - 1.5  # the lens stands in the wide part
+    assert body.counterbore_diameter_mm >= 14.0
+    r = np.linspace(body.bore_mm / 2, body.counterbore_diameter_mm / 2, 50)
+    assert (floor - mirror.sag(r)).min() >= MIN_WALL_MM - 1e-9
+    rays = sensor.meridian.trace(np.linspace(sensor.meridian.x_min, mirror.rim_radius_mm, 200))
+    x, z = rays.first.x, sensor.secondary.height(rays.first.x)
+    for radius, height in corners[corners[:, 0] < 0.9 * mirror.rim_radius_mm]:
+        if height < lens:
+            at = x * (lens - height) / (lens - z)  # on the way to the lens's middle
+            assert (at < radius).all()
+
+
+def test_the_section_of_a_flat_mirror_has_no_length_of_nothing(tmp_path):
+    from ezdxf.filemanagement import readfile
+
+    om.export(FOLDED, tmp_path / "part.dxf")
+    drawing = readfile(tmp_path / "part-secondary.dxf")
+    assert not drawing.audit().errors
+    lengths = sorted(float(d.get_measurement()) for d in drawing.modelspace().query("DIMENSION"))
+    assert lengths == pytest.approx([5.0, 41.0])
+
+
+@pytest.mark.parametrize("kind", sorted(SENSORS))
+def test_chief_rays_of_the_lens_file_leave_both_mirrors_at_the_field_angles(kind, tmp_path):
+    """From each field point by reflection in the surfaces as they stand in the file, in the file's own frame."""
+    sensor = SENSORS[kind]
+    write_zmx(tmp_path / "s.zmx", sensor)
+    system, surfaces = parse_zmx(tmp_path / "s.zmx")
+    assert [s.get("GLAS", ["none"])[0] for s in surfaces] == ["none", "none", "MIRROR", "MIRROR", "none"]
+    telecentric = system["FTYP"][1] == "1"
+    with mp.workdps(25):
+        secondary, primary = sag_of(surfaces[2]), sag_of(surfaces[3])
+        to_secondary, back = (mp.mpf(surfaces[i]["DISZ"][0]) for i in (1, 2))
+        assert float(back) == -sensor.secondary.distance_mm
+        for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
+            h = mp.mpf(height)
+            slope = mp.mpf(0) if telecentric else -h / mp.mpf(surfaces[0]["DISZ"][0])  # undeviated in the lens's middle
+            y, z = (h if telecentric else mp.mpf(0)), mp.mpf(0)
+            dy, dz = slope / mp.hypot(slope, 1), 1 / mp.hypot(slope, 1)
+            for vertex, sag, there in ((to_secondary, secondary, to_secondary), (to_secondary + back, primary, back)):
+                t = mp.findroot(lambda t: z + t * dz - vertex - sag(y + t * dy), there / dz)  # noqa: B023
+                y, z = y + t * dy, z + t * dz
+                n = mp.diff(sag, y)
+                across = (dy * n - dz) / (1 + n**2)
+                dy, dz = dy - 2 * across * n, dz + 2 * across
+            assert float(mp.degrees(mp.acos(dz))) == pytest.approx(omega, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["concave", "two-hyperboloids"])
+def test_field_angles_of_a_table_are_those_of_pixels(kind):
+    """A point of the secondary under its viewing angle in the picture, against the pixel's own ray."""
+    sensor = SENSORS[kind]
+    x = np.linspace(0.0, sensor.secondary.mirror.rim_radius_mm, 23)
+    table = sag_table(sensor, x, secondary=True)
+    w = sensor.mirror_distance_mm - sensor.secondary.distance_mm + table["sag_mm"]
+    h = sensor.lens.image_height(x, w) / sensor.imager.pitch_mm
+    pixels = np.stack([511.5 + h, np.full_like(h, 511.5)], axis=-1)
+    _, directions, valid = sensor.backproject(pixels)
+    inside = h < 511  # and not beside the picture
+    np.testing.assert_array_equal(np.isfinite(table["omega_deg"])[inside], valid[inside])
+    assert valid.sum() > 5
+    omega = np.degrees(np.arccos(directions[valid] @ sensor.axis))
+    np.testing.assert_allclose(table["omega_deg"][valid], omega, atol=1e-9)
+
+
+def test_moving_a_flat_mirror_counts_twice():
+    """Against the unfolded sensor: the lens and the mirror change the way once, the fold by both legs.
+
+    The worst angle of either table is the last of its own steps, short of the rim.
+    """
+    alone = {s.name: s.px_per_unit for s in image_shifts(UNFOLDED)}["mirror distance"]
+    folded = {s.name: s.px_per_unit for s in image_shifts(FOLDED)}
+    assert folded["lens distance"] == pytest.approx(alone, rel=5e-3)
+    assert folded["mirror distance"] == pytest.approx(folded["lens distance"], rel=1e-6)
+    assert folded["secondary distance"] == pytest.approx(2 * folded["lens distance"], rel=1e-6)
+
+
+def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_see():
+    (ring,) = FOLDED.obscured
+    assert ring.omega_deg == (0.0, pytest.approx(FOLDED.field_deg[0]))
+    u, v = np.meshgrid(np.arange(0.5, 1024, 4), np.arange(0.5, 1024, 4))
+    inside = np.hypot(u - 511.5, v - 511.5) < FOLDED.rim_radius_px
+    _, _, valid = FOLDED.backproject(np.stack([u[inside], v[inside]], axis=-1))
+    assert ring.picture_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)}, "bore_diameter_mm must be at least 10"),
+        ({"body": Body(thread="M6")}, "with bore_depth_mm = inf"),
+        ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
+        ({"housing": Housing(CameraBody(20.0), shell=Tube())}, "the camera's front is its bore_radius_mm"),
+    ],
+)
+def test_what_does_not_fit_two_mirrors_is_refused(options, sentence, tmp_path):
+    with pytest.raises(InvalidParameter, match=sentence):
+        om.export(FOLDED, tmp_path, formats=["svg"], **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_thickness_of_a_second_mirror_that_is_not_there_is_refused(tmp_path, capsys):
+    options = ["--formats", "csv", "--secondary-thickness-mm", "3"]
+    with pytest.raises(SystemExit, match=r"^[12]$"):
+        main(["export", "paper-spherical", "-o", str(tmp_path / "out"), *options])
+    assert "has no secondary" in capsys.readouterr().err

@@ -1,0 +1,293 @@
+"""What the drawing says is hidden, against rays marched point by point; what errors do, against other formulas."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Perspective
+from omnimirror.manufacturing import Body, image_shifts
+from omnimirror.manufacturing.body import parts_of, with_housing
+from omnimirror.manufacturing.drawings.sensor_view import Assembly, shell_end_mm
+from omnimirror.manufacturing.drawings.tables import hidden_rows
+from omnimirror.mirrors import Sphere
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.tracing.walls import wall_transmission
+from tests.conftest import MIRRORS, sensor_of
+
+SPH = om.load_sensor("paper-spherical")
+
+
+def drawn(sensor, housing, body=None):
+    """The sensor as its drawing shows it."""
+    return with_housing(parts_of(sensor, body), housing)
+
+
+def lens_height(sensor):
+    m = sensor.mirror_distance_mm
+    return -m if np.isfinite(m) else -2.5 * sensor.mirror.rim_radius_mm
+
+
+def percent(sensor):
+    return sum(ring.picture_percent for ring in sensor.obscured)
+
+
+def marched(sensor, solid, count=1500):
+    """Hidden field angles (deg) and share of the picture (%): both legs of each chief ray in steps of 0.05 mm."""
+    x = np.linspace(1e-6, sensor.mirror.rim_radius_mm, count)
+    rays = sensor.meridian.trace(x)
+    lens = lens_height(sensor)
+    hidden = np.zeros(count, bool)
+    for i in range(count):
+        t = np.linspace(0, 1, 4000)[1:]
+        foot = x[i] if sensor.lens.TELECENTRIC else 0.0
+        inner = np.stack([x[i] + t * (foot - x[i]), rays.z[i] + t * (lens - rays.z[i])])
+        outer = np.stack([x[i] + 400 * t * np.sin(rays.omega[i]), rays.z[i] - 400 * t * np.cos(rays.omega[i])])
+        hidden[i] = any(solid(*leg).any() for leg in (inner, outer))
+    h = sensor.image_height_px(rays) / sensor.rim_radius_px
+    edges = np.concatenate([[0.0], (h[1:] + h[:-1]) / 2, [1.0]])
+    share = 100 * (np.diff(edges**2) * hidden).sum()
+    return np.degrees(rays.omega[hidden]), share
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [SPH, om.load_sensor("paper-hyperboloidal"), om.load_sensor("paraboloid-telecentric")],
+    ids=lambda s: s.name,
+)
+def test_a_rod_hides_the_middle(sensor):
+    (ring,) = drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
+    foot = lens_height(sensor) + 30.0
+    omega, share = marched(sensor, lambda x, z: (np.abs(x) < 2.0) & (z > foot) & (z < 0))
+    assert ring.part == "rod"
+    assert ring.omega_deg[0] == 0.0
+    assert ring.omega_deg[1] == pytest.approx(omega.max(), abs=0.15)
+    assert ring.picture_percent == pytest.approx(share, abs=0.05)
+
+
+@pytest.mark.parametrize("diameter", [100.0, 130.0])
+def test_a_tube_hides_at_its_ends(diameter):
+    body = Body(thickness_mm=5.0)
+    sensor = drawn(SPH, Housing(shell=Tube(diameter)), body)
+    inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
+    rings = sensor.obscurations
+
+    def solid(x, z):  # thin discs inside the tube, the mirror's own back and the lens's place left out
+        base = (np.abs(z - lens) < 0.06) & (x < inner) & (x > 0.2)
+        cap = (np.abs(z - back) < 0.06) & (x < inner) & (x > SPH.mirror.rim_radius_mm)
+        return base | cap
+
+    omega, share = marched(SPH, solid)
+    assert percent(sensor) == pytest.approx(share, abs=0.3)
+    assert {r.part for r in rings} == ({"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"})
+    low = omega[omega < 90].max()
+    assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(low, abs=0.3)
+    if diameter == 130:
+        high = omega[omega > 90].min()
+        assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(high, abs=0.3)
+
+
+def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims_ray():
+    sensor = drawn(SPH, Housing(shell=Tube()))
+    tube = sensor.obstructions.housing.shell
+    assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
+    assert [r.part for r in sensor.obscurations] == ["tube's base"]
+    omega = np.radians(SPH.field_deg[1])
+    exit_height = float(SPH.mirror.sag(43.905)) - (50.0 - 43.905) / np.tan(omega)
+    assert shell_end_mm(SPH, tube, Body().back_mm(SPH.mirror)) == pytest.approx(exit_height)
+
+
+def test_a_flange_in_the_way_is_reported():
+    flat = Body(thickness_mm=5.0, flange_width_mm=10.0, flange_thickness_mm=5.0)
+    (ring,) = drawn(SPH, Housing(), flat).obscurations
+    assert ring.part == "rim"
+    assert ring.omega_deg[1] == pytest.approx(SPH.field_deg[1])
+    set_back = replace(flat, thickness_mm=20.0)
+    assert drawn(SPH, Housing(), set_back).obscurations == ()
+
+
+def test_the_rim_of_a_housing_is_the_flange_of_the_body_and_back():
+    for body in (Body(), Body(8.0, flange_width_mm=4.0, flange_thickness_mm=3.0)):
+        rim = body.rim(SPH.mirror)
+        assert astuple(Body.of(rim, SPH.mirror).rim(SPH.mirror)) == pytest.approx(astuple(rim))
+        sensor = replace(SPH, housing=Housing(rim=rim))
+        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(SPH.mirror)
+        assert drawn(sensor, None).obscured == sensor.obscured
+
+
+def test_rings_that_overlap_count_once():
+    both = drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
+    parts = {r.part: r.picture_percent for r in both.obscurations}
+    assert set(parts) == {"rod", "camera"}
+    assert percent(both) == pytest.approx(max(parts.values()))
+    assert percent(drawn(SPH, Housing())) == 0.0
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_every_mirror_can_be_supported(kind):
+    sensor = sensor_of(kind)
+    for housing in (Housing(shell=Tube()), Housing(rod=Rod()), Housing()):
+        for ring in drawn(sensor, housing).obscurations:
+            low, high = ring.omega_deg
+            assert sensor.field_deg[0] <= low < high <= sensor.field_deg[1] + 1e-9
+            assert 0 < ring.picture_percent < 100
+
+
+@pytest.mark.parametrize(
+    ("part", "entries", "sentence"),
+    [
+        (Tube, {"diameter_mm": 80.0}, "its diameter is valid from 93.81 mm"),
+        (Dome, {"diameter_mm": 200.0}, "does not take in the mirror; its diameter is valid from 235.05 mm"),
+        (Dome, {"diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
+        (Dome, {"inner_shift_mm": 3.0}, "breaks through a wall of 3 mm"),
+        (Rod, {"gap_mm": 200.0}, "valid below 180.429 mm"),
+        (Rod, {"diameter_mm": 95.0}, "diameter_mm = 95 makes a rod wider than the mirror .* up to 87.81 mm"),
+        (Rod, {"end_diameter_mm": 87.9}, "end_diameter_mm = 87.9 makes a rod wider than the mirror"),
+        (Tube, {"diameter_mm": 5.0}, "fills a tube of 5 mm; it is valid below 2.5 mm"),
+        (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
+    ],
+)
+def test_a_support_that_cannot_be_is_refused(part, entries, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        drawn(SPH, Housing(**{"rod" if part is Rod else "shell": part(**entries)})).obscurations  # noqa: B018
+
+
+def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
+    """There only the other one is reflected, by the square of (n^2 - 1)/(n^2 + 1)."""
+    n = 1.5
+    brewster = 90.0 - np.degrees(np.arctan(n))
+    r = ((n**2 - 1) / (n**2 + 1)) ** 2
+    assert float(wall_transmission(np.radians(90.0 - brewster), n)) == pytest.approx(
+        (1 + (1 - r) / (1 + r)) / 2, rel=1e-12
+    )
+
+
+def test_the_sheet_says_what_a_wall_does_to_rays():
+    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named material."""
+    sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
+    *_, (word, shift, passed) = hidden_rows(sensor)
+    i = np.radians(45.0)
+    t = np.arcsin(np.sin(i) / 1.5855)
+    assert word == "tube at Ω = 135°"
+    assert shift == f"shift {3.0 / np.cos(t) * np.sin(i - t):.2f} mm"
+    s, p = (np.sin(i - t) / np.sin(i + t)) ** 2, (np.tan(i - t) / np.tan(i + t)) ** 2
+    assert float(passed.split()[0]) == pytest.approx(100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06)
+
+
+# -- errors of building --------------------------------------------------------------------------------
+
+
+def found(sensor):
+    return {s.name: s for s in image_shifts(sensor)}
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
+def test_the_distance_moves_the_picture_as_a_sensor_built_so_shows_it(name):
+    sensor = om.load_sensor(name)
+    step = 0.01
+    omega = np.radians(np.linspace(2.0, 0.985 * sensor.field_deg[1], 301))
+    heights = []
+    for sign in (1, -1):
+        other = replace(sensor, mirror_distance_mm=sensor.mirror_distance_mm + sign * step)
+        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+    motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
+    assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
+
+
+IN_WATER = om.Sensor(
+    Sphere(28.39142, 22.0),
+    Perspective(6.0, 4.0, 81.9085),
+    Imager(1920, 1200, 3.0),
+    mirror_distance_mm=68.68475,
+    housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    name="in-water",
+)
+IN_DOME = replace(SPH, housing=Housing(shell=Dome(300.0, material="polycarbonate")), name="in-dome")
+BEFORE_WINDOW = om.Sensor(
+    Sphere(80.0, 20.0),
+    Perspective(8.0, 4.0, 100.0),
+    Imager(1024, 1024, 5.2),
+    mirror_distance_mm=90.0,
+    housing=Housing(shell=FlatWindow(material="bk7")),
+    name="before-window",
+)
+
+
+@pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)
+def test_errors_behind_a_cover_move_the_picture_as_a_sensor_built_so_shows_it(sensor):
+    """At field angles outside the cover, by the meridian of a mirror that stands elsewhere in the same cover."""
+    step = 0.01
+    low, high = sensor.field_deg
+    omega = np.radians(np.linspace(low + 0.02 * (high - low), high - 0.02 * (high - low), 301))
+    heights = []
+    for sign in (1, -1):
+        other = replace(sensor, mirror_pose=MirrorPose(displacement_mm=sign * step))
+        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+    motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
+    assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
+
+
+def test_a_middle_that_the_tube_hides_is_not_blamed_on_a_second_mirror():
+    assert {ring.part for ring in IN_WATER.obscurations} == {"tube's base"}
+    folded = om.load_sensor("folded-spherical")
+    assert "secondary, bore" in {ring.part for ring in folded.obscurations}
+
+
+def test_a_slope_error_turns_the_ray_twice():
+    omega = np.linspace(2.0, 134.0, 300)
+    rate = om.evaluate(SPH, omega).dh_domega_px_per_deg
+    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(2 * rate.max() * np.degrees(1e-3), rel=1e-3)
+
+
+def test_tilting_a_sphere_about_its_vertex_moves_its_centre():
+    """By R times the angle across the axis, and nothing else to first order."""
+    errors = found(SPH)
+    moved = SPH.mirror.radius_mm * np.radians(1.0)
+    assert errors["mirror tilt"].px_per_unit == pytest.approx(moved * errors["mirror decentre"].px_per_unit, rel=1e-3)
+
+
+def test_a_form_error_is_its_slope_times_the_sensitivity_to_slope():
+    errors = found(SPH)
+    slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # of a bump of 1 um
+    assert errors["surface form"].px_per_unit == pytest.approx(
+        slope_mrad * errors["surface slope"].px_per_unit, rel=0.1
+    )
+
+
+def test_a_telecentric_picture_and_that_of_a_cone_do_not_feel_the_distance():
+    assert "mirror distance" not in found(om.load_sensor("paraboloid-telecentric"))
+    assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"])
+@pytest.mark.parametrize(
+    ("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)]
+)
+def test_decentre_and_tilt_move_the_picture_as_rays_in_space_do(name, error, field, step):
+    """Over all azimuths: so the meridian is where they move it most."""
+    sensor = om.load_sensor(name)
+    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
+    azimuth = np.radians(np.arange(0, 181, 15))
+    rays = [np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), -np.cos(omega) + 0 * azimuth]
+    directions = np.stack(rays, axis=-1).reshape(-1, 3) @ sensor.mount.rotation().T
+    pixels = [
+        replace(sensor, mirror_pose=MirrorPose(**{field: sign * step})).project_directions(directions).pixels
+        for sign in (1, -1)
+    ]
+    motion = np.nanmax(np.hypot(*(pixels[0] - pixels[1]).T)) / (2 * step)
+    assert found(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
+
+
+def test_a_displaced_mirror_is_drawn_where_it_is_and_a_tilted_one_refused():
+    displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=2.0))
+    assembly = Assembly.of(drawn(displaced, Housing(shell=Dome(centre_mm=-80.0))), Body())
+    assert (assembly.lens, assembly.base) == pytest.approx((-182.429, -182.429))
+    assert assembly.housing.shell.centre_mm == pytest.approx(-82.0)
+    with pytest.raises(InvalidParameter, match=r"take sensor.aligned\(\)"):
+        drawn(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), None).obscurations  # noqa: B018

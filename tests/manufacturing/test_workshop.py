@@ -1,0 +1,208 @@
+"""The workshop file: what it says comes onto the sheets, what is wrong is said in a sentence."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.manufacturing import Body, PartSpecification, Workshop
+from omnimirror.manufacturing.tolerancing.tolerance_file import load_allocated_tolerances, tolerance_template
+from omnimirror.manufacturing.workshop import parse_workshop
+from omnimirror.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM
+from tests.commands import omnimirror
+from tests.conftest import MIRRORS
+
+BODIES = {
+    "plain": Body(thickness_mm=5.0),
+    "flange": Body(thickness_mm=8.0, flange_width_mm=4.0),
+    "drilled": Body(thickness_mm=8.0, bore_diameter_mm=5.0, bore_depth_mm=6.0),
+    "through": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf),
+    "counterbore": Body(
+        bore_diameter_mm=6.0, bore_depth_mm=np.inf, counterbore_diameter_mm=14.0, counterbore_depth_mm=4.0
+    ),
+}
+
+
+@pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
+@pytest.mark.parametrize("kind", ["hyperboloid", "cone", "slope-spline"])
+def test_the_volume_is_that_of_shells(kind, body):
+    """Added up ring by ring, by an integrator that knows no outline."""
+    mirror, _ = MIRRORS[kind]
+    rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
+    shells = quad(
+        lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))),
+        body.start_mm(),
+        rim,
+        epsabs=1e-9,
+        epsrel=1e-11,
+        limit=200,
+    )[0]
+    shells += np.pi * ((rim + body.flange_width_mm) ** 2 - rim**2) * body.flange_thickness_mm
+    if body.bore_mm and not body.bore_goes_through:
+        r = body.bore_mm / 2
+        shells -= np.pi * r * r * (body.bore_depth_mm + r / np.tan(np.radians(59)) / 3)
+    if wide := body.counterbore_diameter_mm / 2:
+        shells -= np.pi * (wide**2 - (body.bore_mm / 2) ** 2) * body.counterbore_depth_mm
+    assert body.volume_mm3(mirror) == pytest.approx(shells, rel=1e-6)
+
+
+def test_every_material_has_a_density():
+    assert set(DENSITIES_G_PER_CM3) == set(EXPANSIONS_PPM)
+    assert PartSpecification(material="stainless steel 1.4301").density == DENSITIES_G_PER_CM3["stainless_steel"]
+    assert PartSpecification(material="brass", density_g_per_cm3=8.4).density == 8.4
+    assert PartSpecification(material="RSA-6061").density is None
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[title]\nnumbr = 'A'", "line 2: unknown entry title.numbr; did you mean number"),
+        ("[title]\nnumber = 7", "line 2: number = 7"),
+        ("[title]\nowner = 'x'\ndate = '22.11.2026'", "line 3: date must have the format 2026-11-22; got '22.11.2026'"),
+        ("[title]\ntitle = '" + 60 * "x" + "'", "printable text of at most 48 characters"),
+        ("[mirror]\nmaterial = 'brass'\nform_um = -1", "line 3: form_um = -1 um is outside"),
+        ("[mirrors]\nform_um = 1", "mirrors is not known; did you mean mirror"),
+        ("[mirror", "workshop file"),
+    ],
+)
+def test_wrong_files_are_refused_with_their_line(text, sentence):
+    with pytest.raises(SpecError, match=sentence.replace("[", r"\[")):
+        parse_workshop(text)
+
+
+def test_a_tolerance_below_0_is_refused():
+    with pytest.raises(InvalidParameter, match=r"tolerance of mirror\.conic"):
+        Workshop(tolerances={"mirror.conic": -1.0})
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"counterbore_diameter_mm": 10.0}, "the diameter of a through bore"),
+        (
+            {"bore_diameter_mm": 12.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 10.0},
+            "larger than the diameter of a through bore",
+        ),
+    ],
+)
+def test_a_counterbore_needs_its_bore(options, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        Body(**options)
+
+
+def test_a_counterbore_that_is_too_deep_names_the_depth_that_can_be_made():
+    mirror, _ = MIRRORS["hyperboloid"]
+    bore = {"bore_diameter_mm": 6.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 14.0}
+    with pytest.raises(InvalidParameter, match=r"a depth of at most 52\.\d+") as refused:
+        Body(**bore, counterbore_depth_mm=55.0).outline(mirror)
+    deepest = float(str(refused.value).rsplit(" ", 1)[1])
+    floor = Body(**bore, counterbore_depth_mm=deepest).outline(mirror)[3, 1]
+    assert floor - float(mirror.sag(7.0)) == pytest.approx(1.0, abs=0.011)
+
+
+def test_tolerances_are_those_of_the_file_or_those_that_were_allocated(tmp_path):
+    sensor = om.load_sensor("paper-spherical")
+    (tmp_path / "t.toml").write_text(tolerance_template(sensor))
+    asked = load_allocated_tolerances(tmp_path / "t.toml", sensor)
+    assert asked["mirror.decentre_x_mm"] == 0.05
+    rows = [{"name": name, "tolerance": value} for name, value in asked.items()]
+    for allocation, wanted in (
+        (None, asked),
+        ({"tolerances": {"mirror.tilt_x_deg": 0.03}}, {"mirror.tilt_x_deg": 0.03}),
+    ):
+        (tmp_path / "t.json").write_text(json.dumps({"allocation": allocation, "sensitivities": rows}))
+        assert load_allocated_tolerances(tmp_path / "t.json", sensor) == wanted
+    for text, sentence in (
+        ("[]", "is not a file of omnimirror tolerance"),
+        ('{"allocation": {"tolerances": {"mirror.tilt_z_deg": 1}}}', "'mirror.tilt_z_deg' is not an error source"),
+    ):
+        (tmp_path / "t.json").write_text(text)
+        with pytest.raises((SpecError, InvalidParameter), match=sentence):
+            load_allocated_tolerances(tmp_path / "t.json", sensor)
+
+
+def test_the_command_says_what_a_shop_will_ask_for(tmp_path):
+    run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", cwd=tmp_path)
+    words = " ".join(run.stdout.split())
+    assert "A shop will ask for what the drawing does not say: number, owner, approved_by, mirror.material" in words
+    (tmp_path / "w.toml").write_text(
+        "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n"
+        "[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n"
+    )
+    run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", "--workshop", "w.toml", cwd=tmp_path)
+    assert "A shop" not in run.stdout
+    assert "OM-7" in (tmp_path / "mirror-mirror.svg").read_text()
+
+
+SPHERE = om.load_sensor("paper-spherical")
+
+
+@pytest.mark.parametrize(
+    ("making", "tolerances", "sentence"),
+    [
+        ({"centring_deg": 0.2}, {"mirror.tilt_x_deg": 0.5, "mirror.tilt_y_deg": 0.1}, "tilt of the mirror"),
+        ({"centring_deg": 0.07, "back_flatness_mm": 0.1}, {"mirror.tilt_x_deg": 0.1}, "use 0.135 deg of the 0.1 deg"),
+        ({"back_flatness_mm": 0.1, "centring_deg": 0.05}, {}, "lets datum A tilt by 0.0652 deg"),
+        (
+            {"centring_mm": 0.03, "diameter_tolerance_mm": 0.02},
+            {"mirror.decentre_y_mm": 0.05},
+            "decentre of the mirror",
+        ),
+        ({}, {"mirror.decentre_x_mm": 0.2}, r"general tolerance of the diameter \(ISO 2768-m\) uses 0.3 mm"),
+        ({"thickness_tolerance_mm": 0.1}, {"mirror.displacement_mm": 0.1}, "spacing of the mirror"),
+        ({"form_um": 1.0}, {"mirror.zernike_4_um": 0.3}, "permits an RMS of 0.605 um along z, and 0.173 um"),
+        ({"form_um": 1.0}, {"mirror.vertex_radius_mm": 0.05}, r"vertex_radius_mm ± 0.05 departs by .* P-V"),
+        ({"form_um": 1.0}, {"mirror.conic": 0.005}, r"mirror.conic ± 0.005 departs by .* P-V"),
+    ],
+)
+def test_tolerances_that_contradict_each_other_are_named(making, tolerances, sentence):
+    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances))
+    assert re.search(sentence, found), found
+
+
+@pytest.mark.parametrize(
+    ("making", "tolerances"),
+    [
+        ({}, {}),
+        ({"centring_deg": 0.05, "back_flatness_mm": 0.005}, {"mirror.tilt_x_deg": 0.1}),
+        ({"centring_mm": 0.02, "diameter_tolerance_mm": 0.02}, {"mirror.decentre_x_mm": 0.05}),
+        ({"thickness_tolerance_mm": 0.05}, {"mirror.displacement_mm": 0.1}),
+        ({"form_um": 0.2}, {"mirror.zernike_4_um": 0.3, "mirror.vertex_radius_mm": 1e-4}),
+    ],
+)
+def test_tolerances_that_agree_raise_no_conflict(making, tolerances):
+    assert om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)) == []
+
+
+def test_a_radius_that_is_off_departs_by_the_zone_that_holds_both_spheres():
+    """Along the normal of the nominal sphere, in steps of a brute search for the shift along the axis."""
+    told = {"mirror.vertex_radius_mm": 0.05}
+    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told))
+    r, R = np.linspace(0, 43.905, 2001), 49.9582
+    dz = 1e3 * ((R + 0.05 - np.sqrt((R + 0.05) ** 2 - r**2)) - (R - np.sqrt(R**2 - r**2)))
+    zones = [2 * np.abs((dz - shift) * np.sqrt(1 - (r / R) ** 2)).max() for shift in np.linspace(dz.min(), 0, 4001)]
+    assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(min(zones), rel=0.01)
+
+
+def test_the_command_warns_of_tolerances_that_contradict_each_other(tmp_path):
+    (tmp_path / "shop.toml").write_text("[mirror]\ncentring_deg = 0.5\n")
+    (tmp_path / "tolerances.toml").write_text('[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n')
+    done = omnimirror(
+        "export",
+        "paper-spherical",
+        "-o",
+        "a.svg",
+        "--workshop",
+        "shop.toml",
+        "--tolerances",
+        "tolerances.toml",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "tolerances contradict each other: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())

@@ -1,0 +1,254 @@
+"""Derivatives of every merit by every error against finite real rays: a tracer that knows nothing of trials.
+
+A ray starts at a point of the entrance pupil, meets the mirror with all its errors (its height summed from formulas of
+their own, its normal by differences), is reflected, and is turned until it comes from the object. Lens and imager are
+planes in space. Pictures are taken at errors of several sizes; polynomials through them, and through their merits, tell
+derivatives at 0.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import eval_jacobi
+
+import omnimirror as om
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources
+from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
+from omnimirror.mirrors import EvenPolynomial
+from omnimirror.numerics.zernike import terms_of
+
+NODES = np.arange(7.0)
+PUPIL = 0.3 * np.array(
+    [[0, 0], *((side, 0) for side in (1, -1, 2, -2, 3, -3)), *((0, side) for side in (1, -1, 2, -2, 3, -3))]
+)
+"""mm; derivatives over the pupil are of sixth order."""
+NEAR = np.vander(0.05 * NODES, increasing=True) @ np.linalg.inv(np.vander(NODES, increasing=True))
+"""From motions at the nodes to those near 0 on the polynomial through them: what is worst there is so at 0 as well."""
+AT_ZERO = np.linalg.inv(np.vander(NODES, increasing=True))[1:3]
+"""Coefficients 1 and 2 of the polynomial through values at the nodes."""
+
+
+def noll(j):
+    n = 0
+    while (n + 1) * (n + 2) // 2 < j:
+        n += 1
+    satisfies_limit = j - n * (n + 1) // 2
+    m = (satisfies_limit // 2) * 2 if n % 2 == 0 else ((satisfies_limit - 1) // 2) * 2 + 1
+    return n, m, j % 2 == 0
+
+
+def zernike(j, x, y):
+    n, m, even = noll(j)
+    r, phi = np.hypot(x, y), np.arctan2(y, x)
+    k = (n - m) // 2
+    radial = (-1) ** k * r**m * eval_jacobi(k, m, 0, 1 - 2 * r * r) * np.sqrt(n + 1)
+    return radial if m == 0 else radial * np.sqrt(2) * (np.cos(m * phi) if even else np.sin(m * phi))
+
+
+class Rays:
+    """A sensor with one error, its sizes along the first axis, pupil points along the second, objects third."""
+
+    def __init__(self, sensor, name, sizes):
+        self.sensor, self.name, self.sizes = sensor, name, sizes[:, None, None]
+
+    def of(self, name, meant=0.0):
+        return meant + (self.sizes if name == self.name else 0 * self.sizes)
+
+    def height(self, x, y):
+        mirror, s = self.sensor.mirror, x * x + y * y
+        if isinstance(mirror, EvenPolynomial):
+            rim = mirror.normalization_radius_mm
+            terms = ((self.of(f"mirror.coefficients[{i}]", c), 2 * i + 2) for i, c in enumerate(mirror.coefficients))
+            z = sum(c * rim * (np.sqrt(s) / rim) ** power for c, power in terms)
+        else:
+            c = 1 / self.of("mirror.vertex_radius_mm", mirror.vertex_radius)
+            z = c * s / (1 + np.sqrt(1 - (1 + self.of("mirror.conic", mirror.conic)) * c * c * s))
+        if "zernike" in self.name:
+            rim = mirror.rim_radius_mm
+            z = z + self.sizes * 1e-3 * zernike(int(self.name.split("_")[1]), x / rim, y / rim)
+        return z
+
+    def slopes(self, x, y, h=0.15):
+        steps = h * np.array([1, 2, 3, -1, -2, -3])[:, None, None, None]
+
+        def along(heights):
+            at = heights[:3] - heights[3:]
+            return (45 * at[0] - 9 * at[1] + at[2]) / (60 * h)
+
+        return along(self.height(x + steps, y)), along(self.height(x, y + steps))
+
+    def tilted(self, part):
+        a, b = (np.radians(self.of(f"{part}.tilt_{axis}_deg")) for axis in "xy")
+        one, zero = np.ones_like(a), np.zeros_like(a)
+        about_x = np.stack([one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1)
+        about_y = np.stack([np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1)
+        return about_y.reshape(*a.shape, 3, 3) @ about_x.reshape(*a.shape, 3, 3)
+
+    def reflected(self, tangents):
+        """Directions (.., 3) from which rays of tangents (.., 2) at the pupil come."""
+        turn = self.tilted("mirror")
+        names = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
+        shift = np.stack([self.of(f"mirror.{n}") for n in names], -1)
+        place = self.of("lens.entrance_pupil_mm", self.sensor.lens.entrance_pupil_mm) - self.sensor.mirror_distance_mm
+        start = np.stack(np.broadcast_arrays(PUPIL[:, 0, None], PUPIL[:, 1, None], place), -1) - shift
+        start = np.einsum("...ji,...j->...i", turn, start)
+        d = np.concatenate([tangents, np.ones_like(tangents[..., :1])], -1)
+        d = np.einsum("...ji,...j->...i", turn, d / np.linalg.norm(d, axis=-1, keepdims=True))
+        s = (0 * self.sizes + self.sensor.mirror_distance_mm) / d[..., 2]
+        for _ in range(12):
+            x, y, z = np.moveaxis(start + s[..., None] * d, -1, 0)
+            gx, gy = self.slopes(x, y)
+            step = (z - self.height(x, y)) / (d[..., 2] - gx * d[..., 0] - gy * d[..., 1])
+            s = s - step
+            if np.abs(step).max() < 1e-9:  # mm; the next one would be its square
+                break
+        x, y, _ = np.moveaxis(start + s[..., None] * d, -1, 0)
+        gx, gy = self.slopes(x, y)
+        normal = np.stack([gx, gy, -np.ones_like(gx)], -1) / np.sqrt(1 + gx * gx + gy * gy)[..., None]
+        away = d - 2 * (d * normal).sum(-1, keepdims=True) * normal
+        return np.einsum("...ij,...j->...i", turn, away)
+
+    def tangents(self, targets, start):
+        """Of rays that come from distant objects."""
+        side = np.cross(targets, [0.3, 0.5, 0.8])
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        sides = np.stack([side, np.cross(targets, side)], -2)
+        t = np.broadcast_to(start, (len(NODES), len(PUPIL), *start.shape)).copy()
+
+        def miss(t):
+            return np.einsum("nki,...ni->...nk", sides, self.reflected(t))
+
+        for _ in range(7):
+            here, h = miss(t), 1e-6
+            if np.abs(here).max() < 1e-14:
+                break
+            rate = np.stack([(miss(t + step) - here) / h for step in h * np.eye(2)], -1)
+            t -= np.linalg.solve(rate, here[..., None])[..., 0]
+        assert np.abs(miss(t)).max() < 1e-12
+        return t
+
+    def imaged(self, t, vergence):
+        """Pixels from the axis, of rays through the pupil with the imager where that vergence is sharp."""
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        x, y = np.moveaxis(t + PUPIL[:, None, :] * vergence[..., None], -1, 0)
+        k1, k2, k3, p1, p2 = (
+            self.of(f"lens.{k}", v) for k, v in zip(("k1", "k2", "k3", "p1", "p2"), lens.brown, strict=True)
+        )
+        s = x * x + y * y
+        scale = 1 + k1 * s + k2 * s**2 + k3 * s**3
+        ray = np.stack(
+            [
+                x * scale + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+                y * scale + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
+                np.ones_like(s),
+            ],
+            -1,
+        )
+        f, at = (
+            self.of("lens.focal_length_mm", lens.focal_length_mm),
+            self.of("lens.entrance_pupil_mm", lens.entrance_pupil_mm),
+        )
+        far = f / (1 - (f - at) * vergence)
+        axes, turn = self.tilted("imager"), np.radians(self.of("imager.rotation_deg"))
+        u = np.cos(turn)[..., None] * axes[..., 0] + np.sin(turn)[..., None] * axes[..., 1]
+        v = np.cos(turn)[..., None] * axes[..., 1] - np.sin(turn)[..., None] * axes[..., 0]
+        normal = axes[..., 2]
+        met = ray * (far * normal[..., 2] / (ray * normal).sum(-1))[..., None]
+        met[..., 2] -= far
+        pixels = (
+            np.stack([(met * u).sum(-1), (met * v).sum(-1)], -1)
+            / (pitch * (1 + 1e-6 * self.of("imager.pitch_ppm")))[..., None]
+        )
+        return pixels + np.stack([self.of("imager.shift_x_px"), self.of("imager.shift_y_px")], -1)
+
+    def on_leaning(self, t):
+        """The same on an imager that leans: rays, ``b (t + p/f) - p`` at a depth b, meet its plane."""
+        lens, axes = self.sensor.lens, self.tilted("imager")
+        pupil = np.broadcast_to(PUPIL[:, None, :], t.shape)
+        slope = t + pupil / lens.focal_length_mm
+        plane = np.broadcast_to(axes[..., :2], (*t.shape[:-1], 3, 2))
+        system = plane[..., :2, :] - slope[..., None] * plane[..., 2:, :]
+        right = lens.image_distance * slope - pupil
+        return np.linalg.solve(system, right[..., None])[..., 0] / self.sensor.imager.pitch_mm
+
+    def shown(self, targets, start):
+        """Pixels (k, n, 2), and blurs (k, n, 2, 2) per diameter of the aperture, px."""
+        lens = self.sensor.lens
+        focus = self.of("lens.focus_distance_mm", lens.focus_distance_mm)
+        vergence = 1 / (focus - self.of("lens.entrance_pupil_mm", lens.entrance_pupil_mm))
+        tangents, leans = self.tangents(targets, start), self.name.startswith("imager.tilt")
+        pixels = self.on_leaning(tangents) if leans else self.imaged(tangents, vergence)
+        weights = np.array([45, -45, -9, 9, 1, -1]) / (60 * PUPIL[1, 0])
+        sides = [np.einsum("p,kpni->kni", weights, pixels[:, k : k + 6]) for k in (1, 7)]
+        f, number = self.of("lens.focal_length_mm", lens.focal_length_mm), self.of("lens.f_number", lens.f_number)
+        return pixels[:, 0], np.stack(sides, -1) * (f / number)[..., None]
+
+
+def merits_of(evaluator, rays):
+    """As finite rays tell them: by name, values (k,) and how many steps lie between them."""
+    field = evaluator.field
+    start = field.offsets_px * evaluator.field.sensor.imager.pitch_mm / evaluator.field.sensor.lens.principal_distance
+    pixels, blur = rays.shown(field.targets, start)
+    pixels = np.tensordot(NEAR, pixels, 1)
+    moved = (pixels - pixels[:1]).transpose(0, 2, 1).reshape(len(pixels), -1)
+    x, y = field.offsets_px.T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    shifts = np.array([np.append(one, zero), np.append(zero, one)])
+    affine = np.vstack([shifts, *([np.append(c, zero), np.append(zero, c)] for c in (x, y))])
+    left = evaluator.compensators.left(
+        moved
+    )  # what a pose and a mapping leave is compared with a fit in full elsewhere
+    for k, columns in ((1, shifts), (2, affine)):
+        left[k] = moved - (columns.T @ np.linalg.lstsq(columns.T, moved.T, rcond=None)[0]).T
+    found = {}
+    for depth, vectors in zip(CALIBRATIONS, left, strict=True):
+        px = np.stack(np.split(vectors, 2, axis=1), -1)
+        deg = np.linalg.solve(field.px_per_deg, px[..., None])[..., 0]
+        for name, of in (("motion{}_px", px), ("direction_error{}_deg", deg)):
+            lengths = np.hypot(*np.moveaxis(of, -1, 0))
+            found[after(name.format("_rms"), depth)] = np.sqrt((lengths**2).mean(axis=1)), 0.05
+            found[after(name.format(""), depth)] = lengths.max(axis=1), 0.05
+    sizes = np.linalg.svd(blur, compute_uv=False)
+    found["blur_px"] = sizes[..., 0].max(axis=1), 1.0
+    square_px = np.sqrt(((sizes**2) + evaluator.floor_px2).prod(axis=-1))
+    found["floored_area_deg2"] = (square_px / np.abs(np.linalg.det(field.px_per_deg))).max(axis=1), 1.0
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [
+        ("paper-spherical", 2),
+        pytest.param("paper-spherical", 4, marks=pytest.mark.full),
+        *(pytest.param(f"paper-{n}", 6, marks=pytest.mark.full) for n in ("spherical", "hyperboloidal", "equidistant")),
+    ],
+)
+def test_derivatives_of_every_merit_by_every_error_are_those_of_finite_rays(name, order):
+    sensor = om.load_sensor(name)
+    evaluator = TrialEvaluator.of(sensor, angles=2, azimuths=7)
+    for error, kind in error_sources(sensor).items():
+        if "zernike" in error and int(error.split("_")[1]) > terms_of(order):
+            continue  # the same sums; over finite rays' own aperture such fine terms bend
+        share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond .16 deg another object is the worst one
+        step = share * kind.typical_tolerances["medium"]
+        rates = merit_rates(evaluator, error, step)
+        assert set(rates) == set(merit_names()[:-1])
+        found = merits_of(evaluator, Rays(sensor, error, step * NODES))
+        for merit, (values, steps) in found.items():
+            near = steps * step
+            first, second = AT_ZERO @ values / [near, near**2 / 2]
+            if (name, merit) == ("paper-hyperboloidal", "blur_px"):
+                continue  # T and S images differ by 1e-4 px: a kink within the steps
+            deep = merit.endswith(("pose", "radial"))
+            if deep and error in POSE:
+                first = second = 0.0  # what a pose leaves of itself begins with third powers
+            scale = np.ptp(found["motion_px" if deep else merit][0]) / (near * NODES[-1])
+            close = 1e-5 * scale + 1e-8 / step
+            assert rates[merit].first == pytest.approx(first, rel=1e-5, abs=close), (error, merit)
+            assert rates[merit].second == pytest.approx(second, rel=1e-5, abs=close / step), (error, merit)
+        expected = {"lens.focus_distance_mm": 1.0}.get(error, 0.0)
+        rounding = 1e-12 * sensor.lens.focus_distance_mm
+        assert rates["focus_distance_mm"].first == pytest.approx(expected, abs=rounding / step)
+        assert rates["focus_distance_mm"].second == pytest.approx(0.0, abs=rounding / step**2)

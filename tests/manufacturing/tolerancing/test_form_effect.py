@@ -1,0 +1,64 @@
+"""What a form error does to the picture, beside sensors whose mirror is given as a profile, projected through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import eval_legendre
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from tests.manufacturing.metrology.clouds import on
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
+def test_the_picture_moves_as_that_of_a_mirror_with_this_profile(name):
+    sensor = om.load_sensor(name)
+    form = om.form_error(sensor.mirror, on(sensor.mirror, {11: 4.0, 22: -2.0}, 0.0, count=4000), order=2)
+    effect, made = om.form_effect(sensor, form), om.as_built(sensor, form)
+    objects = TrialEvaluator.of(sensor).field.targets @ sensor._axes.T
+    moved = made.project_directions(objects).pixels - sensor.project_directions(objects).pixels
+    assert effect.as_built["motion_px"] > 0.03
+    assert effect.as_built["motion_px"] == pytest.approx(np.nanmax(np.hypot(*moved.T)), rel=0.03)
+    assert effect.nominal["motion_px"] < 1e-9
+    assert effect.lost_rays == 0
+
+
+def test_a_radial_calibration_takes_back_what_is_about_the_axis_and_none_what_is_not():
+    sensor = om.load_sensor("paper-hyperboloidal")
+    left = {}
+    for term in (11, 6):
+        made = om.form_effect(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {term: 2.0}, 0.0))).as_built
+        left[term] = made["motion_px after radial"] / made["motion_px"]
+    assert left[11] < 0.05
+    assert left[6] > 0.2
+
+
+def test_terms_too_fine_to_be_traced_are_said():
+    sensor = om.load_sensor("paper-spherical")
+    points = on(sensor.mirror, {}, 0.0, count=6000)
+    r = np.hypot(points[:, 0], points[:, 1]) / sensor.mirror.rim_radius_mm
+    for order in (6, 10, 14):  # 1 um rms each, about the axis
+        points[:, 2] += 1e-3 * np.sqrt(order + 1) * eval_legendre(order // 2, 2 * r**2 - 1)
+    effect = om.form_effect(sensor, om.form_error(sensor.mirror, points))
+    assert effect.untraced_um == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "folded-spherical", "paraboloid-telecentric"])
+def test_the_sensor_as_made_is_a_sensor_as_any_other(name, tmp_path):
+    sensor = om.load_sensor(name)
+    made = om.as_built(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {11: 3.0}, 0.1)))
+    om.save_sensor(made, tmp_path / "made.toml")
+    again = om.load_sensor(tmp_path / "made.toml")
+    radii = [om.evaluate(each, np.linspace(40.0, 75.0, 9)).h_px for each in (sensor, made, again)]
+    np.testing.assert_allclose(radii[2], radii[1], rtol=1e-9)
+    assert np.abs(radii[1] - radii[0]).max() > 0.02
+
+
+def test_another_mirror_is_refused():
+    sensor, other = om.load_sensor("paper-spherical"), om.load_sensor("paper-hyperboloidal")
+    form = om.form_error(other.mirror, on(other.mirror, {}, 0.1))
+    for use in (om.form_effect, om.as_built):
+        with pytest.raises(InvalidParameter, match="must belong to the mirror of 'paper-spherical'"):
+            use(sensor, form)

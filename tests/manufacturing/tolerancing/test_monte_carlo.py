@@ -1,0 +1,295 @@
+"""Yields, what errors do alone and allocations against laws that can be written down."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+from scipy.integrate import quad
+from scipy.optimize import brentq, minimize_scalar
+
+import omnimirror as om
+from omnimirror.cli import app
+from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.manufacturing.tolerancing.allocation import allocate
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.monte_carlo import (
+    YieldStatistics,
+    clopper_pearson,
+    monte_carlo,
+    satisfies_limit,
+)
+from omnimirror.manufacturing.tolerancing.perturbation import perturbed
+from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
+from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
+from omnimirror.manufacturing.tolerancing.tolerances import BLOCK, DISTRIBUTIONS, drawn
+
+SHIFTS = ("imager.shift_x_px", "imager.shift_y_px")
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return om.load_sensor("paper-spherical")
+
+
+@pytest.fixture(scope="module")
+def evaluator(sensor):
+    """Of few objects: the laws below hold for any."""
+    return TrialEvaluator.of(sensor, angles=2, azimuths=3)
+
+
+def of(sensor, errors, correlations=None, distribution="normal"):
+    bounds = {name: om.Tolerance(value, distribution) for name, value in errors.items()}
+    return om.Tolerances(sensor, bounds, correlations or {})
+
+
+def test_the_yield_of_shifts_is_rayleighs(sensor, evaluator):
+    """Two normal shifts of one sigma: the motion is their hypotenuse."""
+    statistics = monte_carlo(
+        evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, trials=20_000, seed=3
+    )
+    exact = 1 - np.exp(-2.0)
+    assert statistics.yields.low < exact < statistics.yields.high
+    assert statistics.yields.high - statistics.yields.low < 0.012
+    assert statistics.quantile("motion_px", 0.5) == pytest.approx(np.sqrt(2 * np.log(2)), rel=0.02)
+
+
+def test_the_yield_of_one_error_is_the_share_within_what_it_may_be_alone(sensor, evaluator):
+    tolerances = of(sensor, {"lens.focal_length_mm": 0.2})
+    limit = {"direction_error_deg": 1.0}
+    (row,) = sensitivities(evaluator, tolerances, limit)
+    statistics = monte_carlo(evaluator, tolerances, limit, trials=8000, seed=1)
+    sides = [
+        brentq(
+            lambda e: evaluator.evaluate({"lens.focal_length_mm": np.array([e])})[0, _at("direction_error_deg")] - 1,
+            *ends,
+        )
+        for ends in ((1e-6, 1.0), (-1.0, -1e-6))
+    ]
+    assert min(np.abs(sides)) == pytest.approx(row.max_tolerance["direction_error_deg"], rel=0.02)
+    assert statistics.yields.low < np.diff(stats.norm.cdf(np.array(sides[::-1]) / 0.1))[0] < statistics.yields.high
+
+
+def _at(name):
+    return merit_names().index(name)
+
+
+def test_a_decentred_sphere_is_good_once_calibrated(sensor, evaluator):
+    """What decentre and tilt do to a sphere is a decentre, and a calibration of the pose takes it away."""
+    names = ("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.tilt_x_deg", "mirror.tilt_y_deg")
+    limits = {"motion_px": 0.5, "motion_px after pose": 0.01}
+    statistics = monte_carlo(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
+    assert statistics.passed_each["motion_px"] < 100
+    assert statistics.passed_each["motion_px after pose"] == 2000
+
+
+def test_the_same_seed_builds_the_same_sensors_whoever_draws_them(sensor):
+    tolerances = of(sensor, {"mirror.tilt_x_deg": 0.1, "lens.k1": 0.01})
+    first, again = tolerances.drawn(5, 7, 100), tolerances.drawn(5, 7, BLOCK)
+    other = tolerances.drawn(5, 8, 100)
+    for name, values in first.items():
+        assert (values == again[name][:100]).all()
+        assert not np.isclose(values, other[name]).any()
+
+
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_errors_are_spread_as_their_law_says(name):
+    laws = {
+        "uniform": stats.uniform(-1, 2),
+        "normal": stats.norm(scale=0.5),
+        "truncated-normal": stats.truncnorm(-2, 2, scale=0.5),
+        "arcsine": stats.arcsine(-1, 2),
+    }
+    share = np.linspace(0.01, 0.99, 99)
+    if name == "constant":
+        assert (drawn(name, share) == 1).all()
+        return
+    np.testing.assert_allclose(drawn(name, share), laws[name].ppf(share), atol=1e-12)
+
+
+def test_errors_come_together_as_said(sensor):
+    pair = ("mirror.tilt_x_deg", "mirror.decentre_y_mm")
+    values = of(sensor, dict.fromkeys(pair, 1.0), {pair: -0.7}).drawn(0, 0)
+    found = np.corrcoef(values[pair[0]], values[pair[1]])[0, 1]
+    assert found == pytest.approx(-0.7, abs=0.02)
+
+
+def test_quantiles_are_those_of_all_values():
+    rng = np.random.default_rng(0)
+    merits = np.tile(rng.lognormal(size=(5000, 1)), (1, len(merit_names())))
+    merits[:, -1] = 0
+    statistics = YieldStatistics({})
+    statistics.add(merits[:2000])
+    statistics.add(merits[2000:])
+    for share in (0.1, 0.5, 0.9):
+        assert statistics.quantile("blur_px", share) == pytest.approx(np.quantile(merits[:, 0], share), rel=0.01)
+    values, shares = statistics.curve("blur_px")
+    assert np.interp(1.0, values, shares) == pytest.approx((merits[:, 0] < 1).mean(), abs=0.01)
+    assert statistics.mean("blur_px") == pytest.approx(merits[:, 0].mean())
+
+
+@pytest.mark.parametrize(("name", "kept"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])])
+def test_a_limit_itself_is_kept(name, kept):
+    assert satisfies_limit(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
+
+
+def test_what_is_beyond_all_bins_counts_in_the_last():
+    merits = np.zeros((4, len(merit_names())))
+    merits[:, 0] = 1e30
+    statistics = YieldStatistics({})
+    statistics.add(merits)
+    assert statistics.quantile(merit_names()[0], 0.5) == pytest.approx(1e9, rel=0.01)
+
+
+def test_without_trials_or_with_lost_ones_alone_there_is_no_curve():
+    lost = np.ones((3, len(merit_names())))
+    for merits in (lost[:0], lost):
+        statistics = YieldStatistics({})
+        statistics.add(merits)
+        assert [part.size for part in statistics.curve("blur_px")] == [0, 0]
+        assert np.isnan(statistics.mean("blur_px"))
+    assert statistics.lost == statistics.trials == 3
+    assert statistics.quantile("blur_px", 0.5) == np.inf
+    assert (statistics.passed, statistics.yields.value) == (0, 0.0)
+    statistics = YieldStatistics({}, ("min aspect", "lost"))
+    statistics.add(np.ones((3, 2)))
+    assert statistics.quantile("min aspect", 0.5) == 0.0
+
+
+def test_confidence_covers_the_truth():
+    """Of 400 experiments of 200 trials each, at least .95 less three sigma."""
+    passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
+    covered = [clopper_pearson(int(k), 200) for k in passed]
+    assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
+
+
+@pytest.mark.full
+def test_the_cheapest_shifts_are_those_of_the_integral(sensor, evaluator):
+    """Shifts with prices 8 and 1: the yield is an integral, and the cheapest set a minimum over one ratio."""
+    costs = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
+    found = allocate(evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs)
+
+    def good(x, y):
+        def inner(u):
+            return (
+                math.exp(-((u / x) ** 2) / 2) / (x * math.sqrt(2 * math.pi)) * math.erf(math.sqrt((4 - u * u) / 2) / y)
+            )
+
+        return quad(inner, -2, 2)[0]
+
+    def cost(log_ratio):
+        ratio = np.exp(log_ratio)
+        size = brentq(lambda s: good(s, s * ratio) - 0.9, 0.05, 3)
+        return 8 * 1 / size + 1 / (size * ratio)  # sigmas of 1 were asked
+
+    best = minimize_scalar(cost, bounds=(-1.5, 0), method="bounded", options={"xatol": 1e-3})
+    assert found.cost == pytest.approx(best.fun, rel=0.03)
+    assert found.confirmed_yield.low - 0.005 < 0.9 < found.confirmed_yield.high + 0.005
+    assert found.cost < found.uniform_cost
+
+
+@pytest.mark.full
+def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, evaluator):
+    """Distortion of this size does nothing to the limit: it stays at what a coarse shop holds, or at what is said."""
+    errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
+    found = allocate(
+        evaluator, of(sensor, errors), {"motion_px": 2.0}, 0.9, max_tolerances={"lens.k2": 3e-4}, trials=2000
+    )
+    assert set(found.at_maximum) == {"lens.k2", "lens.k3"}
+    assert found.tolerances["lens.k2"] == pytest.approx(3e-4)
+    assert found.tolerances["lens.k3"] == pytest.approx(0.02)
+    assert found.confirmed_yield.low - 0.01 < 0.9 < found.confirmed_yield.high + 0.01
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
+        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
+        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
+        (lambda s, j: of(s, {"lens.k9": 0.1}), "did you mean lens.k"),
+        (lambda s, j: of(s, {}), "at least one error"),
+        (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] table"),
+        (lambda s, j: of(s, {"cover.wall_mm": 1.0}), "it has no tube, dome or window"),
+        (
+            lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k1"): 0.5}),
+            "two different errors; got lens.k1 twice",
+        ),
+        (lambda s, j: of(s, {"lens.k1": -1.0}), "tolerance must be 0, or between"),
+        (lambda s, j: of(s, {"lens.k1": 1.0}, {("lens.k1", "lens.k2"): 0.5}), "requires a tolerance of lens.k2"),
+        (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.1}, 0.9), "the nominal sensor must satisfy"),
+        (lambda s, j: allocate(j, of(s, {"lens.k1": 0.1}), {"blur_px": 20.0}, 1.5), "between 0 and 1"),
+        (lambda s, j: perturbed(s, {"mirror.zernike_500_um": 1.0}), "is not an error source of this sensor"),
+    ],
+)
+def test_what_is_none_is_refused(sensor, evaluator, call, words):
+    with pytest.raises(InvalidParameter, match=words):
+        call(sensor, evaluator)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[error]]\nname = 'mirror.tilt_z_deg'\ntolerance = 1", "line 2: 'mirror.tilt_z_deg' is not an error source"),
+        ("[[error]]\nname = 'lens.k1'\ntolerance = -1", "line 3: .*greater than or equal to 0"),
+        (
+            "[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[error]]\nname = 'lens.k1'\ntolerance = 1",
+            "line 5: .*two tolerances",
+        ),
+        ("[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[limit]]\nquantity = 'blur'\nat_most = 1", "line 5: 'blur'"),
+        ("[[errors]]\nname = 'lens.k1'", "did you mean error"),
+        (
+            "[[error]]\nname = 'lens.k1'\ntolerance = 1\nmax_tolerance = 0.5",
+            "line 4: max_tolerance must be at least the tolerance 1; got 0.5",
+        ),
+        ("format = 2", "format = 2"),
+        ("", "at least one error"),
+    ],
+)
+def test_files_that_are_wrong_name_the_line(sensor, text, words):
+    with pytest.raises(SpecError, match=words):
+        parse_tolerances(text, sensor)
+
+
+def test_the_command_says_what_python_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
+    assert run(app, ["tolerance", "init", "paper-hyperboloidal"], catch_exceptions=False).exit_code == 0
+    words = ["tolerance", "paper-hyperboloidal", "tolerances.toml", "--trials", "500", "--seed", "4"]
+    merit = ["--merit", "motion_px after affine=2.5"]
+    result = run(app, [*words, *merit, "--json", "a.json", "-o", "charts"], catch_exceptions=False)
+    assert result.exit_code == 0
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    sensor = om.load_sensor("paper-hyperboloidal")
+    plan = om.load_tolerances("tolerances.toml", sensor)
+    found = om.tolerance(sensor, plan, limits={"motion_px after affine": 2.5}, trials=500, seed=4)
+    assert 0.05 < numbers["yield"] < 0.95
+    assert numbers["yield"] == found.statistics.yields.value
+    assert {"trials", "yield", "yield_low", "yield_high", "sensitivities", "seconds"} <= numbers.keys()
+    assert f"yield {100 * numbers['yield']:.2f} %" in result.output
+    for name in ("tornado.svg", "yield.svg", "tolerance.json"):
+        assert (tmp_path / "charts" / name).stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["paper-spherical"], "tolerance init paper-spherical"),
+        (["paper-spherical", "nothing.toml"], "no tolerance file 'nothing.toml'"),
+        (["init"], "a sensor is missing"),
+        (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
+        (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
+        # before as many are built
+        (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
+        (["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"], "yield of 1"),
+    ],
+)
+def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, words, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t.toml").write_text("[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n")
+    result = CliRunner().invoke(app, ["tolerance", *words])
+    assert result.exit_code != 0
+    assert sentence in str(result.exception) + result.output

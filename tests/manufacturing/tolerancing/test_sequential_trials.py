@@ -1,0 +1,196 @@
+"""Sensors of every kind with every error they can have: as files, and traced one by one against many at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, SelfObstruction
+from omnimirror.housing import Dome, FlatWindow, Housing, Tube
+from omnimirror.imagers import ImagerPose
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.object_field import field_of, sequential_images
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
+from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
+from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
+from omnimirror.mirrors.form import MirrorForm
+from omnimirror.tracing.reflection import Ends
+
+SPH = om.load_sensor("paper-spherical")
+WARM = om.Thermal(
+    mirror_material="acrylic", spacer_material="aluminium", mount_material="brass", focal_ppm_per_k=20.0, held_at="rim"
+)
+SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
+OTHERS = {
+    "tube": replace(SPH, housing=Housing(shell=Tube(110.0, 3.0, medium="water"))),
+    "dome": replace(SPH, housing=Housing(shell=Dome(260.0, 5.0, inner_shift_mm=1.0))),
+    "window": replace(SPH, housing=Housing(shell=FlatWindow()), mirror=om.mirrors.Sphere(49.96, 28.0)),
+    "telecentric": om.load_sensor("paraboloid-telecentric"),
+    "two mirrors": om.load_sensor("folded-hyperboloidal"),
+    "warm tube": replace(SPH, housing=Housing(shell=Tube(110.0, material="acrylic")), thermal=WARM),
+}
+
+
+def warm(name):
+    sensor = om.load_sensor(name)
+    return replace(sensor, thermal=replace(WARM, mirror_material=None) if name.startswith("exact") else WARM)
+
+
+def drawn(sensor, count, seed=0, share=1.0):
+    """Errors of every kind that it can have, of the medium grade; of the Zernike terms one in five."""
+    rng, known = np.random.default_rng(seed), error_sources(sensor)
+    kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
+    return {name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"] for name in kept}
+
+
+def one(values, k=0):
+    return {name: float(of[k]) for name, of in values.items()}
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_the_file_of_a_trial_holds_every_error_and_shows_what_the_trial_shows(name, tmp_path):
+    sensor = warm(name)
+    values = drawn(sensor, 1, seed=3)
+    assert {"imager.tilt_x_deg", "imager.rotation_deg", "temperature.warmer_k"} < set(values)
+    om.save_sensor(perturbed(sensor, one(values)), tmp_path / "built.toml")
+    built, field = om.load_sensor(tmp_path / "built.toml"), field_of(sensor)
+    found = built.project_directions(field.targets @ sensor._axes.T)
+    shown = field.picture(values).offsets_px[0] + sensor.imager.centre
+    assert found.valid.sum() > 80
+    np.testing.assert_allclose(found.pixels[found.valid], shown[found.valid], atol=1e-8)
+    rays = built.backproject(found.pixels[found.valid])
+    towards = np.einsum("ni,ni->n", rays.directions, (field.targets @ sensor._axes.T)[found.valid])
+    assert rays.valid.all()
+    np.testing.assert_allclose(towards, 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("refocus", REFOCUS)
+@pytest.mark.parametrize("name", SENSORS)
+def test_trials_traced_one_by_one_are_those_traced_together(name, refocus):
+    """By rays through the aperture and the sensor's own search, and by second derivatives of the path of light."""
+    sensor = warm(name)
+    values = drawn(sensor, 2, seed=2)
+    if refocus != "none":  # then places of a leaning imager are focused together with its middle, to .02 px
+        values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
+    field = field_of(sensor, angles=4, azimuths=7)
+    shown, lost, focus = field.shown(values, refocus=refocus)
+    again, lost_again, focus_again = sequential_images(
+        sensor, values, 2, Ends(field.targets, field.distant), refocus=refocus
+    )
+    assert not lost.any()
+    assert not lost_again.any()
+    close = 1e-4 if refocus == "worst" else 2e-5
+    np.testing.assert_allclose(again.offsets_px, shown.offsets_px, atol=1e-9 if refocus == "none" else close)
+    signs = np.sign((again.blur_px * shown.blur_px).sum(axis=(-2, -1)))[..., None, None]
+    np.testing.assert_allclose(again.blur_px * signs, shown.blur_px, atol=close)
+    np.testing.assert_allclose(focus_again, focus, rtol=1e-6 if refocus != "worst" else 1e-5)
+
+
+def test_the_blur_on_a_leaning_imager_is_that_of_rays_through_a_thin_lens():
+    """Geometry alone: a ray through p with slope a lies at ``b (a + p/f) - p`` at a depth b behind a thin lens."""
+    values = {"imager.tilt_x_deg": np.array([1.5]), "imager.tilt_y_deg": np.array([-0.7])}
+    field, lens = field_of(SPH, angles=4, azimuths=5), SPH.lens
+    blur = field.picture(values).blur_px[0]
+    plane = ImagerPose(1.5, -0.7)._plane()
+    targets, small = Ends(field.targets, True), 0.01
+    places = []
+    for pupil in small * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
+        found = SPH.optical_train.posed_mirror.specular(SPH.optical_train.entrance_pupil_points(pupil[None]), targets)
+        slope, p = found.to_pupils[:, :2] / found.to_pupils[:, 2:], lens.aperture_radius * pupil
+        # (b (a + p/f) - p) = plane[:2] e,  b = b0 + plane[2] e
+        straight = slope + p / lens.focal_length_mm
+        system = plane[:2] - straight[:, :, None] * plane[2]
+        right = lens.image_distance * straight - p
+        places.append(np.linalg.solve(system, right[..., None])[..., 0] / SPH.imager.pitch_mm)
+    expected = np.stack([places[0] - places[1], places[2] - places[3]], axis=-1) / small
+    np.testing.assert_allclose(np.abs(blur), np.abs(expected), atol=2e-4)
+    square = field.picture({}, 1).blur_px[0]
+    assert np.abs(blur - square).max() > 1.0  # and not that of a square one
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_sensors_of_other_kinds_are_built_and_asked_for_each_object(kind):
+    sensor = OTHERS[kind]
+    assert not is_vectorised(sensor)
+    values = drawn(sensor, 1, seed=5, share=0.5)
+    low, high = sensor.clear_field_deg
+    field = field_of(sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5)
+    shown, lost, _ = field.shown(values)
+    built = perturbed(sensor, one(values))
+    found = built.project_directions(field.targets @ sensor._axes.T)
+    assert found.valid.all()
+    assert not lost.any()
+    np.testing.assert_allclose(found.pixels, shown.offsets_px[0] + sensor.imager.centre, atol=1e-7)
+    nominal = om.evaluate(sensor, omega_deg=field.omega_deg[::5])
+    plain = field.picture({}, 1).blur_px[0, ::5]
+    worst = np.maximum(np.abs(nominal.blur_t_px), np.abs(nominal.blur_s_px))
+    np.testing.assert_allclose(np.linalg.svd(plain, compute_uv=False)[:, 0], worst, rtol=2e-3, atol=2e-3)
+    along = np.hypot(*field.px_per_deg[::5, :, 0].T)
+    np.testing.assert_allclose(along, np.abs(nominal.dh_domega_px_per_deg), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "kind", ["telecentric", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("dome", "two mirrors"))]
+)
+def test_tolerances_of_other_kinds_are_computed(kind):
+    sensor = OTHERS[kind]
+    known = error_sources(sensor)
+    names = [name for name in known if "zernike" not in name and "tilt" not in name][::6]
+    tolerances = om.Tolerances(sensor, {name: om.Tolerance(known[name].typical_tolerances["medium"]) for name in names})
+    plan = om.TolerancePlan(tolerances, {"motion_px after affine": 5.0}, objects={"angles": 2, "azimuths": 3})
+    found = om.tolerance(sensor, plan, trials=20, seed=1)
+    assert found.statistics.trials == 20
+    assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile("motion_px after affine", 0.95)
+
+
+def test_a_cover_that_the_mirror_does_not_fit_in_is_a_bad_sensor():
+    merits = TrialEvaluator.of(OTHERS["tube"], angles=2, azimuths=3).evaluate(
+        {"cover.decentre_x_mm": np.array([0.0, 40.0])}
+    )
+    assert merits[0, -1] == 0
+    assert merits[1, -1] > 0
+    assert np.isnan(merits[1, 0])
+
+
+def test_two_mirrors_out_of_place_lose_their_rim_and_not_the_field():
+    """A fold that was made to show the whole mirror shows less of it, as the sensor's own proof says."""
+    sensor = OTHERS["two mirrors"]
+    values = {"mirror.displacement_mm": [-0.25], "secondary.displacement_mm": [-0.25], "mirror.conic": [-0.02]}
+    values = {name: np.array(of) for name, of in values.items()}
+    with pytest.raises(SelfObstruction, match="the secondary shows the mirror only to"):
+        _ = perturbed(sensor, one(values)).field_deg
+    field = field_of(sensor, angles=3, azimuths=4)
+    shown, lost, _ = field.shown(values)
+    assert not lost.any()
+    assert 0.5 < np.abs(shown.offsets_px[0] - field.offsets_px).max() < 20.0
+
+
+def test_warmth_moves_pictures_as_the_sensor_at_that_temperature_says():
+    sensor = warm("paper-hyperboloidal")
+    evaluator = TrialEvaluator.of(sensor, azimuths=3)
+    merits = evaluator.evaluate({"temperature.warmer_k": np.array([40.0])})[0]
+    moved = om.thermal_motion_px(sensor, 60.0, omega_deg=evaluator.field.omega_deg[::3])
+    assert merits[merit_names().index("motion_px")] == pytest.approx(moved, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MirrorForm((5, 5), (1.0, 1.0)), r"zernike = \[5, 5\] are not numbers of terms, each once"),
+        (lambda: MirrorForm((5, 8), (1.0,)), "um has 1 amplitudes for 2 terms; it needs as many"),
+        (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] = 500 is outside 1 to 91"),
+        (
+            lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
+            "behind a orthographic|imager_pose leans",
+        ),
+        (lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))), "beside a secondary"),
+        (lambda: om.evaluate(replace(SPH, mirror_form=MirrorForm((5,), (1.0,)))), "the form error of the mirror of"),
+        (lambda: om.spots(replace(SPH, imager_pose=ImagerPose(1.0)), [90.0]), "that of 'paper-spherical' leans by 1"),
+        (lambda: om.SensorModel(replace(SPH, imager_pose=ImagerPose(1.0))), r"without \[mirror_form\]"),
+    ],
+)
+def test_what_is_not_valid_is_refused(make, words):
+    with pytest.raises(InvalidParameter, match=words):
+        make()

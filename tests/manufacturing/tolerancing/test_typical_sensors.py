@@ -1,0 +1,74 @@
+"""Sensors that are to be expected, as files."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import omnimirror as om
+from omnimirror.cli import app
+from omnimirror.errors import InvalidParameter
+from omnimirror.manufacturing.tolerancing.compensation import merit_names
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return om.load_sensor("paper-hyperboloidal")
+
+
+def plan_of(sensor, **sizes):
+    names = {name.replace("__", "."): om.Tolerance(size) for name, size in sizes.items()}
+    return om.TolerancePlan(om.Tolerances(sensor, names))
+
+
+def test_a_share_of_all_trials_is_no_worse(sensor):
+    plan = plan_of(sensor, mirror__decentre_x_mm=0.1, imager__shift_y_px=2.0, imager__rotation_deg=0.2)
+    merits = TrialEvaluator.of(sensor).evaluate(plan.tolerances.drawn(3, 0, 2000))[:, merit_names().index("motion_px")]
+    for found in om.typical_sensors(sensor, plan, quantiles=(0.05, 0.5, 0.95), trials=2000, seed=3):
+        assert (merits <= found.merit).mean() == pytest.approx(found.quantile, abs=1e-9)
+        assert merits[found.trial] == pytest.approx(found.merit)
+
+
+def test_the_file_of_a_sensor_shows_objects_as_far_away_as_its_merit_says(sensor, tmp_path):
+    parts = {"mirror__decentre_x_mm": 0.1, "mirror__tilt_y_deg": 0.1, "mirror__zernike_8_um": 20.0, "lens__k1": 0.01}
+    plan = plan_of(sensor, **parts, imager__rotation_deg=0.2, imager__tilt_y_deg=0.5)
+    (worst,) = om.typical_sensors(sensor, plan, quantiles=(0.95,), trials=500)
+    om.save_sensor(worst.sensor, tmp_path / "worst.toml")
+    built, field = om.load_sensor(tmp_path / "worst.toml"), TrialEvaluator.of(sensor).field
+    world = field.targets @ sensor._axes.T
+    moved = built.project_directions(world).pixels - sensor.project_directions(world).pixels
+    assert np.hypot(*moved.T).max() == pytest.approx(worst.merit, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"merit": "blur"}, "'blur' is not a merit"),
+        ({"quantiles": (1.5,)}, "quantiles must be between 0 and 1; got 1.5"),
+        ({"quantiles": (1.0,)}, "at the quantile 1 lose rays"),
+    ],
+)
+def test_what_is_none_is_refused(sensor, more, words):
+    with pytest.raises(InvalidParameter, match=words):
+        om.typical_sensors(sensor, plan_of(sensor, mirror__decentre_x_mm=1000.0), trials=200, **more)
+
+
+def test_the_command_writes_sensors_and_pictures(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = om.load_sensor("paper-spherical")
+    text = om.specs.format_sensor(small).replace("1024", "128").replace("5.2", "41.6")
+    (tmp_path / "small.toml").write_text(text)
+    (tmp_path / "t.toml").write_text(
+        "".join(f"[[error]]\nname = '{part}.tilt_x_deg'\ntolerance = 0.5\n" for part in ("mirror", "imager"))
+    )
+    words = ["tolerance", "small.toml", "t.toml", "--trials", "200", "--save-trials"]
+    refused = CliRunner().invoke(app, words)
+    assert "--save-trials requires --output" in refused.output
+    result = CliRunner().invoke(app, [*words, "-o", "o"], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "sensor 95 %: trial" in result.output
+    for name in ("05", "50", "95"):
+        built = om.load_sensor(tmp_path / "o" / f"sensor-{name}.toml")
+        assert built.mirror_pose.tilt_x_deg != 0
+        assert built.imager_pose.tilt_x_deg != 0
+        assert om.read_image(tmp_path / "o" / f"picture-{name}.png").shape == (128, 128, 3)
