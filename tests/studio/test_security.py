@@ -33,7 +33,7 @@ import omnimirror as om
 from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
 from omnimirror.interop.http_server import limits, server
-from omnimirror.interop.http_server.auth import Guard, is_loopback
+from omnimirror.interop.http_server.auth import AccessGuard, is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import server_addresses
 from omnimirror.mirrors import MIRRORS, SECONDARIES
@@ -624,7 +624,7 @@ GUARDED = [
 def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
     """The guard alone, before an application that answers everything."""
     for status, secret, for_programs in ((public, None, False), (token, "secret", False), (programs, "secret", True)):
-        guard = Guard(Response("inside"), ["door"], secret, "default-src 'none'", for_programs)
+        guard = AccessGuard(Response("inside"), ["door"], secret, "default-src 'none'", for_programs)
         answer = TestClient(guard, base_url="http://door").get(path, headers=headers)
         assert answer.status_code == status
         assert (answer.text == "inside") == (status == 200)
