@@ -124,6 +124,18 @@ class FieldLens(GaussianLens):
         cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (across * cos / found.scale_s)[:, None] * s
         return cosines.reshape(directions[..., :2].shape)
 
+    def stop_points(self, points: Array, directions: Array) -> Array:
+        """Return the points (.., 2) of the stop, in its radii and as in the upright picture, that rays cross.
+
+        The inverse of :meth:`entrance_pupil_points`.
+        """
+        chief, places, found = self._belonging(points, directions)
+        shift = self.field.odd(np.hypot(chief[:, 0], chief[:, 1]))["stop_shift"]
+        t, s = axes(chief)
+        along, across = (np.einsum("ni,ni->n", places, axis) / self.aperture_radius for axis in (t, s))
+        crossed: Array = ((along - shift) / found.stop_t)[:, None] * t + (across / found.stop_s)[:, None] * s
+        return crossed.reshape(directions[..., :2].shape)
+
     def cone_f_numbers(self, height_mm: float) -> tuple[float, float]:
         """Tangential and sagittal F-number of the cone of light at an image height.
 

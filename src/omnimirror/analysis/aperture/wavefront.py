@@ -20,8 +20,8 @@ from ...lenses import FieldLens, GaussianLens
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
-from .lens_phase import check_wave_is_known, phase_of_real_lens
-from .pupil_fit import DEGREE, FITTED, basis, fit, orders, slopes
+from .lens_phase import check_wave_is_known, cone_of_light, phase_of_real_lens
+from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, orders, slopes
 
 Array = NDArray[np.float64]
 
@@ -133,24 +133,34 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     strayed = bundles.image_mm(sensor) - chief[:, None]
     landing = np.einsum("knc,kac->kna", strayed, turn)
     edges = bundles.clearances()
-    if isinstance(sensor.lens, FieldLens):
-        check_wave_is_known(sensor.lens)
-        phase, rough = phase_of_real_lens(bundles, sensor, strayed)
+    cosines = at_stop = np.empty(0)
+    if isinstance(lens := sensor.lens, FieldLens):
+        check_wave_is_known(lens)
+        rays = bundles.seen_at - sensor.optical_train.lens_offset, bundles.to_pupils
+        cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
+        phase, rough = phase_of_real_lens(cosines, strayed)
     else:
         phase = _phase(bundles, sensor, chief)
         rough = _misfit(phase)
     found = []
     for i in range(len(chief)):
-        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
-        columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
         if not rough[i] <= ROUGHEST * 550e-6:
             raise InvalidParameter(
                 f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
                 f"degree {DEGREE} misses it by {rough[i] / 550e-6:.2g} waves; a smaller aperture or a smoother mirror "
                 "is valid"
             )
-        f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
-        found.append(Wavefront(np.einsum("tn,nc->tc", fit(), columns), turn[i], f_numbers))
+        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
+        columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
+        if not isinstance(sensor.lens, FieldLens):
+            f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
+            found.append(Wavefront(fit() @ columns, turn[i], f_numbers))
+            continue
+        cone = cone_of_light(cosines[i], at_stop[i], turn[i])
+        columns[:, DENSITY] *= cone.shares
+        if cone.stop is not None:
+            columns = np.column_stack([columns, cone.stop])
+        found.append(Wavefront(fitted_at(cone.points) @ columns, np.eye(2), cone.f_numbers))
     return found
 
 
