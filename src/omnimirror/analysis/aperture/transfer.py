@@ -45,7 +45,7 @@ class Mtf(Recorded):
     cycles_per_px: Array
     """(f,) spatial frequencies."""
     tangential: Array
-    """(k, f)"""
+    """(k, f); 0 where all light is blocked."""
     sagittal: Array
     """(k, f)"""
     pixel_pitch_um: float
@@ -153,8 +153,10 @@ def mtf(
     bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     per_mm = nu / sensor.imager.pitch_mm
-    found = np.empty((2, len(bundles.omega_deg), len(nu)))
+    found = np.zeros((2, len(bundles.omega_deg), len(nu)))
     for i, wave in enumerate(wavefronts(bundles, focus)):
+        if not bundles.passes[i].any():
+            continue
         for axis in (0, 1):
             if kind == "geometric":
                 found[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
