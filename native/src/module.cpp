@@ -9,7 +9,7 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 15;  // one more when a name or an argument changes; omnimirror.native asks for the same
+    m.attr("INTERFACE") = 16;  // one more when a name or an argument changes; omnimirror.native asks for the same
     add_sampling(m);
     add_designs(m);
     add_exposure(m);

@@ -23,7 +23,7 @@ from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
 QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 15  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 16  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
@@ -200,3 +201,22 @@ def test_two_mirrors_hide_the_middle_and_have_a_tube_at_most():
     share = 100 * truth.hidden.sum() / (np.pi * folded.rim_radius_px**2)
     assert share == pytest.approx(ring.picture_percent, abs=0.02)
     assert not np.isfinite(truth.depth_mm[truth.hidden]).any()
+
+
+@pytest.mark.parametrize(("width", "setback"), [(5.0, 3.0), (5.0, 0.5), (12.0, 6.0)])
+def test_the_rings_that_a_flange_hides_begin_at_rays_to_its_outer_edge(width, setback):
+    """Rays from the lens, off the sphere by its centre, to the plane of the flange; the first that clears it."""
+    sensor = replace(SPH, housing=Housing(rim=Rim(width, setback)))
+    radius, plane = SPH.mirror.radius_mm, RIM + setback
+
+    def past_edge(x):
+        z = radius - np.sqrt(radius**2 - x**2)
+        d = np.array([x, z - LENS]) / np.hypot(x, z - LENS)
+        n = np.array([-x, radius - z]) / radius
+        out = d - 2 * (d @ n) * n
+        return x + (plane - z) * out[0] / out[1] - (M + width), np.degrees(np.arctan2(out[0], -out[1]))
+
+    (ring,) = sensor.obscurations
+    at = brentq(lambda x: past_edge(x)[0], 0.8 * M, M - 1e-9)
+    assert ring.part == "rim"
+    assert ring.omega_deg == pytest.approx((past_edge(at)[1], SPH.field_deg[1]), abs=1e-4)

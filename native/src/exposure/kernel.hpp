@@ -388,15 +388,18 @@ void meet_edge(const Optics o, Bundle& r) {
     }
 }
 
-// The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the chief ray is followed back,
-// along the axis under a telecentric lens.
+// The camera and its rod, where mirrored rays meet them. The rod also blocks light between the mirror and the lens: each
+// ray is followed back to its place on the stop, or, under a telecentric lens, along its direction.
 void obscure(const Optics o, Bundle& r) {
     if (o.rod_z[1] > o.rod_z[0]) {
-        const float aside = o.telecentric ? 0 : -o.focus, down = o.telecentric ? -1 : -o.focus;
+        const float to_stop = o.telecentric ? 0.f : 1.f, side = o.telecentric ? -1.f : 1.f;
         OMNIMIRROR_EACH_LANE(i) {
             const float x = r.px[i], y = r.py[i], z = r.pz[i];
+            const float radius = side * o.stop * root(r.a[i]), place = r.b[i] - 0.5f;
+            const float bx = radius * cosine_of(place) - to_stop * x, by = radius * sine_of(place) - to_stop * y;
+            const float bz = o.telecentric ? -1.f : -z;
             const bool out = meets_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
-            const bool back = meets_rod(o, x, y, z, aside * r.tx[i], aside * r.ty[i], down);
+            const bool back = meets_rod(o, x, y, z, bx, by, bz);
             r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HIDDEN : r.fate[i];
         }
     }

@@ -115,7 +115,9 @@ class FieldLens(GaussianLens):
     def image_cosines(self, points: Array, directions: Array) -> Array:
         """Direction cosines (.., 2) at the imager of rays from the mirror, the picture upright; chief rays have 0.
 
-        To first order in the aperture: from the invariant of Lagrange, as :meth:`cone_f_numbers`.
+        To first order in the aperture, from the invariant of Lagrange: ``dy cos^3(theta) du = dh dL`` in the meridian
+        and ``dy cos(theta) du = dh dL`` across. A change of the slope u through a point y of the pupil moves the image
+        point by dh; a change of y turns the ray by dL at the imager.
         """
         chief, places, found = self._belonging(points, directions)
         t, s = axes(chief)
@@ -124,16 +126,17 @@ class FieldLens(GaussianLens):
         cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (across * cos / found.scale_s)[:, None] * s
         return cosines.reshape(directions[..., :2].shape)
 
-    def cone_f_numbers(self, height_mm: float) -> tuple[float, float]:
-        """Tangential and sagittal F-number of the cone of light at an image height.
+    def stop_points(self, points: Array, directions: Array) -> Array:
+        """Return the points (.., 2) of the stop, in its radii and as in the upright picture, that rays cross.
 
-        ``dy cos^3(theta) du = dh dL`` and ``dy cos(theta) du = dh dL``: what a change of slope u through a point y of
-        the pupil moves the image by, a change of y turns the ray by at the imager.
+        The inverse of :meth:`entrance_pupil_points`.
         """
-        tangent = self.field.tangent_of(np.array([height_mm]))
-        found, cos = self.field.at(tangent), (1 + tangent[0] ** 2) ** -0.5
-        wide_t, wide_s = (2 * self.aperture_radius * width[0] for width in (found.stop_t, found.stop_s))
-        return float(found.scale_t[0] / (wide_t * cos**3)), float(found.scale_s[0] / (wide_s * cos))
+        chief, places, found = self._belonging(points, directions)
+        shift = self.field.odd(np.hypot(chief[:, 0], chief[:, 1]))["stop_shift"]
+        t, s = axes(chief)
+        along, across = (np.einsum("ni,ni->n", places, axis) / self.aperture_radius for axis in (t, s))
+        crossed: Array = ((along - shift) / found.stop_t)[:, None] * t + (across / found.stop_s)[:, None] * s
+        return crossed.reshape(directions[..., :2].shape)
 
     def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
         """Slopes (n, 2) of the chief rays that rays belong to, places (n, 2) mm in the pupil, and the field there."""

@@ -245,6 +245,16 @@ class SurfaceLens(FieldLens):
         """By tracing the rays through every surface; NaN for those that do not get through."""
         return self._landed_from(points, directions).cosines.reshape(directions[..., :2].shape)
 
+    def stop_points(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays to the surface that is the stop; NaN for those that do not get through."""
+        places = self._landed_from(points, directions).stop / self._stop_scale
+        return places.reshape(directions[..., :2].shape)
+
+    @cached_property
+    def _stop_scale(self) -> float:
+        """Radius of the stop, mm, below 0 where lens surfaces before it reverse its image."""
+        return _traced_of(self).stop_radius * float(np.sign(self._paraxial.pupil_magnification))
+
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
         """Those through points of the pupil that land on the image points: from first-order rays, by Newton's rule."""
         origins, directions = super().rays(image, pupil)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from omnimirror.analysis.aperture import pupil
 from omnimirror.analysis.aperture.bundles import trace_bundles
 from omnimirror.analysis.aperture.wavefront import FITTED, wavefronts
 from omnimirror.errors import InvalidParameter, OutsideField
+from omnimirror.housing import CameraBody, Housing
 from omnimirror.imagers import Imager
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.mirrors.reflectivity import reflectance
@@ -337,3 +339,23 @@ def test_reflectance_of_metals_is_fresnels():
 def test_what_cannot_be_computed_is_refused(ask, error, message):
     with pytest.raises(error, match=message):
         ask()
+
+
+def test_an_object_behind_the_camera_sends_no_light():
+    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = om.spots(sensor, [2.0, 60.0], focus_mm=[200.0, 212.0])
+        records = found.records()
+        for kind in ("diffraction", "geometric"):
+            transfer = om.mtf(sensor, [2.0, 60.0], cycles_per_px=[0.0, 0.2], kind=kind)
+            assert not transfer.tangential[0].any()
+            assert transfer.tangential[1, 0] == pytest.approx(1.0)
+            with pytest.raises(OutsideField, match="must not be hidden"):
+                om.psf(sensor, 2.0, kind=kind)
+    assert found.filled.tolist() == [0.0, pytest.approx(1.0)]
+    np.testing.assert_array_equal(found.weights[0], 0.0)
+    assert found.weights[1].sum() == pytest.approx(1.0)
+    for values in (*found.extent_px(), *found.rms_px(), *found.centroid_px(), found.encircled_energy([100.0])[..., 0]):
+        np.testing.assert_array_equal(values[0], 0.0)
+    assert all(np.isfinite(list(record.values())).all() for record in records)

@@ -98,8 +98,16 @@ def pupil_grid(reach=1.0):
     return disk, 2 * reach / SIDE
 
 
+def towards(hit, target):
+    """Unit vectors (n, 3) from points of the mirror to an object: a direction, or with a distance a point."""
+    if isinstance(target, tuple):
+        to = target[0] - hit
+        return to / np.linalg.norm(to, axis=1)[:, None]
+    return np.broadcast_to(target, hit.shape)
+
+
 def slopes_towards(sensor, places, target, guess):
-    """Slopes (n, 2) of the rays from places (n, 2) of the pupil that leave in direction ``target``; Newton's rule."""
+    """Slopes (n, 2) of the rays from places (n, 2) of the pupil that leave towards an object; Newton's rule."""
     slopes = np.broadcast_to(guess, places.shape).copy()
     start = np.column_stack([places, np.zeros(len(places))])
 
@@ -107,11 +115,15 @@ def slopes_towards(sensor, places, target, guess):
         d = np.column_stack([s, np.ones(len(s))])
         return out_of(sensor, start, d / np.linalg.norm(d, axis=1)[:, None])
 
+    def missed(s):
+        _, hit, leaving, _ = out(s)
+        return leaving - towards(hit, target)
+
     h = 1e-6
     for _ in range(30):
-        miss = (out(slopes)[2] - target)[:, :3]
-        by = [(out(slopes + h * e)[2] - out(slopes - h * e)[2]) / (2 * h) for e in np.eye(2)]
+        by = [(missed(slopes + h * e) - missed(slopes - h * e)) / (2 * h) for e in np.eye(2)]
         a = np.stack(by, axis=-1)
+        miss = missed(slopes)
         step = np.linalg.solve(np.einsum("nij,nik->njk", a, a), np.einsum("nij,ni->nj", a, miss)[..., None])[..., 0]
         slopes -= step
         if np.nanmax(np.abs(step)) < SOLVED:
@@ -126,24 +138,27 @@ def flux(places_of, disk, step):
     return by_u.reshape(-1, 3), by_v.reshape(-1, 3)
 
 
-def line_mtf(light, phase, step, f_numbers, nu):
+def line_mtf(light, phase, steps, nu, wave_mm=WAVE):
     """|OTF| tangentially and sagittally: waves summed at image points, line spread of their intensity, transform.
 
-    The image points of the discrete transform span one period of the sampled pupil, so that no light is lost.
+    Light and phase (side, side) are those of directions ``steps`` apart in cosines at the imager. The image points of
+    the discrete transform span one period of the sampled pupil, so that no light is lost.
     """
-    wave = (np.sqrt(light) * np.exp(2j * np.pi / WAVE * phase)).reshape(SIDE, SIDE)
-    density = np.abs(np.fft.fft2(wave, (2 * SIDE, 2 * SIDE))) ** 2
+    side = len(light)
+    wave = np.sqrt(light) * np.exp(2j * np.pi / wave_mm * phase)
+    density = np.abs(np.fft.fft2(wave, (2 * side, 2 * side))) ** 2
     found = []
-    for axis, f_number in enumerate(f_numbers):
-        otf = np.fft.ifft(density.sum(axis=1 - axis))[:SIDE]
-        cycles_per_mm = np.arange(SIDE) * step / (2 * WAVE * f_number)
+    for axis, step in enumerate(steps):
+        otf = np.fft.ifft(density.sum(axis=1 - axis))[:side]
+        cycles_per_mm = np.arange(side) * step / wave_mm
         found.append(np.abs(CubicSpline(cycles_per_mm, otf / otf[0])(nu / PITCH)))
     return np.array(found)
 
 
-def huygens(sensor, omega_deg, nu=NU):
+def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
     """MTF of an ideal thin lens behind mirrors: path to each pupil point less that from the focus of the chief ray."""
     lens, omega = sensor.lens, np.radians(omega_deg)
+    focus = lens.focus_distance_mm if focus is None else focus
     target = np.array([np.sin(omega), 0.0, -np.cos(omega)])
     radius = lens.focal_length_mm / lens.f_number / 2
     theta = np.linspace(0.001, 0.45, 4000)
@@ -152,22 +167,30 @@ def huygens(sensor, omega_deg, nu=NU):
         away = np.linalg.norm(out_of(sensor, np.zeros((len(d), 3)), d)[2] - target, axis=1)
     guess = np.array([np.tan(theta[np.nanargmin(away)]), 0.0])
     chief, way = slopes_towards(sensor, np.zeros((1, 2)), target, guess)
-    chief_path = way[0][0] - way[1][0] @ target
+    to_object = target if np.isinf(distance) else (way[1][0] + distance * target,)
+
+    def path_of(way):
+        path, hit, _, _ = way
+        return path + (-hit @ target if np.isinf(distance) else np.linalg.norm(to_object[0] - hit, axis=1))
+
     disk, step = pupil_grid()
-    _, (path, hit, out, blocked) = slopes_towards(sensor, radius * disk, target, chief[0])
-    assert np.abs(out - target).max() < 1e-8
-    path = path - hit @ target
-    in_focus = lens.focus_distance_mm * np.array([*chief[0], 1.0])
+    _, leaving = slopes_towards(sensor, radius * disk, to_object, chief[0])
+    _, hit, out, blocked = leaving
+    assert np.abs(out - towards(hit, to_object)).max() < 1e-8
+    in_focus = focus * np.array([*chief[0], 1.0])
     start = np.column_stack([radius * disk, np.zeros(len(disk))])
     ideal = np.linalg.norm(start - in_focus, axis=1) - np.linalg.norm(in_focus)
-    phase = path - chief_path - ideal
+    phase = path_of(leaving) - path_of(way)[0] - ideal
     by_u, by_v = flux(hit, disk, step)
-    light = np.abs(np.cross(by_u, by_v) @ target)
+    light = np.abs((np.cross(by_u, by_v) * out).sum(axis=1))
+    if np.isfinite(distance):
+        light = light / np.linalg.norm(to_object[0] - hit, axis=1) ** 2
     open_ = (np.hypot(*disk.T) <= 1) & ~blocked
-    F = lens.focus_distance_mm * lens.focal_length_mm / (lens.focus_distance_mm - lens.focal_length_mm)
-    F = F / (2 * radius)
+    F = focus * lens.focal_length_mm / (focus - lens.focal_length_mm) / (2 * radius)
     cos = 1 / np.hypot(1.0, chief[0, 0])
-    found = line_mtf(light * open_, phase, step, (F / cos**3, F / cos), nu)
+    square = (SIDE, SIDE)
+    steps = step * cos**3 / (2 * F), step * cos / (2 * F)
+    found = line_mtf((light * open_).reshape(square), phase.reshape(square), steps, nu)
     return found * np.sinc(nu), open_.sum() / (np.hypot(*disk.T) <= 1).sum()
 
 
@@ -193,6 +216,17 @@ CASES = {
     "at the rim": (at("paper-spherical", 4.0), 134.8),
     "past the camera": (replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))), 8.5),
 }
+
+NEAR = {"narrow bore": (2.0, 300.0, 175.87), "wide bore": (5.0, 300.0, 175.87), "nearer": (2.0, 50.0, 176.5)}
+
+
+@pytest.mark.parametrize("case", few(NEAR, "narrow bore"))
+def test_mtf_of_near_objects_is_that_of_a_huygens_integral(case):
+    """The bore also cuts waves of near objects, focused where the tangential image of one is sharp."""
+    bore, distance, focus = NEAR[case]
+    truth, _ = huygens(folded(2.0, bore), 50.0, distance=distance, focus=focus)
+    found = om.mtf(folded(2.0, bore), [50.0], cycles_per_px=NU, object_distance_mm=distance, focus_mm=focus)
+    np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
 
 
 @pytest.mark.parametrize("case", few(CASES, "narrow bore", "hyperboloidal", "past the camera"))

@@ -22,6 +22,7 @@ from omnimirror.simulate.rendering.sight import seen_at
 from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.simulate.scenes.posed import Pose
 from omnimirror.simulate.scenes.worlds.hall import Hall
+from tests.analysis.aperture.test_huygens import out_of
 from tests.everyday import few
 
 SIZE = 96
@@ -282,3 +283,26 @@ def test_points_that_only_the_wall_brings_into_the_field_are_found():
     for pixels, valid in (seen_at(sensor, points), sensor.project(points)):
         assert valid.all()
         np.testing.assert_allclose(pixels, edge, atol=1e-6)
+
+
+FOLDED_HIDES = {"folded-spherical": 840, "folded-hyperboloidal": 400}
+"""Pixels of the primary that the secondary, the bore and the camera hide, in images a quarter as large."""
+
+
+@pytest.mark.parametrize("name", FOLDED_HIDES)
+def test_two_mirrors_hide_pixels_as_finite_rays_say(name):
+    sensor = om.load_sensor(name)
+    imager, lens = sensor.imager, sensor.lens
+    size = {"width_px": imager.width_px // 4, "height_px": imager.height_px // 4}
+    sensor = replace(sensor, imager=replace(imager, **size, pixel_pitch_um=4 * imager.pixel_pitch_um))
+    truth = ground_truth(sensor, Ball())
+    u, v = np.meshgrid(np.arange(size["width_px"]), np.arange(size["height_px"]))
+    image = (np.stack([u, v], axis=-1).reshape(-1, 2) - sensor.imager.centre) * sensor.imager.pitch_mm
+    behind = 1 / (1 / lens.focal_length_mm - 1 / lens.focus_distance_mm)
+    rays = np.column_stack([image / behind, np.ones(len(image))])
+    with np.errstate(all="ignore"):
+        _, hit, out, blocked = out_of(sensor, np.zeros_like(rays), rays / np.linalg.norm(rays, axis=1)[:, None])
+        met = np.isfinite(out).all(axis=1) & (np.hypot(hit[:, 0], hit[:, 1]) <= sensor.mirror.rim_radius_mm)
+    np.testing.assert_array_equal(truth.hidden.ravel(), met & blocked)
+    np.testing.assert_array_equal(np.isfinite(truth.directions[..., 0]).ravel(), met & ~blocked)
+    assert truth.hidden.sum() == FOLDED_HIDES[name]

@@ -1,22 +1,39 @@
-"""The wave behind a real lens: the integral of where its rays land.
+"""The wave behind a real lens, as a function of the direction cosines of its rays at the imager.
 
-Rays cross a wavefront square to it. Against the wave that meets in the chief ray's image point, one that lands eps
-beside it is behind by W, whose change from ray to ray is ``dW = -eps . dL``, L being the direction cosines of the rays
-at the imager. Of glass both are traced, so that W is exact; a table gives them to first order in the aperture.
+Rays cross a wavefront at right angles. Relative to the wave that converges in the chief ray's image point, a ray that
+lands eps beside it is behind by W, which changes from ray to ray by ``dW = -eps . dL``, where L are the direction
+cosines of the rays at the imager. These are also the coordinates in which the wave at the imager is a Fourier integral.
+Through glass both are traced, so that W and L are exact; a table gives them to first order in the aperture.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from ...lenses import FieldLens, TabulatedLens
-from ...sensor import Sensor
-from .bundles import Bundles
-from .pupil_fit import DEGREE, FITTED, basis, fit, integral, slopes
+from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, integral, slopes
 
 Array = NDArray[np.float64]
+
+BOUNDARY = 2 * np.pi * np.arange(96) / 96  # azimuths at which the edge of the stop is located
+ROUND = 2e-3  # of the radius: a cone whose section deviates less from an ellipse is integrated as one
+
+
+class Cone(NamedTuple):
+    """Cone of light behind a real lens: its section in direction cosines, scaled to the unit disk."""
+
+    points: Array
+    """(n, 2) tangential and sagittal coordinates of rays in the section."""
+    shares: Array
+    """(n,) area of the aperture's disk per area of the section's."""
+    f_numbers: tuple[float, float]
+    """Tangential and sagittal F-number of the disk."""
+    stop: Array | None
+    """(n,) clearance at the edge of the stop, in its radii, where the section is no ellipse; else None."""
 
 
 def check_wave_is_known(lens: FieldLens) -> None:
@@ -29,15 +46,17 @@ def check_wave_is_known(lens: FieldLens) -> None:
         )
 
 
-def phase_of_real_lens(bundles: Bundles, sensor: Sensor, strayed: Array) -> tuple[Array, Array]:
-    """W (k, n), mm, of rays that land (k, n, 2) mm beside their chief rays, and how rough (k,) mm rms it is.
+def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
+    """Return W (k, n), mm, of rays that land (k, n, 2) mm beside their chief rays, and its roughness (k,), mm rms.
 
-    Roughness is what polynomials do not follow: slopes of a degree above theirs, which add up to no more over a
-    wave of that degree.
+    Roughness is the part of the slopes that polynomials do not follow, divided by the degree of these: a wave of one
+    degree more with such slopes is as rough.
+
+    Parameters
+    ----------
+    cosines, strayed : (k, n, 2) arrays
+        Direction cosines of the rays at the imager, and their landing places.
     """
-    at = bundles.seen_at - sensor.optical_train.lens_offset
-    assert isinstance(sensor.lens, FieldLens)
-    cosines = sensor.lens.image_cosines(at, bundles.to_pupils)
     by = slopes()
     coefficients = np.einsum("tn,knc->ktc", fit(), cosines)
     # (2, k, n): by the aperture's x and by its y
@@ -48,3 +67,31 @@ def phase_of_real_lens(bundles: Bundles, sensor: Sensor, strayed: Array) -> tupl
     missed = [np.einsum("nt,kt->kn", rate, found) - slope for rate, slope in zip(by, wanted, strict=True)]
     rough = np.sqrt((missed[0] ** 2 + missed[1] ** 2) @ FITTED.weights) / DEGREE
     return phase, rough
+
+
+def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> Cone:
+    """Return the cone of light of one object from the rays at :data:`FITTED`.
+
+    Parameters
+    ----------
+    cosines : (n, 2) array
+        Direction cosines at the imager.
+    at_stop : (n, 2) array
+        Places in the stop, in its radii.
+    axes : (2, 2) array
+        Unit vectors of the tangential and the sagittal direction.
+    """
+    tangential, sagittal = (rate @ fit() @ cosines for rate in slopes())
+    area = np.abs(tangential[:, 0] * sagittal[:, 1] - tangential[:, 1] * sagittal[:, 0])
+    cosines = cosines @ axes.T
+    edge = basis(np.stack([np.cos(BOUNDARY), np.sin(BOUNDARY)], axis=-1)) @ fitted_at(at_stop) @ cosines
+    low, high = edge.min(axis=0), edge.max(axis=0)
+    middle, half = (low + high) / 2, (high - low) / 2
+    reach = np.hypot(*((edge - middle) / half).T)
+    stop = None
+    if np.ptp(reach) > 2 * ROUND:
+        half = half * reach.max()
+        stop = (1 - (at_stop**2).sum(axis=1)) / 2
+    points = (cosines - middle) / half
+    t, s = 1 / (2 * half)
+    return Cone(points, half[0] * half[1] / area, (float(t), float(s)), stop)

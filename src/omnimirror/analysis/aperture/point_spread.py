@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import choice, distances, number, shown
-from ...errors import InvalidParameter
+from ...errors import InvalidParameter, OutsideField
 from ...sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .pupil import fibonacci
@@ -144,6 +144,8 @@ def psf(
     if distances("object_distance_mm", object_distance_mm).ndim:
         raise InvalidParameter(f"object_distance_mm = {shown(object_distance_mm)} is not valid; it is one number")
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
+    if not bundles.passes.any():
+        raise OutsideField(f"omega = {omega_deg:.10g} deg must not be hidden; {sensor.name!r} blocks all of its light")
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)
     pitch, wavelength_mm = sensor.imager.pitch_mm, wavelength_nm * 1e-6

@@ -34,9 +34,14 @@ def orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @cache
 def fit() -> Array:
-    """What maps values at the fitted pupil to coefficients of least squares, (terms, n)."""
+    """Return the map from values at the fitted pupil to coefficients of least squares, (terms, n)."""
+    return fitted_at(FITTED.points)
+
+
+def fitted_at(points: Array) -> Array:
+    """Return the map (terms, n) from values at points (n, 2), the fitted pupil's displaced, to their coefficients."""
     root = np.sqrt(FITTED.weights)
-    inverse = np.linalg.pinv(root[:, None] * basis(FITTED.points)) * root
+    inverse = np.linalg.pinv(root[:, None] * basis(points)) * root
     return inverse.astype(np.float64)
 
 

@@ -35,7 +35,8 @@ class Spots(Recorded):
     s_px: Array
     """(k, m, n)"""
     weights: Array
-    """(k, n) share of the light in each ray, together 1; 0 for blocked rays, NaN for an object whose rays all are."""
+    """(k, n) share of the light in each ray, together 1; 0 for blocked rays, so that an object whose rays are all
+    blocked has weights, radii and extents of 0."""
     chief_px: Array
     """(k, m) distance from the optical axis of where the chief ray lands."""
 
@@ -68,13 +69,13 @@ class Spots(Recorded):
         return np.hypot(*self.rms_px())
 
     def extent_px(self) -> tuple[Array, Array]:
-        """Full tangential and sagittal widths (k, m) of all rays that pass."""
+        """Full tangential and sagittal widths (k, m) of all rays that pass; 0 where none does."""
         passes = self.bundles.passes[:, None, :]
         t, s = (
             np.max(a, axis=-1, where=passes, initial=-np.inf) - np.min(a, axis=-1, where=passes, initial=np.inf)
             for a in (self.t_px, self.s_px)
         )
-        return t, s
+        return np.maximum(t, 0.0), np.maximum(s, 0.0)
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
         """Share (k, m, r) of the light within radii (r,) of the centroid, by rays alone.
@@ -168,6 +169,6 @@ def spots(
         heights.append(np.hypot(*chief.T) / pitch)
     t, s = np.stack(across, axis=2)
     weights = bundles.density * bundles.pupil.weights * bundles.passes
-    with np.errstate(invalid="ignore"):
-        weights = weights / weights.sum(axis=1, keepdims=True)
+    light = weights.sum(axis=1, keepdims=True)
+    weights = np.divide(weights, light, out=np.zeros_like(weights), where=light > 0)
     return Spots(bundles, focus, t, s, weights, np.stack(heights, axis=1))

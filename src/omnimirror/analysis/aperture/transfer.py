@@ -20,11 +20,13 @@ from .point_spread import KINDS, Kind
 from .pupil import gaussian
 from .pupil_fit import FITTED
 from .records import Recorded
-from .wavefront import SOFT, Wavefront, wavefronts
+from .wavefront import Wavefront, wavefronts
 
 Array = NDArray[np.float64]
 
 FINEST = 1e6  # cycles per pixel
+CELLS = (512, 2048)  # per side, of the grid on which an aperture that an edge cuts is summed: at least, at most
+CELLS_PER_WAVE = 12  # of the phase over the aperture
 FREQUENCIES = 51  # from 0 to 1 cycle per pixel, unless asked for otherwise
 
 
@@ -43,7 +45,7 @@ class Mtf(Recorded):
     cycles_per_px: Array
     """(f,) spatial frequencies."""
     tangential: Array
-    """(k, f)"""
+    """(k, f); 0 where all light is blocked."""
     sagittal: Array
     """(k, f)"""
     pixel_pitch_um: float
@@ -151,8 +153,10 @@ def mtf(
     bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     per_mm = nu / sensor.imager.pitch_mm
-    found = np.empty((2, len(bundles.omega_deg), len(nu)))
+    found = np.zeros((2, len(bundles.omega_deg), len(nu)))
     for i, wave in enumerate(wavefronts(bundles, focus)):
+        if not bundles.passes[i].any():
+            continue
         for axis in (0, 1):
             if kind == "geometric":
                 found[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
@@ -168,12 +172,14 @@ def mtf(
 
 
 def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
-    """Optical transfer (f,) at frequencies (f,), cycles per mm: the autocorrelation of the aperture.
+    """Return the optical transfer (f,) at frequencies (f,), cycles per mm: the autocorrelation of the aperture.
 
-    ``axis`` 0 is tangential, 1 sagittal. The aperture and its copy overlap in a lens-shaped region, whose
-    rows are integrated by Gauss's rule.
+    ``axis`` 0 is tangential, 1 sagittal. The whole aperture and its copy overlap in a lens-shaped region, whose rows
+    are integrated by Gauss's rule; an aperture that an edge cuts is summed on a grid.
     """
     shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in radii of the aperture
+    if wave.is_cut:
+        return _grid_otf(wave, shift, axis, wavelength_mm)
     nodes = wave.nodes(wavelength_mm)
     x, weight = np.polynomial.legendre.leggauss(nodes)
     otf = np.zeros(len(per_mm), dtype=complex)
@@ -186,13 +192,36 @@ def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: fl
         ends = []
         for side in (0.5, -0.5):
             place = (along + side * shift[i], across)
-            ends.append(wave.phase_and_amplitude(_points(place, axis), SOFT / nodes))
+            ends.append(wave.phase_and_amplitude(_points(place, axis)))
         (W1, A1), (W2, A2) = ends
         otf[i] = (area.ravel() * A1 * A2) @ np.exp(2j * np.pi / wavelength_mm * (W1 - W2))
-    # a copy shifted by less than the width of the softened edges overlaps with these, where amplitudes are squared
-    squared, light = _all_light(wave, nodes, axis)
-    apart = np.minimum(shift * nodes / SOFT, 1.0)
-    otf /= squared + (light - squared) * apart
+    otf /= _all_light(wave, nodes)
+    return otf
+
+
+def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
+    """Return the optical transfer (f,) at shifts (f,), in radii, of an aperture that an edge cuts.
+
+    The autocorrelation of a grid by its Fourier transform, with a spline between shifts by whole cells. Edges are
+    softened over one cell, so that amplitudes add up to those of sharp edges; the light, their square, is added up
+    apart. The mean slope of the phase is taken out first: of the autocorrelation, it is a phase factor.
+    """
+    from scipy.interpolate import CubicSpline
+
+    cells = int(np.clip(CELLS_PER_WAVE * wave.waves(wavelength_mm), *CELLS))
+    centres = (np.arange(cells) + 0.5) * 2 / cells - 1
+    phase, density, share = wave.on_grid(centres)
+    field = np.sqrt(density) * share * np.exp(2j * np.pi / wavelength_mm * phase)
+    if axis == 1:
+        field = field.T
+    tilt = float(np.angle((field[1:] * field[:-1].conj()).sum())) * cells / 2  # rad per radius
+    field = field * np.exp(-1j * tilt * centres)[:, None]
+    power = (np.abs(np.fft.fft(field, 2 * cells, axis=0)) ** 2).sum(axis=1)
+    autocorrelation = np.fft.ifft(power)[: cells + 1]
+    autocorrelation[0] = (density * share).sum()
+    spline = CubicSpline(np.arange(cells + 1) * 2 / cells, autocorrelation / autocorrelation[0])
+    inside_both = np.minimum(shift, 2.0)
+    otf: NDArray[np.complex128] = np.where(shift < 2, spline(inside_both) * np.exp(1j * tilt * inside_both), 0.0)
     return otf
 
 
@@ -207,16 +236,14 @@ def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.compl
     return otf
 
 
-def _all_light(wave: Wavefront, nodes: int, axis: int) -> tuple[float, float]:
-    """Return the integrals of the squared amplitude and of the light, which differ where edges are softened."""
+def _all_light(wave: Wavefront, nodes: int) -> float:
+    """Return the integral of the light over the whole disk."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     psi = x * np.pi / 2
     along = np.cos(psi)[:, None] * x
     place = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
     area = (np.pi / 2 * weight * np.cos(psi) ** 2)[:, None] * weight
-    points = _points(place, axis)
-    _, amplitude = wave.phase_and_amplitude(points, SOFT / nodes)
-    return float(area.ravel() @ amplitude**2), float(area.ravel() @ wave.light(points, SOFT / nodes))
+    return float(area.ravel() @ wave.light(_points(place, 0)))
 
 
 def _points(place: tuple[Array, Array], axis: int) -> Array:

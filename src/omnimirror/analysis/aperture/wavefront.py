@@ -20,8 +20,8 @@ from ...lenses import FieldLens, GaussianLens
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
-from .lens_phase import check_wave_is_known, phase_of_real_lens
-from .pupil_fit import DEGREE, FITTED, basis, fit, orders, slopes
+from .lens_phase import check_wave_is_known, cone_of_light, phase_of_real_lens
+from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, orders, slopes
 
 Array = NDArray[np.float64]
 
@@ -42,14 +42,11 @@ class Wavefront:
     coefficients : (terms, 4 + edges)
         Of phase W (mm), landing place t and s (mm from the chief ray), density of light, and the clearance (mm) at
         each edge that cuts the aperture.
-    axes : (2, 2)
-        Unit vectors of the tangential and the sagittal direction in the aperture.
     f_numbers
         Working F-numbers of the cone of light at the imager, tangential and sagittal.
     """
 
     coefficients: Array
-    axes: Array
     f_numbers: tuple[float, float]
 
     def at(self, points: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
@@ -72,10 +69,38 @@ class Wavefront:
         light = np.maximum(self._value(DENSITY, x, y), 0.0)
         return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
 
+    def on_grid(self, centres: Array) -> tuple[Array, Array, Array]:
+        """Return phase, mm, density of light and open share of the cells of a square grid, (n, n) by t and s.
+
+        Parameters
+        ----------
+        centres : (n,) array
+            Coordinates of the cells' centres, evenly spaced.
+        """
+        polynomials, cell = np.polynomial.chebyshev.chebvander(centres, DEGREE), centres[1] - centres[0]
+        phase, density, *edges = (
+            polynomials @ self._square(column) @ polynomials.T for column in (PHASE, DENSITY, *self._edges)
+        )
+        share = _softened(1 - np.hypot(centres[:, None], centres), cell)
+        for clearance, slope in zip(edges, self._edge_slopes, strict=True):
+            share *= _softened(clearance, cell * slope)
+        return phase, np.maximum(density, 0.0), share
+
+    @property
+    def _edges(self) -> range:
+        """Columns of the edges."""
+        return range(EDGES, self.coefficients.shape[1])
+
+    def _square(self, column: int) -> Array:
+        """Coefficients (orders, orders) of a fitted function, by orders in t and in s."""
+        square = np.zeros((DEGREE + 1, DEGREE + 1))
+        square[orders()] = self.coefficients[:, column]
+        return square
+
     def _polynomials(self, points: Array) -> tuple[Array, Array]:
-        """Chebyshev polynomials (n, orders) of the aperture's x and of its y, at tangential and sagittal points."""
-        x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in np.einsum("na,ac->cn", points, self.axes))
-        return x, y
+        """Chebyshev polynomials (n, orders), (n, orders) of tangential and of sagittal coordinates."""
+        t, s = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
+        return t, s
 
     def _light(self, x: Array, y: Array, soft: float) -> Array:
         light: Array = np.maximum(self._value(DENSITY, x, y), 0.0) * self._transmission(x, y, soft)
@@ -84,15 +109,14 @@ class Wavefront:
     def _transmission(self, x: Array, y: Array, soft: float) -> Array:
         """Return 1 (n,) where all edges let light pass and 0 where one blocks it, with a ramp over softened edges."""
         passed = np.ones(len(x))
-        for column, slope in enumerate(self._edge_slopes, start=EDGES):
+        for column, slope in zip(self._edges, self._edge_slopes, strict=True):
             clearance = self._value(column, x, y)
-            passed *= np.clip(0.5 + clearance / (soft * slope), 0.0, 1.0) if soft else clearance >= 0
+            passed *= _softened(clearance, soft * slope) if soft else clearance >= 0
         return passed
 
     def _value(self, column: int, x: Array, y: Array) -> Array:
         """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
-        square = np.zeros((DEGREE + 1, DEGREE + 1))
-        square[orders()] = self.coefficients[:, column]
+        square = self._square(column)
         # for few points waking BLAS's threads takes longer than the product
         along = x @ square if len(x) > MANY else np.einsum("ni,ij->nj", x, square)
         value: Array = np.einsum("nj,nj->n", along, y)
@@ -111,12 +135,16 @@ class Wavefront:
     @property
     def is_cut(self) -> bool:
         """Whether an edge blocks some of the aperture."""
-        return bool(self.coefficients.shape[1] > EDGES)
+        return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
         """Nodes per side that integrals over the disk need, for all the waves that cross it."""
-        phase = (basis(FITTED.points) @ self.coefficients)[:, 0]
-        return int(np.clip(24 + 2 * np.ptp(phase) / wavelength_mm, CUT_NODES if self.is_cut else 32, 400))
+        return int(np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400))
+
+    def waves(self, wavelength_mm: float) -> float:
+        """Range of the phase over the aperture, in wavelengths."""
+        phase = basis(FITTED.points) @ self.coefficients[:, PHASE]
+        return float(np.ptp(phase)) / wavelength_mm
 
 
 def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
@@ -133,25 +161,42 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     strayed = bundles.image_mm(sensor) - chief[:, None]
     landing = np.einsum("knc,kac->kna", strayed, turn)
     edges = bundles.clearances()
-    if isinstance(sensor.lens, FieldLens):
-        check_wave_is_known(sensor.lens)
-        phase, rough = phase_of_real_lens(bundles, sensor, strayed)
+    lens, cosines, at_stop = sensor.lens, np.empty(0), np.empty(0)
+    if isinstance(lens, FieldLens):
+        check_wave_is_known(lens)
+        rays = bundles.seen_at - sensor.optical_train.lens_offset, bundles.to_pupils
+        cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
+        phase, rough = phase_of_real_lens(cosines, strayed)
     else:
         phase = _phase(bundles, sensor, chief)
         rough = _misfit(phase)
     found = []
     for i in range(len(chief)):
-        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
-        columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
         if not rough[i] <= ROUGHEST * 550e-6:
             raise InvalidParameter(
                 f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
                 f"degree {DEGREE} misses it by {rough[i] / 550e-6:.2g} waves; a smaller aperture or a smoother mirror "
                 "is valid"
             )
-        f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
-        found.append(Wavefront(np.einsum("tn,nc->tc", fit(), columns), turn[i], f_numbers))
+        cut = [_bounded(edge[i]) for edge in edges.values() if _cuts(edge[i])]
+        columns = np.column_stack([phase[i], landing[i], bundles.density[i], *cut])
+        points = FITTED.points @ turn[i].T
+        if isinstance(lens, FieldLens):
+            cone = cone_of_light(cosines[i], at_stop[i], turn[i])
+            points, f_numbers = cone.points, cone.f_numbers
+            columns[:, DENSITY] *= cone.shares
+            if cone.stop is not None:
+                columns = np.column_stack([columns, cone.stop])
+        else:
+            f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
+        found.append(Wavefront(fitted_at(points) @ columns, f_numbers))
     return found
+
+
+def _softened(clearance: Array, width: Array | float) -> Array:
+    """Return the transmission of an edge that is softened over a width: a ramp from 0 to 1, 0.5 at the edge."""
+    ramp: Array = np.clip(0.5 + clearance / width, 0.0, 1.0)
+    return ramp
 
 
 def _cuts(clearance: Array) -> bool:
@@ -174,11 +219,9 @@ def _misfit(phase: Array) -> Array:
 def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
     """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height.
 
-    Where distortion widens the picture it narrows the cone as much; the cone of a real lens follows from the
-    invariant of Lagrange between a ray of its fan and the neighbouring chief ray.
+    Where distortion widens the image it narrows the cone as much. The cone of a real lens is that of its rays
+    (:func:`~omnimirror.analysis.aperture.lens_phase.cone_of_light`).
     """
-    if isinstance(sensor.lens, FieldLens):
-        return sensor.lens.cone_f_numbers(height_mm)
     F = sensor.lens.image_f_number()
     if not isinstance(sensor.lens, GaussianLens):
         return F, F

@@ -1,10 +1,11 @@
 """How sharp a mirror can be at all: the least worst single blur of any mirror of a field, rim and lens.
 
 Written with the mapping instead of the surface, both blurs are simple. With ``v = 1/rho`` the inverse distance
-from the lens to the mirror point, ``D = 1/L0``, ``e = rho/p`` and ``k = f/F``, Eqs. 14-21, 28, 36 and 37 become
+from the lens to the mirror point, ``D = 1/L0``, ``e = rho/p`` and ``k = f/F``, Eqs. 14-21, 28, 36 and 37 become, in
+degrees of the objects as seen from the mirror point,
 
-    T = k cos^2(theta) W (D - v/cos(theta) (W - 1 + e)/(W + e)),          W = dOmega/dtheta
-    S = k sin(Omega)/tan(theta) (D - v/cos(theta) (W - 1 + e)/(W + e)),   W = sin(Omega)/sin(theta)
+    T = k cos^2(theta) (D W' - v/cos(theta) (W' - 1)),     W' = dOmega/dtheta + e
+    S = k cos(theta) (D W' - v/cos(theta) (W' - 1)),     W' = sin(Omega)/sin(theta) + e
 
 and the surface is ``d ln v/d theta = -tan((Omega + theta)/2)``. At the rim Omega and v are given, so that S there
 says how near the lens may be focused, and ``T >= -t`` says how steep the mapping may be on the way from the rim to
@@ -77,7 +78,7 @@ def blur_bound(
     """The least worst single blur that any mirror can have, of a sensor's field, rim, lens and place of the lens.
 
     Compared with are all mirrors that have the sensor's rim radius, its field angle and its lens's viewing angle at the
-    rim, wherever they are focused. Objects are all at one distance from the mirror.
+    rim, wherever they are focused. Objects are all at one distance from the mirror, at which blur is evaluated.
 
     Parameters
     ----------
@@ -177,22 +178,18 @@ class _UnderPerspective:
     def _focus(self, t: float) -> float:
         """The nearest focus, as a vergence, that leaves the sagittal blur at the rim below t."""
         v, k = np.sin(self.theta) / self.rim, self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim)
-        W, e = np.sin(self.omega_max) / np.sin(self.theta), self.near / v
-        place = v / np.cos(self.theta) * (W - 1 + e) / (W + e)
+        W = np.sin(self.omega_max) / np.sin(self.theta) + self.near / v
+        place = v / np.cos(self.theta) * (W - 1) / W
         D = place
         for _ in range(8):  # k hardly depends on the focus, and in the exact form not at all
-            D = place + t * np.tan(self.theta) / (k * np.sin(self.omega_max))
+            D = place + t / (k * np.cos(self.theta) * W)
             k = self.scale(D)
         return float(D)
 
     def _rate(self, theta: float, v: float, t: float, D: float) -> float:
         """The largest dOmega/dtheta whose tangential blur is not below -t; inf where there is none."""
-        allowed = t / (self.scale(D) * np.cos(theta) ** 2)
-        B, e = v / np.cos(theta), self.near / v
-        if B <= D:
-            return np.inf
-        middle = (D - B) * e + B + allowed
-        return float((middle + np.sqrt(middle**2 + 4 * (B - D) * allowed * e)) / (2 * (B - D)))
+        allowed, B = t / (self.scale(D) * np.cos(theta) ** 2), v / np.cos(theta)
+        return np.inf if B <= D else float((B + allowed) / (B - D) - self.near / v)
 
     def _path(self, t: float, D: float) -> tuple[float, Callable[[Array], Array]]:
         """Where the steepest mapping ends, and Omega and ln v (2, n) of viewing angles (n,) down to there."""
@@ -215,18 +212,20 @@ class _UnderPerspective:
     def _blurs(self, theta: Array, omega: Array, v: Array, t: float, D: float) -> tuple[Array, Array]:
         k, rate = self.scale(D), np.array([self._rate(a, b, t, D) for a, b in zip(theta, v, strict=True)])
         around = _ratio(np.sin(omega), np.sin(theta), rate)
-        e = self.near / v
 
         def off(W: Array) -> Array:
-            return D - v / np.cos(theta) * (W - 1 + e) / (W + e)
+            return np.asarray(k * np.cos(theta) * (D * W - v / np.cos(theta) * (W - 1)))
 
-        return k * np.cos(theta) ** 2 * rate * off(rate), k * np.cos(theta) * around * off(around)
+        return np.cos(theta) * off(rate + self.near / v), off(around + self.near / v)
 
 
 @dataclass(frozen=True)
 class _UnderTelecentric:
-    """Of mirrors before a telecentric lens: ``T = k W (1/(W + 1/p) - y)`` with W = dOmega/dx, S the same with
-    W = sin(Omega)/x, where y is how far the focus lies behind the surface, and ``dy/dx = -tan(Omega/2)``."""
+    """Mirrors before a telecentric lens.
+
+    ``T = k (1 - y W')`` with W' = dOmega/dx + 1/p, S the same with W' = sin(Omega)/x + 1/p, where y is the distance of
+    the focus behind the surface, and ``dy/dx = -tan(Omega/2)``.
+    """
 
     omega_min: float
     omega_max: float
@@ -241,17 +240,15 @@ class _UnderTelecentric:
         omega, y = path(x)
         rate = np.array([self._rate(b, t) for b in y])
         around = _ratio(np.sin(omega), x, rate)
-        blur_t, blur_s = (self.k * W * (1 / (W + self.near) - y) for W in (rate, around))
+        blur_t, blur_s = (self.k * (1 - y * (W + self.near)) for W in (rate, around))
         z = y[-1] - y
         return _bound(t, float(y[-1]), x, z, np.tan(omega / 2), omega, blur_t, blur_s)
 
     def _rate(self, y: float, t: float) -> float:
-        middle = 1 - y * self.near + t / self.k
-        return float((middle + np.sqrt(middle**2 + 4 * y * self.near * t / self.k)) / (2 * y))
+        return float((1 + t / self.k) / y - self.near)
 
     def _path(self, t: float) -> tuple[float, Callable[[Array], Array]]:
-        W = np.sin(self.omega_max) / self.rim
-        y = 1 / (W + self.near) - t / (self.k * W)
+        y = (1 - t / self.k) / (np.sin(self.omega_max) / self.rim + self.near)
 
         def rates(x: float, state: Array) -> list[float]:
             return [self._rate(float(state[1]), t), -np.tan(state[0] / 2)]
@@ -259,8 +256,7 @@ class _UnderTelecentric:
         return _followed(rates, self.rim, [self.omega_max, y], self.omega_min)
 
     def _too_steep(self, t: float) -> float:
-        W = np.sin(self.omega_max) / self.rim
-        if 1 / (W + self.near) <= t / (self.k * W):
+        if t >= self.k:
             return -self.rim
         end, path = self._path(t)
         return -end if end > 0 else float(path(np.array([0.0]))[0, 0]) - self.omega_min

@@ -263,7 +263,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     clipped = plan.blur and not sensor.lens.IS_THIN
     weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
-    weight[hit] *= front_shade(sensor, points[hit], directions[hit], -sensor.lens_rays(pixels[hit], 0 * pupil[hit])[1])
+    weight[hit] *= front_shade(sensor, points[hit], directions[hit], -towards[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(

@@ -49,9 +49,8 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
     fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
     if pupil.any():  # chief rays alone take the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
-    chief = sensor.lens_rays(pixels, 0 * pupil)[1]
     standing = sensor.obstructions
-    fate[hit & standing.meets_front(points, directions, -chief)] = HIDDEN
+    fate[hit & standing.meets_front(points, directions, -towards)] = HIDDEN
     fate[standing.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
     return Followed(points, directions, towards, hit, fate)
 
@@ -161,8 +160,8 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
     points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
     valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
     if (shell := standing.housing.shell) is not None:
-        for lid in standing.lids:
-            hidden |= valid & lid.met_by(points, directions)[0]
+        for disc in standing.discs:  # lids and the frame of a window
+            hidden |= valid & (disc.clearance(points, directions) < 0)
         left_by = passage(shell, points[valid], directions[valid])
         points[valid], directions[valid] = left_by.points, left_by.directions
         valid &= ~hidden
