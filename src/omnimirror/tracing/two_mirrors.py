@@ -241,7 +241,7 @@ class TwoMirrorMeridian(Meridian):
             rim = self.mirror.rim_radius_mm
             if room(rim) < 0:
                 raise SelfObstruction(
-                    f"the view of the camera behind the mirror is wider than the mirror, whose rim_radius_mm is {rim:g}; "
+                    f"the view of the camera behind the mirror is wider than the mirror, rim_radius_mm = {rim:g}; "
                     "reduce the secondary's rim_radius_mm or move the lens"
                 )
             needed = sign_change(room, 0.0, rim, 1e-12)
