@@ -136,7 +136,7 @@ def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested
     np.testing.assert_allclose(np.degrees(rays.reflected), snell, atol=0.05)  # index to three decimals
 
 
-@pytest.mark.parametrize("seed", few(range(40), 0, 3, 6))
+@pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
 def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(seed):
     wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
     reached = best(wanted)
