@@ -2,7 +2,7 @@
 
 Each file takes the values of a random sensor, loosened by 0.5 %, as limits, and replaces rim radius, focal length and
 F-number by wide asymmetric ranges that contain those of the sensor. Families and mappings, fits, domes, tubes in air
-and water, near objects and imagers of the catalogue occur.
+and water, near objects (distances, a cylinder, a plane) and lenses and imagers of the catalogue occur.
 
     python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
 """
@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 import omnimirror as om
-from omnimirror.components.catalogue import read_catalogue
+from omnimirror.components.catalogue import LensComponent, read_catalogue
 from omnimirror.design.criteria.requirement_file import requirements_of
+from omnimirror.design.criteria.requirements import FARTHEST_FOCUS
 from omnimirror.design.solve.candidates import make
 from omnimirror.design.solve.range_search import solve
 from omnimirror.errors import OmnimirrorError
@@ -29,6 +30,7 @@ AT_MOST = ("total_blur_deg", "total_blur_px", "viewpoint_spread_mm", "sag_mm", "
 AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
 MIRRORS = ("sphere", "hyperboloid", "paraboloid", "ellipsoid", "equidistant", "equiareal", "conformal", "unit-aspect")
 FAMILIES = MIRRORS[:4]
+OBJECTS = ("infinity", "distances", "cylinder", "plane")
 HOUSINGS = ("none", "camera", "dome", "tube", "water")
 TRIES = 200
 
@@ -36,8 +38,9 @@ TRIES = 200
 def feasible_requirements(seed: int) -> om.Requirements:
     """Return requirements that a random sensor meets, with that sensor's numbers inside of ranges."""
     rng = np.random.default_rng(seed)
+    housing, objects = str(rng.choice(HOUSINGS)), str(rng.choice(OBJECTS))  # retries leave their shares as they are
     for _ in range(TRIES):
-        tables, numbers = _tables(rng)
+        tables, numbers = _tables(rng, housing, objects)
         try:
             sensor = make(requirements_of(_with(tables, numbers))).sensor
             limits = _limits(rng, tables, numbers, sensor)
@@ -53,9 +56,9 @@ def feasible_requirements(seed: int) -> om.Requirements:
 _BOUNDS = {"rim_radius_mm": (5.0, 90.0), "focal_length_mm": (1.5, 40.0), "f_number": (1.4, 16.0), "conic": (-4.0, 4.0)}
 
 
-def _tables(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]:
+def _tables(rng: np.random.Generator, housing: str, objects: str) -> tuple[dict[str, Any], dict[str, float]]:
     """Return the tables without the numbers that become ranges, and these numbers."""
-    kind, housing = str(rng.choice(MIRRORS)), str(rng.choice(HOUSINGS))
+    kind = str(rng.choice(MIRRORS))
     rim = float(rng.uniform(8.0, 60.0))
     numbers = {
         "rim_radius_mm": rim,
@@ -68,11 +71,13 @@ def _tables(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]
         numbers["conic"] = float(rng.uniform(-0.6, 1.5))
     if kind not in FAMILIES and rng.random() < 0.4:
         mirror["fit"] = str(rng.choice(["polynomial:5", "asphere:3"]))
-    near = rng.random()
-    if near < 0.2:
-        field["object_distance_mm"] = [float(rng.uniform(5, 15) * rim), float(rng.uniform(20, 80) * rim)]
-    elif near < 0.3:
-        field["object_cylinder_radius_mm"] = float(rng.uniform(5, 20) * rim)
+    far = {
+        "infinity": {},
+        "distances": {"object_distance_mm": [float(rng.uniform(5, 15) * rim), float(rng.uniform(20, 80) * rim)]},
+        "cylinder": {"object_cylinder_radius_mm": float(rng.uniform(5, 20) * rim)},
+        "plane": {"object_plane_distance_mm": float(rng.uniform(5, 20) * rim)},
+    }
+    field |= far[objects]
     wall = {"material": "acrylic", "wall_mm": 3.0}
     tube = {**wall, "diameter_mm": float(rng.uniform(3.0, 4.0) * 60.0)}
     around: dict[str, Any] = {
@@ -84,15 +89,31 @@ def _tables(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, float]]
     }[housing]
     if housing == "water":
         field["omega_min_deg"] = 50.0
-    if rng.random() < 0.4:
-        part = rng.choice(np.array(read_catalogue().imagers, dtype=object))
+    imager, lens, fixed = _imager_and_lens(rng)
+    numbers |= fixed
+    tables = {"name": "feasible", "field": field, "mirror": mirror, "lens": lens, "imager": imager, "housing": around}
+    return tables, {name: value for name, value in numbers.items() if name not in lens}
+
+
+def _imager_and_lens(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any], dict[str, float]]:
+    """Return the imager, the fixed entries of the lens and its F-number, of the catalogue or freely chosen."""
+    parts = read_catalogue()
+    imagers = [part for part in parts.imagers if rng.random() < 0.4]
+    if imagers:
+        part = imagers[0]
         imager = {"width_px": part.width_px, "height_px": part.height_px, "pixel_pitch_um": part.pixel_pitch_um}
     else:
         width = int(rng.choice([1280, 1920, 2048, 4000]))
         height = int(width * rng.choice([0.5625, 0.75, 1.0]))
         imager = {"width_px": width, "height_px": height, "pixel_pitch_um": float(rng.choice([1.55, 2.4, 3.45, 4.8]))}
-    tables = {"name": "feasible", "field": field, "mirror": mirror, "lens": {}, "imager": imager, "housing": around}
-    return tables, numbers
+    if rng.random() < 0.7:
+        return imager, {}, {}
+    lenses = [part for part in parts.lenses if isinstance(part, LensComponent)]
+    chosen = lenses[int(rng.integers(len(lenses)))]
+    lens = {"focal_length_mm": chosen.focal_length_mm, "focus_mm": [chosen.minimum_focus_mm, FARTHEST_FOCUS]}
+    if chosen.f_number_min == chosen.f_number_max:
+        return imager, {**lens, "f_number": chosen.f_number_min}, {}
+    return imager, lens, {"f_number": float(rng.uniform(chosen.f_number_min, chosen.f_number_max))}
 
 
 def _with(tables: dict[str, Any], numbers: dict[str, Any]) -> dict[str, Any]:

@@ -229,7 +229,8 @@ def evaluate(
     x_mm, h_px, pixels : (n,), (n,), (n, 2), optional
         Instead of field angles: distances of the mirror points from the axis, image heights, or pixels (u, v).
     object_distance_mm : scalar or (n,)
-        Distance p from the reflection point to the object. Resolution and blur in angle are those of objects there.
+        Distance p from the reflection point to the object along the optical path. Resolution and blur in angle are
+        those of objects there: a degree is the length p pi/180 across the ray.
     focus_mm
         Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
     merit

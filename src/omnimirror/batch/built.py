@@ -93,8 +93,9 @@ def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
 def built_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, aim: Aim, near: Any, walls: Walls | None
 ) -> NodeOptics:
-    """The optics of mirror points, as :func:`.optics.node_optics` has them; under a telecentric lens ``aim.w`` is
-    infinite. Where ``near`` is a function of the field angle, objects are seen from the mirror points."""
+    """Compute the optics of mirror points as :func:`.optics.node_optics`; under a telecentric lens ``aim.w`` is
+    infinite. Where ``near`` is a function of points and field angles, it is evaluated where rays leave the wall, and
+    distances count along the optical path."""
     w, t, telecentric = aim.w, aim.tangent, bool(np.isinf(np.real(aim.w)).all())
     steep = 1 + slope * slope
     root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # of the viewing angle
@@ -135,10 +136,10 @@ def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any
     mirror sees them; how much farther objects are from the mirror than from where the rays begin; whether mirror points
     see what is outside, and whether the wall lets them out."""
     if walls is None:
-        near = near(start.omega) if callable(near) else near
+        near = near(start.x, start.z, start.omega) if callable(near) else near
         return start, near, near, near, 0.0, True, True
     passed = through_sides(start, walls.sides, walls.indices)
-    near = near(passed.foot.omega) if callable(near) else near
+    near, bare = (_behind_wall(near, passed), near(*start[:3])) if callable(near) else (near, near)
     behind = near / (1 - near * passed.inside)
     near_t, near_s = seen_inside(passed.refractions, behind)
     inside = passed.inside - passed.reach
@@ -152,8 +153,15 @@ def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any
         return passed.foot, near, near_t, near_s, inside, seen, outside | ~seen
     crosses = (height > base) & (height < cap)
     foot = Pencil(*(np.where(crosses, new, old) for new, old in zip(passed.foot, start, strict=True)))
-    near_t, near_s = (np.where(crosses, new, near) for new in (near_t, near_s))
+    near_t, near_s, near = (np.where(crosses, new, bare) for new in (near_t, near_s, near))
     return foot, near, near_t, near_s, np.where(crosses, inside, 0.0), True, outside | ~crosses
+
+
+def _behind_wall(near: Any, passed: Passed) -> Any:
+    """Return 1/distance along the optical path from mirror points to objects behind a wall."""
+    foot = passed.foot
+    onward = near(foot.x + passed.reach * np.sin(foot.omega), foot.z - passed.reach * np.cos(foot.omega), foot.omega)
+    return onward / (1 + onward * passed.inside)
 
 
 def as_rim(o: NodeOptics) -> NodeOptics:

@@ -82,7 +82,7 @@ def node_optics(
     slope_over_x
         z'/x, and on the axis its limit z''.
     inverse_distance : 1/mm
-        1/p of the object, 0 for one at infinity; or a function of the field angle (radians) that gives it.
+        1/p of the object, 0 for one at infinity; or a function of x, z and field angle (radians) that returns it.
     """
     w = m + z
     steep = 1 + slope * slope
@@ -93,7 +93,7 @@ def node_optics(
     cos_gamma = front / (root * rho)
     sine = 2 * w * slope_over_x + 1 - slope * slope  # sin(Omega) steep rho / x
     omega = 2 * np.arctan(slope) + np.arctan(x / w)
-    near = inverse_distance(omega) if callable(inverse_distance) else inverse_distance
+    near = inverse_distance(x, z, omega) if callable(inverse_distance) else inverse_distance
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + near)
     domega_dx = 2 * curvature / steep + front / to_lens
@@ -119,7 +119,7 @@ def telecentric_optics(
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)
-    near = inverse_distance(omega) if callable(inverse_distance) else inverse_distance
+    near = inverse_distance(x, z, omega) if callable(inverse_distance) else inverse_distance
     return NodeOptics(
         omega=omega,
         ray=x + 0 * slope,

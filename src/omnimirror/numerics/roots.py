@@ -1,4 +1,4 @@
-"""Roots of increasing functions, many at once: Newton's rule inside a bracket that only shrinks."""
+"""Roots in brackets: of many increasing functions at once, and of one function that may jump."""
 
 from __future__ import annotations
 
@@ -48,3 +48,37 @@ def increasing_root(
         if np.all(step <= close):
             break
     return x
+
+
+def sign_change(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
+    """Return the place between ``low`` and ``high`` where a function starts or ceases to be negative.
+
+    Unlike SciPy's ``brentq`` alone it accepts NaN, which counts as not negative, and ends where rounding hides the
+    change: the end where the function is nearest to 0 is then returned.
+
+    >>> round(sign_change(lambda x: x * x - 2, 0.0, 2.0, 1e-12), 9)
+    1.414213562
+    >>> round(sign_change(lambda x: -1.0 if x < 0.3 else float("nan"), 0.0, 1.0, 1e-12), 9)
+    0.3
+    >>> sign_change(lambda x: 1.0 + x, 0.0, 2.0, 1e-12)
+    0.0
+    """
+    from scipy.optimize import brentq
+
+    f_low, f_high = function(low), function(high)
+    if (f_low < 0) == (f_high < 0):
+        return high if abs(f_high) < abs(f_low) or np.isnan(f_low) else low
+    values: dict[float, float] = {low: f_low, high: f_high}
+
+    def known(x: float) -> float:
+        return values[x] if x in values else function(x)
+
+    if np.isfinite([f_low, f_high]).all():
+        try:
+            return float(brentq(known, low, high, xtol=xtol))
+        except ValueError:  # NaN between the ends
+            pass
+    while abs(high - low) > xtol + BISECTION_CLOSE * max(abs(low), abs(high)):
+        middle = (low + high) / 2
+        low, high = (low, middle) if (function(middle) < 0) == (f_high < 0) else (middle, high)
+    return (low + high) / 2

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidParameter, SelfObstruction
 from ..housing import Dome, FlatWindow, Shell, Tube
+from ..numerics.roots import sign_change
 
 if TYPE_CHECKING:
     from .meridian import ChiefRays
@@ -261,10 +262,8 @@ class Cover:
             return start
         if not height[passing[0] - 1] <= 0:  # NaN: no mirror surface there
             return float(x[passing[0]])
-        from scipy.optimize import brentq
-
-        low, high = x[passing[0] - 1], x[passing[0]]
-        return float(brentq(lambda v: float(clear(v)[0]), low, high, xtol=1e-12 * rim))
+        low, high = float(x[passing[0] - 1]), float(x[passing[0]])
+        return sign_change(lambda v: float(clear(v)[0]), low, high, 1e-12 * rim)
 
     def leads_to(self, rays: ChiefRays, x: Array, z: Array) -> Mask:
         """Which points (n,), (n,) of the meridian plane are behind the cover, and on these rays."""

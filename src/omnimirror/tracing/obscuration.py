@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
+from ..numerics.roots import sign_change
 from .covers import Cover
 from .edges import past_circle
 from .meridian import ChiefRays, Meridian
@@ -401,11 +402,9 @@ def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscurat
 
 def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:
     """From where to where on the mirror a clearance is below 0, the ends to rounding."""
-    from scipy.optimize import brentq
-
     hidden = clear < 0
     edges = [
-        float(brentq(lambda v: np.clip(clearance(np.array(v)), -1e9, 1e9), x[i], x[i + 1]))
+        sign_change(lambda v: float(np.clip(clearance(np.array(v)), -1e9, 1e9)), float(x[i]), float(x[i + 1]), 2e-12)
         for i in np.flatnonzero(np.diff(hidden.astype(int)))
     ]
     edges = [*([float(x[0])] if hidden[0] else []), *edges, *([float(x[-1])] if hidden[-1] else [])]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..errors import NotOneToOne, SelfObstruction
 from ..mirrors import Mirror, Secondary
 from ..numerics.lazy import cached_property
-from ..numerics.roots import increasing_root
+from ..numerics.roots import increasing_root, sign_change
 from .edges import past_circle
 from .meridian import NODES, Array, ChiefRays, Meridian, checked
 from .reflection.limits import RIM_SLACK
@@ -171,7 +171,6 @@ class TwoMirrorMeridian(Meridian):
 
     def _first_clear(self, x: Array, part: str) -> float:
         """Return the least mirror point from which rays pass a part, up to the rim; the rim if nowhere."""
-        from scipy.optimize import brentq
 
         def clearance(x: Array) -> Array:
             return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
@@ -182,7 +181,7 @@ class TwoMirrorMeridian(Meridian):
         last = int(blocked[-1])
         if last == len(x) - 1:
             return float(x[-1])
-        return float(brentq(lambda x: clearance(np.array([x]))[0], x[last], x[last + 1], xtol=1e-12))
+        return sign_change(lambda x: float(clearance(np.array([x]))[0]), float(x[last]), float(x[last + 1]), 1e-12)
 
     def _clearances(self, rays: ChiefRays) -> dict[str, Array]:
         """Return the clearance (n,), mm, of chief rays, as :func:`clearances` does of rays in space."""
@@ -226,8 +225,6 @@ class TwoMirrorMeridian(Meridian):
 
     def _check_bore(self, rays: ChiefRays) -> None:
         """Refuse a bore too small for the view of the camera behind it, chief rays alone."""
-        from scipy.optimize import brentq
-
         second, bore = rays.first, self.secondary.bore_radius_mm
         lens = self.secondary.lens_height(self.m)
         widest = float(second.x[-1])
@@ -241,7 +238,13 @@ class TwoMirrorMeridian(Meridian):
             def room(radius: float) -> float:
                 return radius - max(lens - float(self.mirror.sag(radius)), 0.0) * tangent
 
-            needed = float(brentq(room, 0.0, self.mirror.rim_radius_mm))
+            rim = self.mirror.rim_radius_mm
+            if room(rim) < 0:
+                raise SelfObstruction(
+                    f"the view of the camera behind the mirror is wider than the mirror, rim_radius_mm = {rim:g}; "
+                    "reduce the secondary's rim_radius_mm or move the lens"
+                )
+            needed = sign_change(room, 0.0, rim, 1e-12)
         if bore < needed:
             raise SelfObstruction(
                 f"bore_radius_mm = {bore:g} cuts off the view of the camera behind the mirror; it is valid above "

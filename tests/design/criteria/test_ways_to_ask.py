@@ -15,11 +15,15 @@ from omnimirror.design.criteria.merits import values_of_evaluation
 from omnimirror.design.criteria.modulation import contrast
 from omnimirror.design.criteria.objects import distances_of
 from omnimirror.design.optimise.variables import DesignSpace
+from omnimirror.design.solve.candidates import focusing
 from omnimirror.design.solve.freeform import problem_of
 from omnimirror.design.solve.verdict import evaluations
 from omnimirror.errors import OmnimirrorError
 from omnimirror.frames import Mount
+from omnimirror.housing import Dome, Housing, Tube
 from omnimirror.imagers import Imager
+from omnimirror.lenses import Perspective
+from omnimirror.mirrors import Sphere
 from tests.everyday import few
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -145,14 +149,79 @@ def test_beyond_the_horizon_of_a_floor_there_is_nothing():
 
 
 def test_behind_a_cover_the_surface_is_where_the_bent_ray_meets_it():
-    from omnimirror.housing import Dome, Housing
-
     sensor = replace(SPHERE, housing=Housing(shell=Dome()))
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([60.0, 110.0])))
     (p,) = distances_of(replace(ROOM, object_plane_distance_mm=None), rays)
     outer_x, _ = rays.last
-    beyond = p - np.hypot(outer_x - rays.x, rays.last[1] - rays.z)
+    beyond = p - rays.outside.inside
     assert outer_x + beyond * np.sin(rays.omega) == pytest.approx(900.0)
+
+
+PIPE = {"object_cylinder_radius_mm": 150.0}
+FLOOR = {"object_plane_distance_mm": 300.0}
+TUBE, DOME = (
+    Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    Housing(shell=Dome(160.0, 3.0, 1.49, centre_mm=-25.0)),
+)
+
+
+def finite_resolution(sensor, h, surface):
+    """Return field angle and resolution, px/deg along and around, by rays of neighbouring pixels refracted with Snell's
+    law: size on the object surface, across the ray, over the length of the optical path from the mirror."""
+    shell, A, m = sensor.housing.shell, sensor.mirror.radius_mm, sensor.mirror_distance_mm
+    b = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
+    middle = shell.centres_mm[1] if isinstance(shell, Dome) else None
+
+    def onto(point, ray, radius, centre):
+        """Intersection with a sphere about (0, centre) or with the cylinder, and the unit normal there."""
+        weights = np.array([1.0, 0.0 if centre is None else 1.0])
+        start = (point - [0.0, centre or 0.0]) * weights
+        a, half, c = (ray * weights) @ ray, start @ ray, start @ start - radius**2
+        there = point + (np.sqrt(half**2 - a * c) - half) / a * ray
+        return there, (there - [0.0, centre or 0.0]) * weights / radius
+
+    def trace(h):
+        theta = np.arctan(h * sensor.imager.pitch_mm / b)
+        ray, start = np.array([np.sin(theta), np.cos(theta)]), np.array([0.0, -m - A])
+        half = start @ ray
+        point = [0.0, -m] - (half + np.sqrt(half**2 - start @ start + A**2)) * ray
+        normal = (point - [0.0, A]) / A
+        ray, path = ray - 2 * (ray @ normal) * normal, 0.0
+        indices = (1.0, shell.index, shell.outer_index)
+        for radius, before, after in zip(shell.radii_mm, indices, indices[1:], strict=False):
+            there, normal = onto(point, ray, radius, middle)
+            path, point = path + np.linalg.norm(there - point), there
+            ratio, cosine = before / after, ray @ normal
+            ray = ratio * ray + (np.sqrt(1 - ratio**2 * (1 - cosine**2)) - ratio * cosine) * normal
+        onward = (150.0 - point[0]) / ray[0] if surface is PIPE else (-300.0 - point[1]) / ray[1]
+        return point + onward * ray, ray, path + onward
+
+    there, ray, p = trace(h)
+    step = trace(h + 0.01)[0] - trace(h - 0.01)[0]
+    across = np.linalg.norm(step - (step @ ray) * ray)
+    omega = np.degrees(np.arctan2(ray[0], -ray[1]))
+    return omega, 0.02 / np.degrees(across / p), h / np.degrees(there[0] / p)
+
+
+@pytest.mark.parametrize(
+    ("housing", "surface", "height"),
+    [(TUBE, PIPE, 590.0), (TUBE, PIPE, 300.0), (TUBE, PIPE, 130.0), (DOME, PIPE, 400.0), (DOME, FLOOR, 250.0)],
+)
+def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface, height):
+    sensor = om.Sensor(
+        Sphere(28.384, 22.0), Perspective(6.0, 4.0, 79.46), Imager(1920, 1200, 3.0), Mount(), 68.874, housing=housing
+    )  # fmt: skip
+    omega, along, around = finite_resolution(sensor, height, surface)
+    limits = [om.Limit(f"{name}_px_per_deg", at_least=1.0, omega_deg=(omega, omega)) for name in ("dh_domega", "width")]
+    wanted = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=110, **surface),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=6.0),
+        limits=limits,
+    )
+    assert [row.reached for row in om.judge(wanted, sensor).limits] == pytest.approx([along, around], rel=1e-5)
+    reached = focusing(wanted, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
+    assert [reached.dh[0, 0], reached.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
 
 
 def test_a_design_before_a_wall_is_focused_on_it():

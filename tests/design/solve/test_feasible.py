@@ -16,6 +16,7 @@ import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.design.solve.candidates import make
 from omnimirror.design.solve.designer import design_sensor
+from omnimirror.design.solve.relaxation import relaxed
 from tests.commands import PROGRAM
 from tests.design.answers import best, row
 from tests.everyday import few
@@ -135,12 +136,62 @@ def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested
     np.testing.assert_allclose(np.degrees(rays.reflected), snell, atol=0.05)  # index to three decimals
 
 
+@pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
+def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(seed):
+    wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
+    reached = best(wanted)
+    exactly = [
+        replace(limit, at_least=limit.at_least and row.reached * 0.9998, at_most=limit.at_most and row.reached * 1.0002)
+        for limit, row in zip(wanted.limits, reached.limits, strict=True)
+    ]
+    found = best(replace(wanted, limits=tuple(exactly)))
+    assert found.is_met, found.missed
+
+
 def test_what_one_search_reaches_the_next_one_meets():
     """The best blur under a limit of height, then that blur as a limit itself, 0.02 % above."""
     first = best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=9.3)))
     assert first.is_met
     reached = first.limits[0].reached
     assert best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=1.0002 * reached))).is_met
+
+
+SPHERE, CONIC = 'family = "sphere"', 'family = "hyperboloid"'
+CONFLICTS = {
+    "one number and a blur": (SPHERE, "focal_length_mm = 11.6", "total_blur_px", "at_most = 4.0"),
+    "a resolution": (SPHERE, "focal_length_mm = 11.6", "resolution_px_per_deg", "at_least = 3.3"),
+    "a mapping": ('mapping = "equidistant"', "theta_max_deg = 12", "total_blur_px", "at_most = 6.0"),
+    "a conic": (CONIC, "focal_length_mm = 11.6", "area_ratio", "at_least = 0.5"),
+    "a range": (SPHERE, "focal_length_mm = [8, 11.6]", "total_blur_deg", "at_most = 0.3"),
+    "a spread": (SPHERE, "theta_max_deg = 12", "viewpoint_spread_mm", "at_most = 5.0"),
+    "a height": (CONIC, "focal_length_mm = [8, 12]", "whole_height_mm", "at_most = 100.0"),
+}
+CONFLICT = """
+[field]
+omega_max_deg = 135
+[mirror]
+{}
+rim_radius_mm = 43.9
+[lens]
+{}
+[[limit]]
+quantity = "{}"
+{}
+"""
+
+
+@pytest.mark.parametrize("name", few(CONFLICTS, "one number and a blur", "a resolution"))
+def test_relaxations_are_the_thresholds_within_one_percent(name):
+    """Searches of their own, which do not know the design, succeed beyond each threshold and fail before it."""
+    wanted = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
+    conflict = design_sensor(wanted).conflict
+    found = [r for r in conflict.alone if r.needed is not None]
+    assert found
+    for r in found:
+        way = 0.01 * np.sign(r.needed - r.asked) * abs(r.needed)
+        assert best(relaxed(wanted, [replace(r, needed=r.needed + way)])).is_met, r
+        if abs(r.needed - r.asked) > abs(way):
+            assert not best(relaxed(wanted, [replace(r, needed=r.needed - way)])).is_met, r
 
 
 def test_an_interrupted_search_for_relaxations_keeps_the_design_and_what_was_found():

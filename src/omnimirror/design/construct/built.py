@@ -18,6 +18,7 @@ from ...housing import Housing, Tube
 from ...lenses import Lens
 from ...mirrors import TabulatedMapping
 from ...mirrors.generated.base import Mapped
+from ...tracing.covers import Cover
 from ...tracing.meridian import ChiefRays, trace_chief_rays
 from ...tracing.obscuration import Obstructions, cover_of
 from .rim import MountedMirror, RimRay
@@ -56,14 +57,26 @@ class LensAndCover:
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
-        """Chief rays (n,) of mirror points, outside; what is not let out is not finite."""
+        """Trace the chief rays (n,) of mirror points to the outside; those that are not let out are not finite."""
+        return self._tracer(made)(x)
+
+    def _cover(self, made: MountedMirror) -> Cover | None:
+        """Return the cover around a mirror, None without one."""
+        if self.housing.shell is None:
+            return None
+        return cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
+
+    def _tracer(self, made: MountedMirror) -> Callable[[Array], ChiefRays]:
+        """Return the function that traces chief rays (n,) of points of one mirror to the outside."""
         with np.errstate(all="ignore"):
-            rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
-            if self.housing.shell is None:
-                return rays
-            cover = cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
-            assert cover is not None
-            return cover.left_by(rays)
+            cover = self._cover(made)
+
+        def trace(x: Array) -> ChiefRays:
+            with np.errstate(all="ignore"):
+                rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
+                return rays if cover is None else cover.left_by(rays)
+
+        return trace
 
     def heights(self, rays: ChiefRays) -> Array:
         """Image heights (n,) over that of the last ray."""
@@ -128,12 +141,10 @@ class LensAndCover:
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
         """Return the differences to field angles at both ends of the field, deg, and d(inside)/d(outside) there."""
-        begin, rim = 0.0, made.mirror.rim_radius_mm
-        if self.housing.shell is not None:
-            cover = cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
-            assert cover is not None
-            begin = cover.first_seen(lambda x: self.rays(made, x), 0.0, rim)
-        rays = self.rays(made, np.array([begin, rim]))
+        begin, rim, cover, trace = 0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made)
+        if cover is not None:
+            begin = cover.first_seen(trace, 0.0, rim)
+        rays = trace(np.array([begin, rim]))
         return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
 
     def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:

@@ -15,17 +15,14 @@ Array = NDArray[Any]
 
 
 def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array) -> Array:
-    """1/p (d, k), 1/mm, of the objects that count as mirror points (k,) see them at field angles (k,) in radians.
+    """Return 1/distance (1, k), 1/mm, from points (k,) to the first object surface along field angles (k,) in radians.
 
-    One row for each object distance; where objects are on surfaces one row, of the surface that a ray meets first. A
-    ray that meets none goes to infinity.
+    A ray that meets no surface goes to infinity.
 
     >>> room = FieldRequirements(omega_max_deg=120, object_plane_distance_mm=700, object_cylinder_radius_mm=2000)
     >>> (1 / inverse_distances(room, np.zeros(3), np.zeros(3), np.radians([0.0, 60.0, 90.0]))).round(6)
     array([[ 700., 1400., 2000.]])
     """
-    if not field.has_surfaces:
-        return np.repeat(1 / np.array(distances_mm(field))[:, None], x.shape[-1], axis=1)
     nearest = np.zeros_like(omega)
     for inverse in _surfaces(field, x, z, omega):
         nearest = np.where(inverse.real > nearest.real, inverse, nearest)
@@ -38,15 +35,14 @@ def distances_mm(field: FieldRequirements) -> tuple[float, ...]:
 
 
 def distances_of(field: FieldRequirements, rays: ChiefRays) -> list[Any]:
-    """From the mirror points of chief rays (k,) to the objects, mm: a number, or (k,), for each distance that counts.
-
-    Behind a cover the way leads to its outer side first.
-    """
+    """Return the distances from the mirror points of chief rays (k,) to the objects, mm: a number, or (k,), for each
+    distance that counts; behind a cover along the optical path."""
     if not field.has_surfaces:
         return list(distances_mm(field))
     x, z = rays.last
     with np.errstate(divide="ignore"):
-        return [1 / inverse_distances(field, x, z, rays.omega)[0] + np.hypot(x - rays.x, z - rays.z)]
+        onward = 1 / inverse_distances(field, x, z, rays.omega)[0]
+    return [onward + (0.0 if rays.outside is None else rays.outside.inside)]
 
 
 def _surfaces(field: FieldRequirements, x: Array, z: Array, omega: Array) -> list[Array]:

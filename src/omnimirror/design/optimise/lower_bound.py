@@ -26,6 +26,7 @@ from ...arguments import checked, choice, distances, image_radius
 from ...batch.optics import PerspectiveCamera, TelecentricCamera
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
+from ...numerics.roots import sign_change
 from ...sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -282,8 +283,6 @@ def _followed(
 
 def _least(too_steep: Callable[[float], float]) -> float:
     """The least blur (radians) that is not too steep; a blur that is allowed allows all larger ones too."""
-    from scipy.optimize import brentq
-
     if too_steep(0.0) <= 0:  # so narrow a field asks for none
         return 0.0
     if not too_steep(LEAST) > 0 or not too_steep(MOST) <= 0:
@@ -291,7 +290,7 @@ def _least(too_steep: Callable[[float], float]) -> float:
             f"this field, rim, lens and object distance have no bound of blur between {np.degrees(LEAST):.2g} and "
             f"{np.degrees(MOST):.3g} deg"
         )
-    return float(brentq(too_steep, LEAST, MOST, xtol=1e-13, rtol=1e-12))
+    return sign_change(too_steep, LEAST, MOST, 1e-13)
 
 
 def _ratio(over: Array, under: Array, limit: Array) -> Array:

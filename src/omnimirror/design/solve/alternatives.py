@@ -21,7 +21,7 @@ from .range_search import RangeSearch
 from .space import Say
 from .verdict import Verdict, judge
 
-STARTS = 2  # searches for each alternative
+STARTS = 1  # searches for each alternative
 IMAGERS = 3  # larger imagers of the catalogue, the smallest of them first
 MIN_GAIN = 0.01  # relative decrease of the largest violation that makes an alternative worth reporting
 

@@ -197,7 +197,9 @@ class Focusing:
         x = (first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, self.points)).ravel()
         z, slope, curvature = mirror.profile(x)
         over_x = np.where(x > 0, slope / np.where(x > 0, x, 1.0), curvature)
-        near = partial(inverse_distances, self.field, x, z)
+        near: Any = 1 / np.array(distances_mm(self.field))[:, None]
+        if self.field.has_surfaces:
+            near = partial(inverse_distances, self.field)
         with np.errstate(divide="ignore", invalid="ignore"):  # a cone has its tangential images at infinity
             if self._tables is not None or sensor.housing.shell is not None:
                 m = np.inf if self._is_telecentric else sensor.mirror_distance_mm

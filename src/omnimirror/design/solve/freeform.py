@@ -119,12 +119,12 @@ class FreeFormSpace:
         """By what share each requirement is missed at a point."""
         return self._objective(()).missed(self.y(point))
 
-    def can_meet(self, requirements: Requirements, point: Point) -> bool:
-        """Whether the mirror near a point that misses least meets other requirements."""
+    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+        """Return the mirror near a point that violates other requirements least if it meets them."""
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeFormSpace(requirements, problem)
         y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y
-        return judge(requirements, space.designs.sensor(y)).is_met
+        return space.point(y) if judge(requirements, space.designs.sensor(y)).is_met else None
 
     def y(self, point: Point) -> Array:
         """A point as the optimiser has it."""

@@ -22,7 +22,7 @@ from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import OF_OPTICS, Requirements
 from ..optimise.objective import IMAGE, Key, Slack
 from ..optimise.problem import OF_LENS
-from .candidates import focusing, make
+from .candidates import Candidate, focusing, make
 from .focusing import Focusing, vergences_of
 from .space import Point, Reached
 from .verdict import given_rows, judge
@@ -35,6 +35,7 @@ STEP = 1e-6  # of derivatives
 CLOSE = 1e-6
 STEPS = 25  # at most, of a search
 KEPT = 1e-6  # a share this little missed is none
+RELAXED_STARTS = 2  # searches of relaxed requirements, the first of them from a design that meets them nearly
 FITS = 3  # searches with what the fit adds taken anew
 TRIED = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # shares by which a number has moved, to see where its search should begin
 SEARCHED = 181  # field angles of a verdict within a search
@@ -84,15 +85,15 @@ class GeneratedSpace:
         Between which values each of the others may move.
     near
         Its sensor, whose size is the unit of the focus.
-    is_met_from_scratch
-        Whether the search finds a design that meets other requirements; its first starts are given.
+    found_from_scratch
+        Design that so many searches find for other requirements, None if it misses any; the first starts are given.
     """
 
     requirements: Requirements
     settled: Requirements
     spans: dict[str, Span]
     near: Sensor
-    is_met_from_scratch: Callable[[Requirements, Iterable[Requirements]], bool]
+    found_from_scratch: Callable[[Requirements, Iterable[Requirements], int], Candidate | None]
 
     # -- points ------------------------------------------------------------------------------------
 
@@ -197,13 +198,15 @@ class GeneratedSpace:
                 break
         return best
 
-    def can_meet(self, requirements: Requirements, point: Point) -> bool:
-        """Whether a search that starts from the design at a point, then all over the ranges, meets requirements."""
+    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+        """Return the design that a search from a point, then from all over the ranges, finds for requirements."""
         found = self.settled_at(point) if all(name in point for name in self.names) else self.settled
         spans = free_of(ranges_of(requirements))
         numbers = {name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()}
         settled = {name: span[0] for name, span in ranges_of(requirements).items() if span is not None}
-        return self.is_met_from_scratch(requirements, [requirements.changed(**(settled | numbers))])
+        starts = 1 if is_local else RELAXED_STARTS
+        made = self.found_from_scratch(requirements, [requirements.changed(**(settled | numbers))], starts)
+        return None if made is None else self.point(made.settled, made.sensor)
 
     # -- what is missed ----------------------------------------------------------------------------
 
@@ -267,7 +270,14 @@ class GeneratedSpace:
         return {key: float(fitted[key].max() - rows.max()) for key, rows in plain.items()}
 
     def _followed(self, y: Array, slack: Slack, added: dict[Key, float]) -> Minimum:
+        known = dict[bytes, ObjectiveValues]()  # derivatives are taken at points whose values are known
+
         def values(y: Array) -> ObjectiveValues:
+            if (key := y.tobytes()) not in known:
+                known[key] = computed(y)
+            return known[key]
+
+        def computed(y: Array) -> ObjectiveValues:
             try:
                 missed = {key: rows + added.get(key, 0.0) for key, rows in self._missed(y).items()}
             except OmnimirrorError:

@@ -35,8 +35,7 @@ SAME, AGREEING = 1e-4, 3  # relative difference of costs that count as equal; se
 ENOUGH_IF_MET = 5  # searches after which a candidate that meets everything is accepted
 NEAR_MISS = 0.05  # cost below which the search goes on without derivatives
 SIMPLEX, SIMPLEX_STEPS = 0.05, 60  # of the ranges: first steps; evaluations for each free number
-RELAXED_STARTS = 4  # searches of relaxed requirements, the first of them from a design that meets them nearly
-GAIN = 1e-4  # relative gain below which a search is not repeated
+GAIN, ROUGH_GAIN = 1e-4, 0.02  # relative gains below which a search is not repeated: of optima, of feasibility
 INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
 
 
@@ -166,18 +165,21 @@ class RangeSearch:
         return best
 
     def _followed(self, start: Ranked, enough: float) -> Ranked:
-        """Follow one start to its optimum: the linear programmes begin anew while they gain something."""
+        """Follow one start to its optimum: the linear programmes are restarted while they gain something."""
+        least_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
         for _ in range(RESTARTS):
+            if start.cost <= enough:
+                break
             found = self._polished(start)
             gain = start.cost - found.cost
             start = found
-            if found.cost <= enough or gain <= GAIN * abs(found.cost):
+            if gain <= least_gain * abs(found.cost):
                 break
         return start
 
     def space(self, found: Ranked) -> GeneratedSpace:
         """The designs around a candidate."""
-        return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor, is_met)
+        return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor, found_from_scratch)
 
     def _polished(self, start: Ranked) -> Ranked:
         """The best candidate near one, by what the requirements leave free."""
@@ -232,16 +234,18 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
     return space, best
 
 
-def is_met(requirements: Requirements, begin: Iterable[Requirements] = ()) -> bool:
-    """Whether the search finds a candidate that meets its requirements; ``begin`` are designs found before.
+def found_from_scratch(
+    requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None
+) -> Candidate | None:
+    """Return the candidate of a search if it meets its requirements; ``begin`` are designs found before.
 
     Raises
     ------
     OmnimirrorError
         There is no such mirror at all.
     """
-    found = RangeSearch(requirements).best(begin, enough=0.0, starts=RELAXED_STARTS)
-    return judge(requirements, found.made.sensor).is_met
+    found = RangeSearch(requirements).best(begin, enough=0.0, starts=starts)
+    return found.made if judge(requirements, found.made.sensor).is_met else None
 
 
 def _design(search: RangeSearch, space: GeneratedSpace, made: Candidate) -> BestDesign:

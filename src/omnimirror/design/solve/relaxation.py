@@ -31,7 +31,7 @@ ROOM = 0.45  # of the way to where the rim is seen edge-on, for each of two angl
 MORE = (0.0, 1e-4, 1e-3, 1e-2)  # shares by which advice is widened until it holds
 DIGITS = 5  # of advice
 STILL = 1e-6  # a share below this is none
-NEAR = 3e-3  # of the way to what is advised: how near to the threshold that is
+NEAR = 4e-3  # of a threshold: how near to it the reported value is
 IDLE = 0.01  # a move that saves the others less than this share of theirs is none
 RANGES = {
     "omega_max_deg": (1.0, 179.0),
@@ -123,8 +123,8 @@ class Conflict:
     alternatives: tuple[Alternative, ...] = ()
 
 
-Holds = Callable[[Sequence[Relaxation]], bool]
-"""Whether everything is met once some requirements have given."""
+Holds = Callable[[Sequence[Relaxation]], bool | None]
+"""Whether everything is met once some requirements are relaxed; None if there is no such mirror."""
 
 
 def find_conflict(
@@ -201,55 +201,73 @@ def _with_side(limit: Limit, asked: float, needed: float) -> Limit:
     return replace(limit, at_most=needed) if limit.at_most == asked else replace(limit, at_least=needed)
 
 
-def _holds(space: Space, point: Point, given: Sequence[Relaxation]) -> bool:
-    """Whether a design meets everything once some requirements have given."""
+def _holds(space: Space, point: Point, given: Sequence[Relaxation], is_local: bool = False) -> bool | None:
+    """Return whether a design meets all requirements once some are relaxed; None if there is no such mirror."""
     try:
-        return space.can_meet(relaxed(space.requirements, given), point)
+        return space.meeting(relaxed(space.requirements, given), point, is_local) is not None
     except OmnimirrorError:
-        return False
+        return None
+
+
+def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Sequence[Relaxation]:
+    """Return the first of several ever wider relaxations that holds, none if the widest does not."""
+    first, *between, last = variants
+    if holds(first):
+        return first
+    return next((given for given in between if holds(given)), last) if holds(last) else ()
 
 
 def verified(r: Relaxation, holds: Holds) -> Relaxation:
-    """The advice in few digits, as it was found or a little wider, once it holds; without a value if it never does."""
+    """Return the relaxation in a few digits, slightly wider where necessary; without a value if it never holds."""
     if not r.gives:
         return r
-    wider = (r.widened(share) for share in MORE)
-    return next((w for w in wider if holds([w])), replace(r, needed=None))
+    found = _least_wide([[r.widened(share)] for share in MORE], holds)
+    return found[0] if found else replace(r, needed=None)
 
 
 def nearest(r: Relaxation, holds: Holds) -> Relaxation:
-    """The advice on a number, as near to what was asked as it holds: a search along a bent valley may end too early."""
-    near, far = 0.0, 1.0 - NEAR  # of the way
-    if not r.gives or r.limit is not None or not holds([r.giving(far)]):
+    """Return a verified relaxation reduced to the threshold: a search along a curved valley may end too early.
+
+    Steps towards the requested value double until one does not hold; the last one is then bisected.
+    """
+    if not r.gives or r.needed is None:
         return r
-    while far - near > NEAR:
+    step = NEAR * abs(r.needed) / abs(r.needed - r.asked)  # as a share of the relaxation
+    far, tried = 1.0, 1.0 - step
+    while tried > 0 and holds([r.giving(tried)]):
+        far, step = tried, 2 * step
+        tried = far - step
+    near = max(tried, 0.0)
+    while far < 1 and (far - near) * abs(r.needed - r.asked) > NEAR * abs(r.needed):
         middle = (near + far) / 2
         near, far = (near, middle) if holds([r.giving(middle)]) else (middle, far)
-    return r.giving(far)
+    return r if far == 1 else r.giving(far)
 
 
 def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
-    """As :func:`verified`, of several that give at once; nothing if it never holds."""
-    rounded = tuple(r.widened(0.0) for r in given)  # a number may stand where it can go no farther
-    for more in MORE:
-        limits_wider = tuple(r if r.limit is None else r.widened(more) for r in rounded)
-        for wider in dict.fromkeys((limits_wider, tuple(r.widened(more) for r in given))):
-            if holds(wider):
-                return wider
-    return ()
+    """Return several simultaneous relaxations as :func:`verified`; none if they never hold."""
+    rounded = tuple(r.widened(0.0) for r in given)
+    found = _least_wide([tuple(r.widened(more) for r in given) for more in MORE], holds)
+    # a number may be at the end of what is possible, and then only the limits can be wider
+    limits_wider = [tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in MORE[1:]]
+    return tuple(found or _least_wide(limits_wider, holds))
 
 
 def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
-    """Those that have to give: each is tried at what was asked of it, what gives least first.
+    """Return the necessary ones of simultaneous relaxations: each is tried at its requested value, the smallest first.
 
-    It is idle where the others do without it, giving by at most a hundredth more than they do with it; or the limits
-    among them, since a number may stand where it can go no farther.
+    A relaxation is idle if the others hold without it when they are larger by at most one hundredth; or the limits
+    among them, where a number is at the end of what is possible.
     """
     for r in sorted(given, key=lambda r: r.share or 0.0):
         rest = tuple(other for other in given if other.name != r.name)
+        if not rest:
+            break
         more = tuple(other.giving(1 + IDLE) for other in rest)
         limits_more = tuple(o if o.limit is None else m for o, m in zip(rest, more, strict=True))
-        given = next((way for way in dict.fromkeys((more, limits_more)) if way and holds(way)), given)
+        held = holds(more)
+        if held or (held is None and holds(limits_more)):
+            given = more if held else limits_more
     return given
 
 
@@ -300,9 +318,25 @@ def _limit_gives(space: Space, best: BestDesign, key: Key, row: Judgement) -> tu
     if best.verdict.missed == (row.label,):  # the best design misses this one alone, by as little as can be
         return replace(advice, needed=row.reached), best.point
     found = space.reach(best.point, Slack((key,))) if key in space.keys else None
+    if found is None and isinstance(key, int) and (begin := _without(space, best, replace(advice, needed=_far(row)))):
+        found = space.reach(begin, Slack((key,)))
     if found is None:
         return advice, best.point
     return replace(advice, needed=_after_giving(row, max(found.share, 0.0))), found.point
+
+
+def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
+    """Return a design that a search finds with one requirement relaxed as far as sensible, None if there is none."""
+    try:
+        return space.meeting(relaxed(space.requirements, [r]), best.point)
+    except OmnimirrorError:
+        return None
+
+
+def _far(row: Judgement) -> float:
+    """Return the value of a limit that is relaxed as far as sensible."""
+    asked = _asked(row)
+    return asked * FARTHEST if (asked == row.at_most) == (asked > 0) else asked / FARTHEST
 
 
 def _asked(row: Judgement) -> float:
@@ -370,8 +404,9 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
     found = _least_joint(space, best, spans, ways)
     if found is None:
         return ()
-    advice = verified_together(found.given, partial(_holds, space, found.point))
-    needed = without_idle(advice, partial(_holds, space, found.point))
+    holds = partial(_holds, space, found.point, is_local=True)
+    advice = verified_together(found.given, holds)
+    needed = without_idle(advice, holds)
     if len(needed) < len(advice):  # anew, without the others: less has to give than by what they were tried with
         names = {r.name for r in needed}
         again = _least_joint(
@@ -381,7 +416,7 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
             [(name, way) for name, way in ways if name in names],
             names,
         )
-        if again and (verified := verified_together(again.given, partial(_holds, space, again.point))):
+        if again and (verified := verified_together(again.given, partial(_holds, space, again.point, is_local=True))):
             needed = verified
     return needed if len(needed) > 1 else ()
 

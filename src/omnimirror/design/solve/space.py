@@ -81,8 +81,13 @@ class Space(Protocol):
     def missed(self, point: Point) -> dict[Key, float]:
         """By what share each requirement is missed at a point; below 0 by what share it is kept."""
 
-    def can_meet(self, requirements: Requirements, point: Point) -> bool:
-        """Whether a design meets other requirements; ``point`` is near it.
+    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+        """Search for a design that meets other requirements, starting near a point; None if none is found.
+
+        Parameters
+        ----------
+        is_local
+            Search from the point alone.
 
         Raises
         ------

@@ -203,7 +203,10 @@ class FiniteMapping(Generated):
             jacobian[-1, -1] = last @ by_z + slope
             if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
                 return None
-            step = np.linalg.solve(jacobian, residual)
+            try:
+                step = np.linalg.solve(jacobian, residual)
+            except np.linalg.LinAlgError:
+                return None
             y, rim_z = y - step[:-1], rim_z - float(step[-1])
             if np.abs(step).max() <= 1e-14 * max(1.0, float(np.abs(y).max())):
                 break
