@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import finite, numbers, shown
+from .arguments import finite, numbers, optional_number, shown
 from .errors import InvalidParameter
 
 
@@ -54,6 +54,9 @@ class Uncertainty:
         Of the parameters.
     covariance : (n, n)
         In their units.
+    field_deg : deg, optional
+        Calibrated field: the largest field angle, from what the centre of the image sees, at which anything was
+        measured. Beyond it the model is an extrapolation, of which the covariance says nothing. None: unknown.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class Uncertainty:
 
     names: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
+    field_deg: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
@@ -86,6 +90,7 @@ class Uncertainty:
         values = np.linalg.eigvalsh(correlations)
         if values[0] < NEGATIVE * values[-1]:
             raise InvalidParameter("covariance is no covariance: it has a negative eigenvalue")
+        optional_number("field_deg", self.field_deg, above=0.0, high=180.0, unit="deg")
 
     @property
     def sigmas(self) -> dict[str, float]:

@@ -319,6 +319,7 @@ class UncertaintyTable(Table):
 
     names: list[str]
     covariance: list[list[float]]
+    field_deg: float | None = None
 
 
 def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
@@ -328,8 +329,9 @@ def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
 
 
 def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
-    """The table ``[uncertainty]``, as plain data."""
-    return {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+    """Return the table ``[uncertainty]`` as plain data."""
+    field = {} if known.field_deg is None else {"field_deg": known.field_deg}
+    return {"names": list(known.names), "covariance": [list(row) for row in known.covariance], **field}
 
 
 HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
