@@ -9,7 +9,6 @@ import numpy as np
 
 from ...camera_models import CameraModel
 from ...errors import InvalidParameter
-from ...parameters import Uncertainty
 
 Model = TypeVar("Model", bound=CameraModel)
 

@@ -14,10 +14,10 @@ from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spread import direction_sigma_deg
 from ...files import json_plain, write_text
+from ...numerics.lazy import cached_property
 from ...parameters import Uncertainty
 from ...sensor import Sensor
 from ...specs import save_camera
-from ...numerics.lazy import cached_property
 from ..physical import SensorModel
 from ..physical.starting import without_fold
 from ..propagation import measured_field_deg
