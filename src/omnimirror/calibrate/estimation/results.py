@@ -27,7 +27,7 @@ from .bundle.board_shape import BoardShape
 from .choice import TriedModel
 from .covariance import FreeCombination, ParameterCovariance
 from .leaving_out import HeldOut
-from .outliers import Outlier
+from .outliers import Outlier, remaining_outliers
 
 Array = NDArray[np.float64]
 
@@ -181,6 +181,11 @@ class Calibration:
         """
         return direction_sigma_deg(self.model, self.covariance, directions, self.field_deg)
 
+    @property
+    def remaining_outliers(self) -> tuple[Outlier, ...]:
+        """Corners that were used and are farther off than noise explains, the worst first."""
+        return remaining_outliers(self.adjustment)
+
     @cached_property
     def field_deg(self) -> float | None:
         """Calibrated field: the largest field angle (deg) of anything that the fit used; None where nothing is seen.
@@ -195,7 +200,12 @@ class Calibration:
     def camera(self) -> Sensor | CameraModel:
         """The camera as it is used and saved: the sensor itself, or the model with its uncertainty."""
         names = tuple(p.name for p in self.model.parameters)
-        known = Uncertainty(names, tuple(tuple(float(c) for c in row) for row in self.covariance), self.field_deg)
+        sigmas = self.uncertainty.sigmas[: len(names)]
+        is_linear = np.allclose(sigmas**2, np.diag(self.covariance), rtol=1e-9, atol=0)
+        known = Uncertainty(
+            names, tuple(tuple(float(c) for c in row) for row in self.covariance), self.field_deg,
+            None if is_linear else tuple(sigmas.tolist()),
+        )  # fmt: skip
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
@@ -247,6 +257,7 @@ class Calibration:
             "held_out_rms_px": self.held_out_rms_px,
             "corners": self.corners,
             "outliers": [o._asdict() for o in self.outliers],
+            "remaining_outliers": [o._asdict() for o in self.remaining_outliers],
             "pictures": [p._asdict() | {"camera_at_mm": p.camera_at_mm} for p in self.pictures],
             "parameters": [p._asdict() for p in self.parameters],
             "seconds": self.seconds,
