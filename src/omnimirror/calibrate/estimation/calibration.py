@@ -31,8 +31,8 @@ from .checks import FEWEST_PICTURES, FEWEST_POINTS, check_detections, is_used, l
 from .covariance import ParameterCovariance, uncertainty
 from .distances import has_several, viewpoint_costs
 from .ladder.conversion import is_central
-from .outliers import Outlier, remaining_outliers
 from .ladder.models import KINDS
+from .outliers import Outlier, remaining_outliers
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, EdgeResult, ParameterResult, PictureResult
 
@@ -424,7 +424,7 @@ def _remaining_notes(remaining: tuple[Outlier, ...], fit: Adjustment) -> list[st
     share = 100 * len(remaining) / len(fit.residuals)
     return [
         f"{len(remaining)} of the corners used ({share:.2g} %) are farther off than noise explains, up to "
-        f"{remaining[0].residual_px:.2f} px, and were not rejected: wrong corners, a board that bends, or errors of the "
+        f"{remaining[0].residual_px:.2f} px, and were not rejected: wrong corners, a bending board, or errors of the "
         f"model. They are in {names}."
     ]
 
