@@ -29,7 +29,7 @@ from .bundle.steps import shared_values
 
 Array = NDArray[np.float64]
 
-FREE_ABOVE = 0.01
+FREE_ABOVE = 0.02
 """Of the image's larger side: parameters that may move it by so much, each alone, and together do not, are free."""
 FOLLOWED_PX = 1.0  # such motion of the image by the weakest combination, from which on its valley is followed
 FOLLOWED_TO = 9.0  # chi-square over that of the estimate, at the end of a valley
