@@ -9,6 +9,8 @@ scaled until the reduced chi-square of the residuals is 1.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -86,8 +88,8 @@ def _best_fit(places: Array, pixels: Array, sigma_px: Array) -> tuple[float, Arr
 
 def _in_perspective(places: Array, pixels: Array) -> Array:
     """Return places (n, 2) as a pinhole camera maps them, or themselves where it cannot: the start of the fit."""
-    matrix, _ = cv2.findHomography(places, pixels)
-    if matrix is None:
+    matrix: Any = cv2.findHomography(places, pixels)[0]
+    if matrix is None:  # of corners on a line, whatever OpenCV's stubs promise
         return places
     mapped = np.column_stack([places, np.ones(len(places))]) @ matrix.T
     depths = mapped[:, 2:]
