@@ -161,13 +161,13 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
 
 
 def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
-    """With three radial terms xi = 1.06 fits the corners of a camera of 1.3 as well as 1.3 does."""
+    """With three radial terms xi = 1.14 fits the corners of a camera of 1.3 as well as 1.3 does."""
     truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     found = calibrated(detections(truth, count=12, seed=0))
     xi = found.parameters[0]
     assert abs(xi.value - 1.3) < 3 * xi.sigma
     linear = float(np.sqrt(found.covariance[0, 0]))
-    assert xi.sigma > 3 * linear
+    assert xi.sigma > 2 * linear
 
 
 @pytest.mark.full
