@@ -165,7 +165,7 @@ def _directions(truth: om.Camera, camera: om.Camera, pixels: np.ndarray) -> str:
     both = a.valid & b.valid
     true, found = ((rays.directions @ c.mount.rotation())[both] for rays, c in ((a, truth), (b, camera)))
     off = np.degrees(np.linalg.norm(np.cross(true, found), axis=1))
-    said = om.direction_uncertainty(camera, pixels[both])
+    said = om.direction_uncertainty(camera, pixels[both], field_deg=180.0)
     return f"{_deg(np.sqrt(np.mean(off**2)))} | {_deg(np.median(said))} | {100 * np.mean(off < 3 * said):.0f} %"
 
 

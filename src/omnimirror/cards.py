@@ -231,5 +231,6 @@ def _made(camera: Sensor | CameraModel) -> str:
     """How it came about: its notes, and whether a calibration told how well its numbers are known."""
     notes = getattr(camera, "notes", "")
     known = camera.uncertainty
-    calibrated = f"Calibrated: {len(known.names)} numbers with their covariance." if known else ""
+    field = f", from 0 to {known.field_deg:.4g} deg" if known and known.field_deg else ""
+    calibrated = f"Calibrated: {len(known.names)} numbers with their covariance{field}." if known else ""
     return " ".join(part for part in (notes, calibrated) if part)

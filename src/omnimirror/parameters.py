@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import finite, numbers, shown
+from .arguments import finite, numbers, optional_number, shown
 from .errors import InvalidParameter
 
 
@@ -54,6 +54,13 @@ class Uncertainty:
         Of the parameters.
     covariance : (n, n)
         In their units.
+    field_deg : deg, optional
+        Calibrated field: the largest field angle, from what the centre of the image sees, at which anything was
+        measured. Beyond it the model is an extrapolation, of which the covariance says nothing. None: unknown.
+    marginal_sigmas : (n,), optional
+        Standard deviations of the parameters, each alone, where they are not the square roots of the covariance's
+        diagonal: along a curved valley of weakly determined parameters they are larger or smaller, while the covariance
+        remains that of directions.
 
     Raises
     ------
@@ -68,6 +75,8 @@ class Uncertainty:
 
     names: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
+    field_deg: float | None = None
+    marginal_sigmas: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
@@ -86,10 +95,18 @@ class Uncertainty:
         values = np.linalg.eigvalsh(correlations)
         if values[0] < NEGATIVE * values[-1]:
             raise InvalidParameter("covariance is no covariance: it has a negative eigenvalue")
+        optional_number("field_deg", self.field_deg, above=0.0, high=180.0, unit="deg")
+        if self.marginal_sigmas is not None:
+            alone = finite("marginal_sigmas", self.marginal_sigmas, 0.0)
+            if alone.shape != (count,):
+                raise InvalidParameter(f"marginal_sigmas has shape {alone.shape}; it must be ({count},), as names")
+            object.__setattr__(self, "marginal_sigmas", tuple(alone.tolist()))
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Standard error of each parameter."""
+        """Standard deviation of each parameter alone."""
+        if self.marginal_sigmas is not None:
+            return dict(zip(self.names, self.marginal_sigmas, strict=True))
         return {
             name: float(row[i] ** 0.5) for i, (name, row) in enumerate(zip(self.names, self.covariance, strict=True))
         }

@@ -54,7 +54,7 @@ class CameraMapping:
         Where rays meet the axis, along the camera's Z from the origin of its frame; where there is no axis, the point
         that is nearest to the rays of all azimuths.
     direction_sigma_deg : (n,)
-        Standard error of a direction; NaN where no uncertainty is known.
+        Standard error of a direction; NaN where no uncertainty is known, and outside of the calibrated field.
     camera
         That was evaluated.
     field_deg
@@ -100,6 +100,7 @@ class CameraMapping:
             "optics": camera.optics,
             "field_deg": self.field_deg,
             "rim_radius_px": self.rim_radius_px,
+            "calibrated_field_deg": camera.uncertainty.field_deg if camera.uncertainty else None,
             "is_central": isinstance(camera, RadialModel) and camera.is_central,
             "varies_percent": self.varies_percent,
             "parameters": [
@@ -266,7 +267,8 @@ def mean_sigma_deg(camera: CameraModel, omega: Array) -> Array:
     directions = _rings(camera, omega)[0].reshape(-1, 3)
     assert camera.uncertainty is not None
     covariance = camera.uncertainty.of([p.name for p in camera.parameters])
-    squares = direction_sigma_deg(camera, covariance, directions).reshape(len(omega), AZIMUTHS) ** 2
+    sigmas = direction_sigma_deg(camera, covariance, directions, camera.uncertainty.field_deg)
+    squares = sigmas.reshape(len(omega), AZIMUTHS) ** 2
     pixels = camera.image(directions, distant=True).pixels.reshape(len(omega), AZIMUTHS, 2)
     seen = np.isfinite(squares) & inside_image(pixels, camera.image_size)
     return np.sqrt(_mean(squares, seen))

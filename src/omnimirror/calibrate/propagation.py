@@ -1,15 +1,17 @@
-"""What a calibration's covariance means in the world: how far directions and points of a floor may be off."""
+"""Propagation of a calibration's covariance to directions and to points of a floor."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import checked, finite, instance, number, vectors, whole
+from ..arguments import checked, finite, instance, number, optional_number, vectors, whole
 from ..camera_models.base import CameraModel
-from ..camera_models.spread import direction_sigma_deg, larger_sigma, spread_at
+from ..camera_models.spread import direction_sigma_deg, field_angles, larger_sigma, spread_at, within_field
+from ..cameras import Rays
 from ..errors import InvalidParameter
 from ..frames import turned
 from ..parameters import Uncertainty
@@ -25,12 +27,16 @@ FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every pur
 
 @checked
 def direction_uncertainty(
-    camera: Sensor | CameraModel, pixels: ArrayLike, *, covariance: ArrayLike | Uncertainty | None = None
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
 ) -> Array:
-    """Standard deviation (n,) in deg of the directions that pixels see, the way in which it is larger.
+    """Return the standard deviation (n,) in deg of the directions that pixels see, along the larger axis.
 
-    Formula: :func:`omnimirror.camera_models.spread.direction_spread`. What the mount adds, how the camera stands in
-    the world, is not in it.
+    Formula: :func:`omnimirror.camera_models.spread.direction_spread`. The orientation of the camera in the world, its
+    mount, is taken as exact.
 
     Parameters
     ----------
@@ -39,12 +45,14 @@ def direction_uncertainty(
     pixels : (n, 2)
         Pixels (u, v), integers at their centres.
     covariance
-        Of the camera's parameters (n, n), in their order; by default what a sensor's file says of itself.
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
 
     Returns
     -------
     (n,) array
-        Degrees; NaN where a pixel sees nothing.
+        Degrees; NaN where a pixel sees nothing, and outside of the field.
 
     Raises
     ------
@@ -53,16 +61,20 @@ def direction_uncertainty(
 
     Examples
     --------
-    A focal length known to a thousandth: off the axis directions are off by so much of how fast they turn.
+    A focal length known to 0.1 %: off the axis, the error of directions grows with how fast they turn.
 
     >>> import omnimirror as om
     >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
-    >>> om.direction_uncertainty(model, [[811.5, 511.5], [961.5, 511.5]], covariance=[[0.0116**2]]).round(3)
+    >>> pixels = [[811.5, 511.5], [961.5, 511.5]]
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]]).round(3)
     array([0.078, 0.189])
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]], field_deg=90.0).round(3)
+    array([0.078,   nan])
     """
-    model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2, is_list=True))
-    return direction_sigma_deg(model, matrix, turned(rays.directions, model.mount.rotation()))
+    known = _known(camera, covariance, field_deg)
+    rays = known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    directions = turned(rays.directions, known.model.mount.rotation())
+    return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
 
 
 @checked
@@ -72,8 +84,9 @@ def floor_uncertainty(
     *,
     height_mm: float,
     covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
 ) -> Array:
-    """Standard deviation (n,) in mm of the points of a level floor that pixels see, the way in which it is larger.
+    """Return the standard deviation (n,) in mm of the points of a level floor that pixels see, along the larger axis.
 
     Parameters
     ----------
@@ -82,14 +95,16 @@ def floor_uncertainty(
     pixels : (n, 2)
         Pixels (u, v), integers at their centres.
     height_mm
-        Of the world's origin, a sensor's mirror vertex, over the floor; below 0 for a ceiling.
+        Height of the world's origin, a sensor's mirror vertex, over the floor; below 0 for a ceiling.
     covariance
-        Of the camera's parameters (n, n), in their order; by default what a sensor's file says of itself.
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
 
     Returns
     -------
     (n,) array
-        Millimetres; NaN where a pixel sees no floor, or one farther away than a hundred heights.
+        Millimetres; NaN where a pixel sees no floor, or one farther away than 100 heights, and outside of the field.
 
     Raises
     ------
@@ -107,38 +122,43 @@ def floor_uncertainty(
     height = number("height_mm", height_mm, low=-HIGHEST_MM, high=HIGHEST_MM, unit="mm")
     if height == 0:
         raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
-    model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2, is_list=True))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = (-height - rays.origins[:, 2]) / rays.directions[:, 2]
-        along = np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height)), along, np.nan)
+    known = _known(camera, covariance, field_deg)
+    model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    along = _to_floor(rays, height)
     points = rays.origins + along[:, None] * rays.directions
     world = model.mount.rotation()
     level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # the world's x and y in the camera frame
-    return larger_sigma(spread_at(model, matrix, turned(points, world), level, distant=False))
+    sigma = larger_sigma(spread_at(model, known.covariance, turned(points, world), level, distant=False))
+    return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
 
 
 @dataclass(frozen=True)
 class UncertaintyMap:
-    """Errors over the picture, on a grid of pixels.
+    """Errors over the image, on a grid of pixels.
 
     Parameters
     ----------
     columns, rows
-        Of the grid, px.
+        Coordinates of the grid, px.
     sigma
-        Standard deviations (rows, columns); NaN where nothing is seen.
+        Standard deviations (rows, columns); NaN where nothing is seen, and outside of the field.
     unit
         ``"deg"`` or ``"mm"``.
+    field_deg
+        Field angle (deg) that the map is restricted to; None where it is not restricted.
+    is_restricted
+        Whether pixels see something outside of that field, of which the map says nothing.
     """
 
     columns: Array
     rows: Array
     sigma: Array
     unit: str
+    field_deg: float | None = None
+    is_restricted: bool = False
 
     def summary(self) -> dict[str, float]:
-        """Median, 95th percentile and largest of what is seen."""
+        """Return the median, the 95th percentile and the largest of all finite values."""
         seen = self.sigma[np.isfinite(self.sigma)]
         if not seen.size:
             return {}
@@ -156,19 +176,22 @@ def uncertainty_map(
     height_mm: float | None = None,
     covariance: ArrayLike | Uncertainty | None = None,
     steps: int = 96,
+    field_deg: float | None = None,
 ) -> UncertaintyMap:
-    """Errors of directions, or of points on a floor, all over the picture.
+    """Compute the errors of directions, or of points on a floor, over the whole image.
 
     Parameters
     ----------
     camera
         A calibrated sensor, or a camera model.
     height_mm
-        Of the camera over the floor; without it the errors are those of directions.
+        Height of the camera over the floor; without it the errors are those of directions.
     covariance
-        Of the camera's parameters (n, n), in their order; by default what a sensor's file says of itself.
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
     steps
-        Of the grid along the longer side of the picture.
+        Number of grid points along the longer side of the image.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
 
     Returns
     -------
@@ -193,15 +216,43 @@ def uncertainty_map(
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     if height_mm is None:
-        sigma, unit = direction_uncertainty(camera, pixels, covariance=covariance), "deg"
+        sigma, unit = direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg), "deg"
     else:
-        sigma, unit = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance), "mm"
-    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit)
+        sigma = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg)
+        unit = "mm"
+    known = _known(camera, covariance, field_deg)
+    rays = known.model.backproject(pixels)
+    inside = within_field(known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg)
+    is_restricted = bool((rays.valid & ~inside).any())
+    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted)
 
 
-def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None) -> tuple[CameraModel, Array]:
-    """The model, and the covariance of its parameters."""
+def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
+    """Return the largest field angle (deg) that pixels (n, 2) see: the calibrated field of what was measured there."""
+    rays = model.backproject(pixels)
+    directions = turned(rays.directions[rays.valid], model.mount.rotation())
+    return float(field_angles(model, directions).max()) if len(directions) else None
+
+
+def _to_floor(rays: Rays, height_mm: float) -> Array:
+    """Return lengths (n,) in mm of rays to a floor; NaN where they do not meet it within 100 heights."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
+        return np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height_mm)), along, np.nan)
+
+
+class _Known(NamedTuple):
+    """A model, the covariance of its parameters, and the field in which it holds."""
+
+    model: CameraModel
+    covariance: Array
+    field_deg: float | None
+
+
+def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None) -> _Known:
+    """Return the model, the covariance of its parameters, and the field: the given one, or the calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
+    field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
     given = camera.uncertainty if covariance is None else covariance
     if given is None:
         raise InvalidParameter(
@@ -209,10 +260,11 @@ def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | N
             "calibration writes into the table [uncertainty] of its file"
         )
     if isinstance(given, Uncertainty):
+        field = given.field_deg if field is None else field
         if isinstance(camera, Sensor | SensorModel):
             sensor = camera if isinstance(camera, Sensor) else camera.sensor
-            return SensorModel(sensor, given.names), given.of(given.names)
-        return camera, given.of([p.name for p in camera.parameters])
+            return _Known(SensorModel(sensor, given.names), given.of(given.names), field)
+        return _Known(camera, given.of([p.name for p in camera.parameters]), field)
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     names = [p.name for p in model.parameters]
     matrix = finite("covariance", given)
@@ -221,4 +273,4 @@ def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | N
             f"covariance has shape {matrix.shape}; the camera's parameters are {', '.join(names)}, so that it is valid "
             f"as {len(names), len(names)}"
         )
-    return model, matrix
+    return _Known(model, matrix, field)

@@ -9,6 +9,8 @@ from .base import CameraModel
 
 Array = NDArray[np.float64]
 
+FIELD_ROUNDING_DEG = 1e-6  # by which the outermost measured direction may exceed the field that it defines
+
 
 def direction_spread(model: CameraModel, covariance: Array, directions: Array) -> Array:
     """Covariance (n, 2, 2) in rad^2 of directions (n, 3) of the camera frame, of any length, along two axes across.
@@ -33,8 +35,23 @@ def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array
     return spread
 
 
-def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
-    """Standard deviation (n,) in deg of the directions that pixels see, the larger way: what all tables of errors say.
+def field_angles(model: CameraModel, directions: Array) -> Array:
+    """Return angles (n,) in deg of directions (n, 3) of the camera frame from what the centre of the image sees."""
+    forward = -1.0 if model.looks_back else 1.0
+    return np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2]))
+
+
+def within_field(model: CameraModel, directions: Array, field_deg: float | None) -> NDArray[np.bool_]:
+    """Return which directions (n, 3) of the camera frame lie in a calibrated field; all where None is known."""
+    if field_deg is None:
+        return np.ones(len(directions), dtype=bool)
+    return field_angles(model, directions) <= field_deg + FIELD_ROUNDING_DEG
+
+
+def direction_sigma_deg(
+    model: CameraModel, covariance: Array, directions: ArrayLike, field_deg: float | None = None
+) -> Array:
+    """Return the standard deviation (n,) in deg of directions, along the larger axis: used by all tables of errors.
 
     Parameters
     ----------
@@ -44,13 +61,17 @@ def direction_sigma_deg(model: CameraModel, covariance: Array, directions: Array
         Of its parameters.
     directions : (n, 3)
         In the camera frame, of any length.
+    field_deg : deg, optional
+        Calibrated field, beyond which nothing is known.
 
     Returns
     -------
     (n,) array
-        NaN where the model sees nothing.
+        NaN where the model sees nothing, and outside of the calibrated field.
     """
-    return np.degrees(larger_sigma(direction_spread(model, covariance, np.asarray(directions, dtype=float))))
+    given = np.asarray(directions, dtype=float)
+    sigma = np.degrees(larger_sigma(direction_spread(model, covariance, given)))
+    return np.where(within_field(model, given, field_deg), sigma, np.nan)
 
 
 def larger_sigma(spread: Array) -> Array:

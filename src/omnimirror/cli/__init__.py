@@ -44,7 +44,7 @@ COMMANDS = {
     "calibrate": "Find out what camera took pictures of a board.",
     "rim": "Find the mirror's rim in its pictures.",
     "lines": "Refine and level a camera by straight edges, without a target.",
-    "uncertainty": "Say how far off what a calibrated camera sees may be.",
+    "uncertainty": "Estimate the uncertainty of directions measured with a calibrated camera.",
     "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",

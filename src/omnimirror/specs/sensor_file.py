@@ -319,6 +319,8 @@ class UncertaintyTable(Table):
 
     names: list[str]
     covariance: list[list[float]]
+    field_deg: float | None = None
+    marginal_sigmas: list[float] | None = None
 
 
 def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
@@ -328,8 +330,13 @@ def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
 
 
 def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
-    """The table ``[uncertainty]``, as plain data."""
-    return {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+    """Return the table ``[uncertainty]`` as plain data."""
+    table: dict[str, Any] = {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+    if known.field_deg is not None:
+        table["field_deg"] = known.field_deg
+    if known.marginal_sigmas is not None:
+        table["marginal_sigmas"] = list(known.marginal_sigmas)
+    return table
 
 
 HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}

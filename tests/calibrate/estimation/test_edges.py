@@ -48,7 +48,7 @@ def errors_deg(camera):
     true, found = TRUTH.backproject(pixels), camera.backproject(pixels)
     turn, _ = Rotation.align_vectors(true.directions, found.directions)
     off = np.degrees(np.linalg.norm(true.directions - turn.apply(found.directions), axis=1))
-    return off, om.direction_uncertainty(camera, pixels)
+    return off, om.direction_uncertainty(camera, pixels, field_deg=180.0)
 
 
 @cache

@@ -38,7 +38,9 @@ def errors_deg(truth, camera):
     a, b = truth.backproject(pixels), camera.backproject(pixels)
     both = a.valid & b.valid
     cosine = np.sum((a.directions @ truth.mount.rotation()) * (b.directions @ camera.mount.rotation()), axis=1)[both]
-    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), om.direction_uncertainty(camera, pixels[both])
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), om.direction_uncertainty(
+        camera, pixels[both], field_deg=180.0
+    )
 
 
 def test_chains_lie_on_edges_to_a_tenth_of_a_pixel():

@@ -30,7 +30,23 @@ def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm:
 
 
 def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, sheet=None):
-    """A board in front of a sensor, blurred, noisy and compressed, with its true corners.
+    """A board in front of a sensor, blurred, noisy and compressed, with its true corners."""
+    light, truth = rendered(sensor, board, place, sheet=sheet)
+    picture = cv2.GaussianBlur(light, (0, 0), blur_px)
+    return Photograph(digital(picture, np.random.default_rng(seed), noise=noise, quality=quality), truth)
+
+
+def digital(light, random, *, noise=3.0, quality=None):
+    """Grey values of an image, noisy, clipped, and compressed at a JPEG quality."""
+    picture = light + random.normal(0, noise, light.shape)
+    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    if quality is not None:
+        picture = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0)
+    return picture
+
+
+def rendered(sensor, board, place, *, sheet=None):
+    """Light of a board in front of a sensor, sharp and without noise, and its true corners.
 
     ``sheet`` is what is printed on a board that is no chessboard: brightness of points (n, 2) mm of it, NaN beside it.
     """
@@ -53,11 +69,6 @@ def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, se
     picture = np.full((height, width), 100.0)
     shape = (len(rows), SUBPIXELS, len(columns), SUBPIXELS)
     picture[low[1] : high[1] + 1, low[0] : high[0] + 1] = light.reshape(shape).mean(axis=(1, 3))
-    picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
-    picture += np.random.default_rng(seed).normal(0, noise, picture.shape)
-    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-    if quality is not None:
-        picture = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0)
     return Photograph(picture, truth)
 
 

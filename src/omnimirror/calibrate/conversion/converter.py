@@ -12,6 +12,7 @@ import numpy as np
 from ...arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
 from ...camera_models import CameraModel, RadialModel
 from ...camera_models.base import Optics
+from ...camera_models.spread import FIELD_ROUNDING_DEG
 from ...cameras import Camera
 from ...dewarp.views import sphere
 from ...errors import InvalidParameter, OmnimirrorError
@@ -32,6 +33,10 @@ FITTED = 8  # times fewer enter a fit
 ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
+REACH_REMEDY = (
+    "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
+    "(--rim-radius-px) where the field of the camera ends"
+)
 _Field: TypeAlias = tuple[float | None, float | None]  # of field angles, deg: the largest and the least
 
 
@@ -77,6 +82,8 @@ class _Made(NamedTuple):
     target: Target
     found: Fitted
     costs: tuple[Cost, ...]
+    is_restricted: bool = False
+    """whether the camera sees more than the field of the fit"""
 
     @property
     def largest_px(self) -> float:
@@ -102,8 +109,8 @@ def convert(
 ) -> Conversion:
     """Write a camera as another program's file.
 
-    Where the format holds the camera's model, its numbers are written as they are. Where not, another model is fitted
-    if ``tolerance_px`` allows what that costs, and refused otherwise.
+    Where the format holds the camera's model, its numbers are written as they are. Otherwise another model is fitted
+    within the calibrated field, if ``tolerance_px`` allows the error, and the conversion is refused if it does not.
 
     Parameters
     ----------
@@ -128,7 +135,8 @@ def convert(
     distance_mm
         Where the points of a camera without a single viewpoint are, from its origin; each counts the same.
     field_deg : deg, optional
-        Fit no farther than this from what the centre of the picture sees.
+        Largest field angle of the fit, from what the centre of the image sees; by default the calibrated field that
+        the camera's file gives (:attr:`omnimirror.parameters.Uncertainty.field_deg`), otherwise all that it sees.
     inner_deg : deg, optional
         Fit no nearer to it than this: in the middle of its picture a camera sees itself, and calibration had nothing to
         go by.
@@ -173,13 +181,14 @@ def convert(
     made = _exactly(stored.camera, targets)
     exact = made is not None
     if made is None:
-        made = _fitted(stored.camera, targets, allowed, far, field)
+        known = _calibrated_deg(stored.camera)
+        made = _fitted(stored.camera, targets, allowed, far, (known if field[0] is None else field[0], field[1]))
     elif made.target.layout.is_panorama:
         made = _panorama(stored.camera, made.target, far)
         exact = not made.costs
     written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
     content = made.target.layout.write(written, stored.name)
-    notes = (*stored.notes, *_notes(stored.camera, written, made))
+    notes = (*stored.notes, *_notes(stored.camera, written, made), *_field_notes(stored.camera, made, field[0]))
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)
@@ -267,8 +276,9 @@ def _fitted(
 ) -> _Made:
     """The target whose model comes closest, if it is close enough."""
     mount = getattr(camera, "mount", Mount())
-    seen = sample(camera, mount, PIXELS, *field)
-    fitted = sample(camera, mount, PIXELS // FITTED, *field).with_rim_of(seen)
+    all_of_it = sample(camera, mount, PIXELS)
+    seen = all_of_it.within(*field)
+    fitted = sample(camera, mount, PIXELS // FITTED).within(*field).with_rim_of(seen)
     tried, reasons = [], []
     for target in targets:
         if target.layout.kind not in STARTS:
@@ -286,9 +296,7 @@ def _fitted(
         if made not in usable
     ]
     if not usable:
-        remedy = (
-            "; field_deg takes the middle of the field alone" if any(t.layout.kind in STARTS for t in targets) else ""
-        )
+        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in STARTS for t in targets) else ""
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda made: made.largest_px)
     whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
@@ -296,12 +304,42 @@ def _fitted(
         fullest = min(whole_field, key=lambda made: made.largest_px)
         best = fullest if fullest.largest_px <= allowed else best
     if allowed is None or best.largest_px > allowed:
-        verdict = "give tolerance_px to allow that" if allowed is None else f"more than tolerance_px = {allowed:g}"
+        verdict = (
+            f"give tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to allow that"
+            if allowed is None
+            else f"more than tolerance_px = {allowed:g}"
+        )
         raise InvalidParameter(
             f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
-            f"{_words(best, seen.is_central)}, {verdict}"
+            f"{_words(best, seen.is_central)}, {verdict}{_remedies(camera, best)}"
         )
-    return best
+    return best._replace(is_restricted=len(seen.pixels) < len(all_of_it.pixels))
+
+
+def _calibrated_deg(camera: Camera) -> float | None:
+    """Return the calibrated field (deg) of a camera, None where its file does not give it."""
+    known = getattr(camera, "uncertainty", None)
+    return None if known is None else known.field_deg
+
+
+def _rounded_up(value: float) -> float:
+    """Round a positive number up to two digits.
+
+    >>> _rounded_up(0.0341), _rounded_up(12.0)
+    (0.035, 12.0)
+    """
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / digit - 1e-9) * digit:.2g}")
+
+
+def _remedies(camera: Camera, best: _Made) -> str:
+    """Return what else makes a conversion possible: a smaller field, or a calibration without certain parameters."""
+    worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
+    remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
+    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):
+        options = " ".join(f"--fix {name}" for name in names)
+        remedies.append(f"or calibrate with {options} (fixed) for a camera that the format holds exactly")
+    return "".join(f", {remedy}" for remedy in remedies)
 
 
 def _best_of(target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
@@ -326,6 +364,22 @@ def _words(made: _Made, is_central: bool) -> str:
     rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
     where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
     return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+
+
+def _field_notes(source: Camera, made: _Made, field_deg: float | None) -> Iterable[str]:
+    """Yield the field in which the file holds, where that is the calibrated field."""
+    known = _calibrated_deg(source)
+    if known is None or field_deg is not None or made.target.layout.kind in (RadialModel, Sensor):
+        return
+    if made.is_restricted:
+        yield (
+            f"the fit is restricted to the calibrated field of 0 to {known:.4g} deg; use field_deg (--field-deg) to "
+            "include angles beyond it, where the camera is an extrapolation"
+        )
+    elif not made.costs and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG:
+        yield (
+            f"the calibrated field of 0 to {known:.4g} deg is not in the file: beyond it the camera is an extrapolation"
+        )
 
 
 def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...camera_models import CameraModel
 from ...errors import InvalidParameter
-from ...parameters import Uncertainty
 
 Model = TypeVar("Model", bound=CameraModel)
 
@@ -56,8 +55,8 @@ def flipped(camera: Model) -> Model:
         c, d, e = found.affine
         changes["affine"] = (c, -d, -e)
     if getattr(found, "uncertainty", None) is not None:
-        names = found.uncertainty.names
-        signs = np.array([-1.0 if name in TURNED else 1.0 for name in names])
-        matrix = np.array(found.uncertainty.covariance) * np.outer(signs, signs)
-        changes["uncertainty"] = Uncertainty(names, tuple(map(tuple, matrix.tolist())))
+        known = found.uncertainty
+        signs = np.array([-1.0 if name in TURNED else 1.0 for name in known.names])
+        matrix = np.array(known.covariance) * np.outer(signs, signs)
+        changes["uncertainty"] = replace(known, covariance=tuple(map(tuple, matrix.tolist())))
     return replace(found, **changes)  # type: ignore[no-any-return]

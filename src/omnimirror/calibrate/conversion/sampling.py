@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 OUTERMOST = 60  # pixels, and those as far out as the innermost of them
 SAME = 1e-9  # radians
+LEAST_PIXELS = 20  # of a part of the field, to fit a model to
 CENTRAL_MM = 1e-9  # rays that start this close to the origin start there
 
 
@@ -75,6 +76,29 @@ class Sample:
         points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
         return points
 
+    def within(self, field_deg: float | None, inner_deg: float | None) -> Sample:
+        """Return the part between two field angles, None for no limit.
+
+        Raises
+        ------
+        InvalidParameter
+            The camera sees nothing there.
+        """
+        given = {"inner_deg": inner_deg, "field_deg": field_deg}
+        limits = [f"{name} = {value:g}" for name, value in given.items() if value is not None]
+        if not limits:
+            return self
+        low, high = 0.0 if inner_deg is None else inner_deg, 180.0 if field_deg is None else field_deg
+        inside = (self.omega >= np.radians(low)) & (self.omega <= np.radians(high))
+        if inside.sum() < LEAST_PIXELS:
+            raise InvalidParameter(
+                f"{' with '.join(limits)} leaves nothing of the field, which is {np.degrees(self.omega.min()):.4g} to "
+                f"{np.degrees(self.omega.max()):.4g} deg from the axis"
+            )
+        return replace(
+            self, pixels=self.pixels[inside], origins=self.origins[inside], directions=self.directions[inside]
+        )
+
     def with_rim_of(self, other: Sample) -> Sample:
         """This sample with the outermost pixels of a denser one, so that a fit reaches over the field."""
         outermost = np.sort(other.omega)[-OUTERMOST:][0] - SAME
@@ -87,25 +111,13 @@ class Sample:
         )
 
 
-def sample(
-    camera: Camera, mount: Mount, count: int, field_deg: float | None = None, inner_deg: float | None = None
-) -> Sample:
-    """About so many pixels of a camera that see something, over the whole picture.
-
-    Parameters
-    ----------
-    camera, mount
-    count
-        How many pixels a square picture's lattice has.
-    field_deg : deg, optional
-        Field angle beyond which nothing is taken.
-    inner_deg : deg, optional
-        Field angle within which nothing is taken.
+def sample(camera: Camera, mount: Mount, count: int) -> Sample:
+    """Sample about ``count`` pixels of a camera (of a square image) that see something, over the whole image.
 
     Raises
     ------
     InvalidParameter
-        It sees nothing there.
+        It sees nothing.
     """
     width, height = camera.image_size
     step = np.sqrt(width * height / count)
@@ -115,22 +127,10 @@ def sample(
     if not valid.any():
         raise InvalidParameter("the camera sees nothing in its picture, so there is nothing to convert")
     to_camera = mount.rotation()
-    found = Sample(
+    return Sample(
         pixels[valid], turned(origins[valid], to_camera), turned(directions[valid], to_camera),
         _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)), mount,
     )  # fmt: skip
-    asked = {"inner_deg": inner_deg, "field_deg": field_deg}
-    told = [f"{name} = {value:g}" for name, value in asked.items() if value is not None]
-    if not told:
-        return found
-    low, high = 0.0 if inner_deg is None else inner_deg, 180.0 if field_deg is None else field_deg
-    inside = (found.omega >= np.radians(low)) & (found.omega <= np.radians(high))
-    if inside.sum() < 20:
-        raise InvalidParameter(
-            f"{' with '.join(told)} leaves nothing of the field, which is {np.degrees(found.omega.min()):.4g} to "
-            f"{np.degrees(found.omega.max()):.4g} deg from the axis"
-        )
-    return Sample(found.pixels[inside], found.origins[inside], found.directions[inside], found.looks_back, mount)
 
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:

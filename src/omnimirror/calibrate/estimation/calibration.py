@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,7 @@ from .covariance import ParameterCovariance, uncertainty
 from .distances import has_several, viewpoint_costs
 from .ladder.conversion import is_central
 from .ladder.models import KINDS
+from .outliers import Outlier, remaining_outliers
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, EdgeResult, ParameterResult, PictureResult
 
@@ -73,8 +75,8 @@ def calibrate_camera(
 
     Nothing needs to be known of the camera. Boards and surveys are placed with a stereographic camera whose focal
     length is searched, a unified model is fitted robustly, and richer models from there. Corners that the best model
-    cannot explain are left out, 1 % at most, and named; the models are then compared by their error in pictures that
-    were left out of the fit.
+    cannot explain are left out and named, 1 % at most and gross errors up to 5 %; corners that remain beyond the noise
+    are reported in a note. The models are then compared by their error in pictures that were left out of the fit.
 
     Parameters
     ----------
@@ -398,6 +400,7 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
     ]
     if certain.free:
         notes.append(TOGETHER)
+    notes += _remaining_notes(remaining_outliers(fit), fit)
     held = course.held.rms_px if course.held else float("nan")
     moving = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held > OVERFIT * fit.rms_px:
@@ -410,6 +413,20 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
     if fit.shape is not None and fit.shape.is_flat_within(certain.sigmas[-len(NAMES) :]):
         notes.append("The board is flat, as far as the pictures show.")
     return tuple(notes)
+
+
+def _remaining_notes(remaining: tuple[Outlier, ...], fit: Adjustment) -> list[str]:
+    """Return a note about corners beyond the noise that were not rejected."""
+    if not remaining:
+        return []
+    counts = Counter(o.picture for o in remaining)
+    names = listed([f"{name} ({count})" for name, count in counts.most_common()])
+    share = 100 * len(remaining) / len(fit.residuals)
+    return [
+        f"{len(remaining)} of the corners used ({share:.2g} %) are farther off than noise explains, up to "
+        f"{remaining[0].residual_px:.2f} px, and were not rejected: wrong corners, a bending board, or errors of the "
+        f"model. They are in {names}."
+    ]
 
 
 def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]:

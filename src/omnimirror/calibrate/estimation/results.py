@@ -14,18 +14,20 @@ from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spread import direction_sigma_deg
 from ...files import json_plain, write_text
+from ...numerics.lazy import cached_property
 from ...parameters import Uncertainty
 from ...sensor import Sensor
 from ...specs import save_camera
 from ..physical import SensorModel
 from ..physical.starting import without_fold
+from ..propagation import measured_field_deg
 from .advice import Coverage
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import BoardShape
 from .choice import TriedModel
 from .covariance import FreeCombination, ParameterCovariance
 from .leaving_out import HeldOut
-from .outliers import Outlier
+from .outliers import Outlier, remaining_outliers
 
 Array = NDArray[np.float64]
 
@@ -165,7 +167,7 @@ class Calibration:
         return self.uncertainty.free
 
     def direction_sigma_deg(self, directions: ArrayLike) -> Array:
-        """Standard deviation of the directions that pixels see.
+        """Return the standard deviation of the directions that pixels see.
 
         Parameters
         ----------
@@ -175,15 +177,35 @@ class Calibration:
         Returns
         -------
         (n,) array
-            Deg, the larger way; NaN where the camera sees nothing.
+            Deg, along the larger axis; NaN where the camera sees nothing, and outside of :attr:`field_deg`.
         """
-        return direction_sigma_deg(self.model, self.covariance, directions)
+        return direction_sigma_deg(self.model, self.covariance, directions, self.field_deg)
+
+    @property
+    def remaining_outliers(self) -> tuple[Outlier, ...]:
+        """Corners that were used and are farther off than noise explains, the worst first."""
+        return remaining_outliers(self.adjustment)
+
+    @cached_property
+    def field_deg(self) -> float | None:
+        """Calibrated field: the largest field angle (deg) of anything that the fit used; None where nothing is seen.
+
+        Beyond it the camera is an extrapolation: its errors there are not known.
+        """
+        edges = self.adjustment.edges
+        measured = [s.pixels for s in self.adjustment.sightings] + [e.pixels for e in (edges.edges if edges else ())]
+        return measured_field_deg(self.model, np.concatenate(measured))
 
     @property
     def camera(self) -> Sensor | CameraModel:
         """The camera as it is used and saved: the sensor itself, or the model with its uncertainty."""
         names = tuple(p.name for p in self.model.parameters)
-        known = Uncertainty(names, tuple(tuple(float(c) for c in row) for row in self.covariance))
+        sigmas = self.uncertainty.sigmas[: len(names)]
+        is_linear = np.allclose(sigmas**2, np.diag(self.covariance), rtol=1e-9, atol=0)
+        known = Uncertainty(
+            names, tuple(tuple(float(c) for c in row) for row in self.covariance), self.field_deg,
+            None if is_linear else tuple(sigmas.tolist()),
+        )  # fmt: skip
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
@@ -235,10 +257,12 @@ class Calibration:
             "held_out_rms_px": self.held_out_rms_px,
             "corners": self.corners,
             "outliers": [o._asdict() for o in self.outliers],
+            "remaining_outliers": [o._asdict() for o in self.remaining_outliers],
             "pictures": [p._asdict() | {"camera_at_mm": p.camera_at_mm} for p in self.pictures],
             "parameters": [p._asdict() for p in self.parameters],
             "seconds": self.seconds,
             "model": self.model.KIND,
+            "field_deg": self.field_deg,
             "noise_px": self.adjustment.noise_px,
             "covariance": self.uncertainty.covariance,
             "free": [

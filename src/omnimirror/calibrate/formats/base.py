@@ -278,11 +278,20 @@ class Layout:
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
             return f"holds {self.words}, and this camera is {name}"
-        for p in () if self.places is None else camera.parameters:
-            off = abs(p.value - ALIKE.get(p.name, 0.0))
-            if self.places is not None and p.name not in self.places and off > NOTHING * p.scale:
-                return f"has no place for {p.name} = {p.value:.6g}"
+        if names := self.unplaced(camera):
+            value = next(p.value for p in camera.parameters if p.name == names[0])
+            return f"has no place for {names[0]} = {value:.6g}"
         return self.refuses(camera)
+
+    def unplaced(self, camera: Any) -> tuple[str, ...]:
+        """Return the names of a camera's parameters that have an effect and no place in the file."""
+        if self.places is None or not isinstance(camera, self.kind):
+            return ()
+        return tuple(
+            p.name
+            for p in camera.parameters
+            if p.name not in self.places and abs(p.value - ALIKE.get(p.name, 0.0)) > NOTHING * p.scale
+        )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ...frames import Mount
 from ...parameters import Uncertainty
 from ...sensor import Sensor
 from ..physical import SensorModel
-from ..propagation import direction_uncertainty
+from ..propagation import direction_uncertainty, measured_field_deg
 from .chains import edge_chains
 from .fitting import SCALE_PX, Edges, Knobs, LinesFit, edges_of, fitted_lines, gradients_left_out, normal_equations
 from .levelling import Level, level_from
@@ -201,7 +201,8 @@ def calibrate_lines(
     at = np.repeat(np.arange(len(chains)), [sum(map(len, found)) for found in chains])[[s.start for s in kept.slices]]
     lengths = np.array([float(part.stop - part.start) for part in kept.slices])
     levels = [level_from(fit.normals[at == i], lengths[at == i], begun.mount) for i in range(len(chains))]
-    camera = _finished(fit.model, covariance, levels[0])
+    field = measured_field_deg(fit.model, np.concatenate([edges.pixels[part] for part in kept.slices]))
+    camera = _finished(fit.model, covariance, levels[0], field)
     levels = [level and _as_sure_as(camera, level) for level in levels]
     seen = np.concatenate([fit.residuals[part] for part in kept.slices])
     rms = float(np.sqrt(np.nanmean(seen**2)))
@@ -372,11 +373,13 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: Knobs) -> tuple[Array, tuple[
     return (whole + whole.T) / 2, tuple(loose)
 
 
-def _finished(model: CameraModel, covariance: Array, level: Level | None) -> Sensor | CameraModel:
-    """The camera with its uncertainty, and level."""
+def _finished(
+    model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
+) -> Sensor | CameraModel:
+    """Return the camera, level, with its uncertainty and the field in which edges were measured."""
     moving = np.diag(covariance) > 0
     names = [p.name for p, free in zip(model.parameters, moving, strict=True) if free]
-    known = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])))
+    known = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg)
     camera: Any = model.sensor if isinstance(model, SensorModel) else model
     mount = camera.mount if level is None else level.on(camera.mount)
     finished: Sensor | CameraModel = replace(camera, uncertainty=known, mount=mount)
@@ -384,12 +387,12 @@ def _finished(model: CameraModel, covariance: Array, level: Level | None) -> Sen
 
 
 def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
-    """The lean with what the camera's own uncertainty does to the plumb line."""
+    """Return the lean with the effect of the camera's own uncertainty on the plumb line, in the field or not."""
     up = level.on(camera.mount).rotation()[2]
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     image = model.image(np.array([up, -up]), distant=True)
     pixels = image.pixels[image.valid]
-    sigma = direction_uncertainty(camera, pixels) if len(pixels) else np.zeros(0)
+    sigma = direction_uncertainty(camera, pixels, field_deg=180.0) if len(pixels) else np.zeros(0)
     seen = sigma[np.isfinite(sigma)]
     return level._replace(sigma_deg=float(np.hypot(level.sigma_deg, seen.min()))) if len(seen) else level
 

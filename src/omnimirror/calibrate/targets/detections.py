@@ -28,7 +28,8 @@ class Detection:
     reason
         Why the board was not found, or why the picture is not used: one phrase. None where it is used.
     sigma_px : (k,) or None
-        Standard deviation of a coordinate of each corner, from the picture's noise; None before they are refined.
+        Standard deviation of a coordinate of each corner, from the image's noise and the scatter of the corners about a
+        smooth mapping; None before they are refined.
     blur_px
         Standard deviation over which edges are spread; of the board's edges where it was found.
     is_reversed

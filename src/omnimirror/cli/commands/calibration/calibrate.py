@@ -190,8 +190,8 @@ def command(
     show, the camera is found with boards or without. Straight edges (--lines) count beside either.
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
-    left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
-    best camera found until then.
+    left out and named, 1 % at most and gross errors up to 5 %; a note reports those that remain. Models are compared by
+    their error in pictures that were left out. Ctrl-C keeps the best camera found until then.
     """
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)

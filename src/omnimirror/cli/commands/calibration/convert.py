@@ -72,7 +72,9 @@ class CostOptions(Options):
         help="Where things are, for a camera without a single viewpoint; 'inf' too.  "
         f"[default: {','.join(f'{d:g}' for d in DISTANCES_MM)}]",
     )  # fmt: skip
-    field_deg: float | None = option(type=NUMBER, metavar="DEG", help="Fit no farther than this from the axis.")
+    field_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Largest field angle of the fit.  [default: the calibrated field]"
+    )
     inner_deg: float | None = option(
         type=NUMBER, metavar="DEG", help="Fit no nearer to the axis than this, where the camera sees itself."
     )
