@@ -33,8 +33,9 @@ FIRST_WEIGHTS = np.array([
     -0.112, -0.330, -8.023, 4.366, -1.375, 5.955, -7.839, -3.630,
 ])  # fmt: skip
 FIRST_NONE = 19.886
-SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.1, 0.2), (-1.7, 0.2)  # middles and widths, log odds
+SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # middles and widths, log odds
 PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the share of the way round with parallel edges
+FAINT_RING, CLEAR_RING, HOUSING_COST = 0.5, 0.7, 6.0  # shares of the way round of a ring within, and log odds
 FIRST = -2  # place of what they say among the numbers
 
 
@@ -134,7 +135,7 @@ def terms(cues: Cues) -> Array:
     ])  # fmt: skip
 
 
-def confidence(odds: Array, rivals: Array, chance: float, *, evidence: float = 1.0) -> float:
+def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
     """Confidence that a ring is the mirror's outline, from its agreement between working resolutions.
 
     It is the product of three shares, each between 0 and 1:
@@ -143,7 +144,8 @@ def confidence(odds: Array, rivals: Array, chance: float, *, evidence: float = 1
       two of three resolutions is a third.
     - The mean margin over the best other ring.
     - The mean log odds against there being no mirror. A mirror compresses its surroundings towards its outline, so that
-      edges parallel to the outline lie beside it; a plate or a lamp of one colour has none. Those edges count as well.
+      edges parallel to the outline lie beside it; a plate or a lamp of one colour has none. Those edges count as well,
+      unless a clear ring about the same centre lies within: then the mirror may be that, and this its housing.
 
     Parameters
     ----------
@@ -151,12 +153,16 @@ def confidence(odds: Array, rivals: Array, chance: float, *, evidence: float = 1
         Log odds of the ring at each resolution, and of the best other ring.
     chance
         Share of the way round with edges parallel to the ring beside it.
+    within
+        Share of the way round with edges of the clearest ring about the same centre within.
     evidence
         Factor of the odds: of several pictures of one sensor the square root of their number.
     """
     margin = odds - rivals
     agreement = float(np.mean(_share(margin, SAME_RANK)))
-    mirror = evidence * float(np.mean(odds)) + PARALLEL_WEIGHT * (min(chance, MOST_PARALLEL) - USUAL_PARALLEL)
+    parallel = PARALLEL_WEIGHT * (min(chance, MOST_PARALLEL) - USUAL_PARALLEL)
+    housing = min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
+    mirror = evidence * float(np.mean(odds)) + (1 - housing) * parallel - housing * HOUSING_COST
     ranked = float(_share(np.mean(margin), LEAST_MARGIN))
     return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), LEAST_ODDS))
 

@@ -27,6 +27,7 @@ SURE = 0.6
 """Confidence from which a rim is taken for found."""
 OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions at which the outline must be found
 SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # of the radius, or working pixels, by which it may differ between them
+SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # of the radius: rings that may be the mirror of which this is the housing
 MOST_CANDIDATES = 3
 SAME_RIM = 0.015  # of the radius, by which rings differ that are one rim
 CLOSE_ODDS = 4.0  # of the most probable one, from which on others of that rim are tried as well
@@ -187,9 +188,23 @@ class _Seen:
         near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
         return float(np.median(near)) if near else 0.0
 
+    def within(self, ellipse: Ellipse) -> float:
+        """Share of the way round of the clearest ring about the same centre within, over the resolutions."""
+        clearest = []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            inner = [
+                ring.close
+                for ring in one.rings
+                if here.offset_share(ring.ellipse) < SAME_CENTRE
+                and WITHIN[0] < ring.ellipse.radius / here.radius < WITHIN[1]
+            ]
+            clearest.append(max(inner, default=0.0))
+        return float(np.mean(clearest))
+
     def confidence(self, ellipse: Ellipse) -> float:
         """How sure it is that an ellipse is the rim."""
-        return confidence(*self.ranked(ellipse), self.chance(ellipse))
+        return confidence(*self.ranked(ellipse), self.chance(ellipse), self.within(ellipse))
 
     def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
         """The most probable rings that differ from an ellipse and from one another."""
@@ -340,7 +355,8 @@ def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
     pairs = [one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None]
     odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
     chance = float(np.median([one.chance(every[best]) for one in seen]))
-    return every[best], confidence(odds_of, rivals, chance, evidence=float(np.sqrt(len(pairs))))
+    within = float(np.median([one.within(every[best]) for one in seen]))
+    return every[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
 
 
 def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
