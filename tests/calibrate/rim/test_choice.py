@@ -18,7 +18,7 @@ def by_hand(odds: list[float], rivals: list[float], parallel: float, within: flo
     margins = [a - b for a, b in zip(odds, rivals, strict=True)]
     agreement = sum(share(margin, -1.5, 0.4) for margin in margins) / len(margins)
     lead = share(sum(margins) / len(margins), 1.55, 0.04)
-    housing = min(max((within - 0.5) / 0.2, 0.0), 1.0)
+    housing = min(max((within - 0.6) / 0.15, 0.0), 1.0)
     evidence = (1 - housing) * 30 * (min(parallel, 0.2) - 0.1) - 6 * housing
     mirror = share(sum(odds) / len(odds) + evidence, -1.7, 0.2)
     return max(0.0, 2 * agreement - 1) * lead * mirror
@@ -28,7 +28,7 @@ def by_hand(odds: list[float], rivals: list[float], parallel: float, within: flo
     ("odds", "rivals", "parallel", "within"),
     [
         ([1.0, 1.2, 2.5], [0.9, -0.1, -1.8], 0.2, 0.0),
-        ([3.6, 1.1, -0.1], [-1.5, -0.6, -2.0], 0.05, 0.55),
+        ([3.6, 1.1, -0.1], [-1.5, -0.6, -2.0], 0.05, 0.62),
         ([0.9, 1.5, 0.4], [0.2, -0.1, -1.0], 0.12, 0.4),
         ([5.0], [-1.0], 0.0, 0.8),
     ],
@@ -55,4 +55,4 @@ def test_a_housing_is_rejected_for_the_clear_ring_within():
     """It is the best circle at all resolutions, and edges parallel to it are those of the ring within."""
     odds, rivals = np.array([0.3, 0.7, 1.2]), np.array([-1.6, -2.3, -3.1])
     assert confidence(odds, rivals, 0.22, within=0.86) < 0.05
-    assert confidence(odds, rivals, 0.22, within=0.3) > 0.9
+    assert confidence(odds, rivals, 0.22, within=0.5) > 0.9

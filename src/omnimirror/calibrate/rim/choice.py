@@ -35,7 +35,7 @@ FIRST_WEIGHTS = np.array([
 FIRST_NONE = 19.886
 SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # middles and widths, log odds
 PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the share of the way round with parallel edges
-FAINT_RING, CLEAR_RING, HOUSING_COST = 0.5, 0.7, 6.0  # shares of the way round of a ring within, and log odds
+FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # shares of the way round of a ring within, and log odds
 FIRST = -2  # place of what they say among the numbers
 
 

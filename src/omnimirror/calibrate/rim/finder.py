@@ -71,8 +71,8 @@ class FoundRim:
     """The camera's own image; None where none is seen."""
     pictures: tuple[FoundRim, ...] = ()
     """The rim in every single picture, of several that were looked at together."""
-    candidates: tuple[FoundRim, ...] = ()
-    """Rejected outlines, most probable first: this one if it is not accepted, then other circles of the picture."""
+    candidates: tuple[Any, ...] = ()
+    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, most probable first."""
 
     def __post_init__(self) -> None:
         check_fields(self)
