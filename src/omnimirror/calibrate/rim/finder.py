@@ -72,7 +72,7 @@ class FoundRim:
     pictures: tuple[FoundRim, ...] = ()
     """The rim in every single picture, of several that were looked at together."""
     candidates: tuple[Any, ...] = ()
-    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, most probable first."""
+    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, the best first."""
 
     def __post_init__(self) -> None:
         check_fields(self)
