@@ -222,7 +222,7 @@ def _found(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArra
     return found, pixels
 
 
-class Surroundings(NamedTuple):
+class BoardSurroundings(NamedTuple):
     """What the picture shows one square past the outer corners of a lattice, at the m such places in the picture.
 
     Past the outer corners of tiles, of a checked cloth and of a larger board lie further corners of four squares. Past
@@ -276,7 +276,7 @@ def is_bounded(picture: Grey, part: LatticePart) -> bool:
     return not past.has_corners and bool((past.outlined >= OUTLINED).all())
 
 
-def surroundings(picture: Grey, part: LatticePart) -> Surroundings:
+def surroundings(picture: Grey, part: LatticePart) -> BoardSurroundings:
     """Evaluate what the picture shows one square past the outer corners of a lattice."""
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     beside = _neighbours(part, (MOST_RINGS, MOST_RINGS), {})
@@ -289,12 +289,12 @@ def surroundings(picture: Grey, part: LatticePart) -> Surroundings:
     past, maps = past[within], LocalMaps(*(field[within] for field in maps))
     sides = np.array([past[:, 0] < low[0], past[:, 0] > high[0], past[:, 1] < low[1], past[:, 1] > high[1]])
     if not within.any():
-        return Surroundings(np.zeros(0, bool), np.zeros(0), sides)
+        return BoardSurroundings(np.zeros(0, bool), np.zeros(0), sides)
     polarity = part.polarity * (1 - 2 * (past.sum(axis=1) % 2))
     like = likeness(picture, maps, polarity)
     contrast = polarity * fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True).contrast
     resembles = (like.correlation > LIKENESS) & (like.clearance > CLEARANCE)
-    return Surroundings(resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides)
+    return BoardSurroundings(resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides)
 
 
 def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
