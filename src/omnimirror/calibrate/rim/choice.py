@@ -163,7 +163,7 @@ def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *
     parallel = PARALLEL_WEIGHT * (min(chance, MOST_PARALLEL) - USUAL_PARALLEL)
     housing = min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
     mirror = evidence * float(np.mean(odds)) + (1 - housing) * parallel - housing * HOUSING_COST
-    ranked = float(_share(np.mean(margin), LEAST_MARGIN))
+    ranked = float(_share(np.float64(np.mean(margin)), LEAST_MARGIN))
     return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), LEAST_ODDS))
 
 
