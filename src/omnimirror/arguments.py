@@ -344,7 +344,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return _is_row(value, kind) and (not isinstance(value, Collection) or all(_fits(v, of) for v in value))
     if hasattr(kind, "_fields"):  # of a named tuple; a plain one will do
         return isinstance(value, tuple) and len(value) == len(kind._fields)
-    is_open = not isinstance(kind, type) or getattr(kind, "_is_runtime_protocol", None) is False
+    is_open = kind is Any or not isinstance(kind, type) or getattr(kind, "_is_runtime_protocol", None) is False
     return is_open or isinstance(value, kind)
 
 

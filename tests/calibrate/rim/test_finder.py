@@ -3,6 +3,7 @@
 import json
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from benchmarks.mirror_photographs import Photograph, Rim, compose, error_of
@@ -74,6 +75,52 @@ def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
     assert rim.radius_px == pytest.approx(radius, rel=0.01)
     assert np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2) < 0.01 * radius
     assert rim.is_sure
+
+
+BALLS = ["tisch.jpg", "lamp.jpg", "security_camera.jpg", "archviz.jpg", "gene_miller.jpg"]
+NO_BALLS = ["store.jpg", "store_hardware.jpg", "fire_hydrant.jpg"]
+"""Outlines of these are not those of the box set by hand: reflections of their housings are as clear."""
+
+
+@cache
+def found_in_ball(name: str, side_px: int) -> tuple[om.FoundRim, float]:
+    """The outline in a photograph resampled to a longer side, and the scale of that."""
+    picture = om.read_image(SHARED / "mirrorball" / name)
+    scale = side_px / max(picture.shape[:2])
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return om.find_rim(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)), scale
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", BALLS)
+def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
+    """Within 1 % of the box that was set by hand, whose sides differ by as much."""
+    crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())[name]
+    (width, height), crop = crops["size"], crops["crop_px"]
+    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    rim, scale = found_in_ball(name, 1400)
+    assert rim.is_sure
+    assert rim.radius_px / scale == pytest.approx((right - left + bottom - top) / 4, rel=0.01)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", NO_BALLS)
+def test_reflections_that_resolutions_disagree_on_are_candidates(name, shared_data):
+    rim, _ = found_in_ball(name, 1400)
+    assert not rim.is_sure
+    assert rim.candidates[0].centre_px == rim.centre_px
+    assert len(rim.candidates) > 1
+    assert not any(candidate.is_sure for candidate in rim.candidates)
+
+
+@pytest.mark.full
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["tisch.jpg", "lamp.jpg", "archviz.jpg", "store.jpg"])
+def test_resampling_changes_the_confidence_little(name, shared_data):
+    found = [found_in_ball(name, side) for side in (700, 1400, 4000)]
+    radii = np.array([rim.radius_px / scale for rim, scale in found])
+    assert np.ptp([rim.confidence for rim, _ in found]) < 0.05
+    assert np.ptp(radii) < 0.01 * radii[0] or not any(rim.is_sure for rim, _ in found)
 
 
 def test_a_rim_that_is_cut_by_the_picture(shared_data):

@@ -170,6 +170,79 @@ def test_all_boards_of_a_real_mirror_are_found(shared_data):
         assert np.median(np.linalg.norm(other - detection.corners_px, axis=1)) < 0.5
 
 
+def reference(picture: np.ndarray, board: om.Board, window_px: int) -> np.ndarray:
+    """Corners (n, 2) of a chessboard as OpenCV finds and refines them."""
+    found, corners = cv2.findChessboardCorners(picture, board.lattice_size)
+    assert found
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.001)
+    return cv2.cornerSubPix(picture, corners, (window_px, window_px), (-1, -1), criteria).reshape(-1, 2)
+
+
+def test_a_board_in_a_metal_frame_without_margin(shared_data):
+    """The frame reflects its surroundings, so that some places past the outer corners resemble corners."""
+    picture = cv2.imread(str(shared_data / "omnidir_sample" / "8.jpg"), cv2.IMREAD_GRAYSCALE)
+    found = om.find_board(picture, BOARD)
+    assert found.used
+    assert len(found.ids) == 54
+    distance = np.linalg.norm(reference(picture, BOARD, 5)[:, None] - found.corners_px, axis=2).min(axis=0)
+    assert np.median(distance) < 0.2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("size", [(10, 6), (9, 7), (11, 7), (8, 5)])
+def test_a_framed_board_of_another_size_is_not_the_one_requested(size, shared_data):
+    picture = cv2.imread(str(shared_data / "omnidir_sample" / "8.jpg"), cv2.IMREAD_GRAYSCALE)
+    found = om.find_board(picture, om.Board("chessboard", *size))
+    assert not found.used
+    assert (
+        found.reason == f"a board of 9 x 6 corners was found, and one of {size[0]} x {size[1]} corners was looked for"
+    )
+
+
+def in_frame(kind: str):
+    """Brightness of a chessboard whose outer squares touch a frame, which is striped or reflects the squares."""
+    shades = np.random.default_rng(5).uniform(70, 190, 64)
+
+    def brightness(points):
+        x, y = points.T / BOARD.square_mm
+        columns, rows = BOARD.lattice_size
+        on = (x > -1) & (x < columns) & (y > -1) & (y < rows)
+        past = np.maximum(np.maximum(-1 - x, x - columns), np.maximum(-1 - y, y - rows))
+        u, v = (np.where(a < -1, -2 - a, np.where(a > n, 2 * n - a, a)) for a, n in ((x, columns), (y, rows)))
+        reflected = 120 + 30 * np.sign(np.sin(np.pi * u) * np.sin(np.pi * v))
+        striped = shades[np.clip(4 * (x + y + 4), 0, 63).astype(int)]
+        frame = reflected if kind == "reflecting" else striped
+        squares = np.where((np.floor(x) + np.floor(y)) % 2 == 0, 30.0, 210.0)
+        return np.where(on, squares, np.where(past < 0.4, frame, np.nan))
+
+    return brightness
+
+
+@pytest.mark.parametrize("kind", ["striped", pytest.param("reflecting", marks=pytest.mark.full)])
+def test_frames_without_margin(kind):
+    sensor = om.load_sensor("prototype-hyperboloidal")
+    seen = photographed(sensor, BOARD, pose(BOARD, *PLACES["prototype-hyperboloidal"]), sheet=in_frame(kind))
+    found = om.find_board(seen.picture, BOARD)
+    assert found.used
+    error = found.corners_px - seen.corners_px[in_order_of(found, seen)]
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.05
+
+
+@pytest.mark.parametrize(("side", "first"), [(20, (3, 3)), pytest.param(31, (12, 5), marks=pytest.mark.full)])
+def test_a_board_on_a_tiled_floor_takes_precedence_over_the_tiles(side, first):
+    """The tiles have more corners, and those are as sharp."""
+    v, u = np.mgrid[:640, :800]
+    picture = np.where((u // side + v // side) % 2, 60, 190).astype(np.uint8)
+    left, top = 40 * first[0], 40 * first[1]
+    picture[top : top + 200, left : left + 272] = picture_of(9, 6)[24:224, 24:296]
+    found = om.find_board(picture, BOARD)
+    assert found.used
+    corners = np.stack(np.meshgrid(np.arange(9), np.arange(6)), axis=-1).reshape(-1, 2)
+    expected = 24.0 * corners + [left + 39.5, top + 39.5]
+    distance = np.linalg.norm(expected[:, None] - found.corners_px, axis=2).min(axis=1)
+    assert distance.max() < 0.05
+
+
 def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = (400, 320)) -> np.ndarray:
     """A flat chessboard of so many inner corners on white."""
     v, u = np.mgrid[: size[1], : size[0]]

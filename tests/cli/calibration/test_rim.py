@@ -56,6 +56,23 @@ def test_what_is_not_sure_is_said(folder):
     assert "no rim is sure: the confidence 0.00 is below 0.6" in run.stdout
 
 
+def test_rejected_outlines_are_listed_as_candidates(tmp_path):
+    """Two discs of one colour, of which none is a mirror."""
+    v, u = np.mgrid[:240, :400]
+    picture = np.where(np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40))
+    om.write_image(tmp_path / "discs.png", picture.astype(np.uint8))
+    run = omnimirror("rim", tmp_path / "discs.png", "--json", tmp_path / "rim.json")
+    assert run.returncode == 0, run.stderr
+    rim = json.loads((tmp_path / "rim.json").read_text())
+    assert not rim["accepted"]
+    radii = [np.sqrt(np.prod(one["semi_axes_px"])) for one in rim["candidates"]]
+    assert rim["candidates"][0]["centre_px"] == rim["centre_px"]
+    assert all(one["confidence"] < 0.6 for one in rim["candidates"])
+    assert min(abs(radius - 70) for radius in radii) < 1
+    assert min(abs(radius - 60) for radius in radii) < 1
+    assert "candidate 2" in " ".join(run.stdout.split())
+
+
 @pytest.mark.parametrize("command", ["rim", "lines"])
 def test_pictures_of_another_size_are_named(command, folder):
     pictures = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]

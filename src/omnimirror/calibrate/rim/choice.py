@@ -33,6 +33,9 @@ FIRST_WEIGHTS = np.array([
     -0.112, -0.330, -8.023, 4.366, -1.375, 5.955, -7.839, -3.630,
 ])  # fmt: skip
 FIRST_NONE = 19.886
+SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # middles and widths, log odds
+PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the share of the way round with parallel edges
+FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # shares of the way round of a ring within, and log odds
 FIRST = -2  # place of what they say among the numbers
 
 
@@ -132,15 +135,38 @@ def terms(cues: Cues) -> Array:
     ])  # fmt: skip
 
 
-def confidence(odds: Array, same: NDArray[np.bool_]) -> float:
-    """By how much it is more probable that the rim is one of the rings marked as the same (n,), than the next best
-    answer; of odds (members, n) what every member says at least: where they differ, nothing like it was learned from.
+def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
+    """Confidence that a ring is the mirror's outline, from its agreement between working resolutions.
 
-    Probabilities of all rings, and of none of them, add to 1. A difference is small both where another ring is as
-    good, and where none is good.
+    It is the product of three shares, each between 0 and 1:
+
+    - The agreement: at how many resolutions the ring is the best one, by its margin over the best other ring. That of
+      two of three resolutions is a third.
+    - The mean margin over the best other ring.
+    - The mean log odds against there being no mirror. A mirror compresses its surroundings towards its outline, so that
+      edges parallel to the outline lie beside it; a plate or a lamp of one colour has none. Those edges count as well,
+      unless a clear ring about the same centre lies within: then the mirror may be that, and this its housing.
+
+    Parameters
+    ----------
+    odds, rivals : (resolutions,)
+        Log odds of the ring at each resolution, and of the best other ring.
+    chance
+        Share of the way round with edges parallel to the ring beside it.
+    within
+        Share of the way round with edges of the clearest ring about the same centre within.
+    evidence
+        Factor of the odds: of several pictures of one sensor the square root of their number.
     """
-    top = np.maximum(odds.max(axis=1, initial=0.0), 0.0)[:, None]
-    weights, none = np.exp(odds - top), np.exp(-top[:, 0])
-    rival = np.maximum(weights[:, ~same].max(axis=1, initial=0.0), none)
-    said = (weights[:, same].sum(axis=1) - rival) / (weights.sum(axis=1) + none)
-    return max(0.0, float(said.min()))
+    margin = odds - rivals
+    agreement = float(np.mean(_share(margin, SAME_RANK)))
+    parallel = PARALLEL_WEIGHT * (min(chance, MOST_PARALLEL) - USUAL_PARALLEL)
+    housing = min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
+    mirror = evidence * float(np.mean(odds)) + (1 - housing) * parallel - housing * HOUSING_COST
+    ranked = float(_share(np.float64(np.mean(margin)), LEAST_MARGIN))
+    return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), LEAST_ODDS))
+
+
+def _share(values: Array | np.float64, middle: tuple[float, float]) -> Array:
+    """Logistic function with a middle and a width."""
+    return np.asarray(1 / (1 + np.exp(-np.clip((values - middle[0]) / middle[1], -50, 50))))

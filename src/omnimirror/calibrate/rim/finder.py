@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ...arguments import check_fields, checked
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
-from .candidates import rings_of
+from .candidates import rings, rings_of
 from .choice import UNLISTED, confidence, odds
 from .cues import Ring
-from .edges import EdgePoints, Working, at_working_size, edges_of, levels_of
+from .edges import SHORT_SIDE_PX, EdgePoints, Working, at_working_size, edges_of, levels_of
 from .ellipses import Ellipse
 from .middle import camera_image
 from .placing import clearness, placed
@@ -25,12 +25,17 @@ Picture = NDArray[Any]
 
 SURE = 0.6
 """Confidence from which a rim is taken for found."""
+OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions at which the outline must be found
+SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # of the radius, or working pixels, by which it may differ between them
+SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # of the radius: rings that may be the mirror of which this is the housing
+MOST_CANDIDATES = 3
 SAME_RIM = 0.015  # of the radius, by which rings differ that are one rim
-CLOSE_ODDS = 2.0  # of the most probable one, from which on others of that rim are tried as well
+CLOSE_ODDS = 4.0  # of the most probable one, from which on others of that rim are tried as well
 SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
 NOT_FOUND = -6.0  # log odds of a ring in a picture that does not show it
 LEAST_SIDE_PX = 48
 MOST_NAMED = 5  # pictures in a message
+CANDIDATE_ENTRIES = ("centre_px", "semi_axes_px", "angle_deg", "confidence")
 
 
 @dataclass(frozen=True)
@@ -59,14 +64,15 @@ class FoundRim:
     angle_deg: float
     """Direction of the longer one, from image right towards image bottom, 0 to 180."""
     confidence: float
-    """0 to 1: by how much it is more probable that this is the rim than another ring, or none; below :data:`SURE` it is
-    not taken for found."""
+    """0 to 1, from the agreement between working resolutions; below :data:`SURE` the outline is not accepted."""
     image_size: tuple[int, int]
     """(width, height) of the picture."""
     inner: CameraImage | None = None
     """The camera's own image; None where none is seen."""
     pictures: tuple[FoundRim, ...] = ()
     """The rim in every single picture, of several that were looked at together."""
+    candidates: tuple[Any, ...] = ()
+    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, the best first."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -120,15 +126,19 @@ class FoundRim:
         camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
         found = {
             "centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg,
-            "confidence": self.confidence, "camera_image": camera, "annulus_px": list(self.annulus_px),
-            "image_size": list(self.image_size),
+            "confidence": self.confidence, "accepted": self.is_sure, "camera_image": camera,
+            "annulus_px": list(self.annulus_px), "image_size": list(self.image_size),
         }  # fmt: skip
+        found["candidates"] = [
+            {name: value for name, value in one.to_json().items() if name in CANDIDATE_ENTRIES}
+            for one in self.candidates
+        ]
         return found | ({"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {})
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """What is seen in one picture."""
+    """What is seen in one picture at one working resolution."""
 
     picture: Picture
     working: Working
@@ -136,6 +146,8 @@ class _Seen:
     rings: list[Ring]
     odds: Array
     """(members, n)"""
+    others: tuple[_Seen, ...] = ()
+    """The same at other working resolutions."""
 
     @cached_property
     def mean(self) -> Array:
@@ -157,6 +169,54 @@ class _Seen:
         near = np.nonzero(self.near(ellipse, SAME_SENSOR))[0]
         return int(near[np.argmax(self.mean[near])]) if len(near) else None
 
+    def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
+        """Log odds (resolutions,) of an ellipse at this and the other resolutions, and of the best ring beside it."""
+        odds, rivals = [], []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            near = one.near(here, max(SAME_SCALES, SAME_SCALES_PX / here.radius))
+            odds.append(float(one.mean[near].max(initial=NOT_FOUND)))
+            rivals.append(float(one.mean[~near].max(initial=UNLISTED)))
+        return np.array(odds), np.array(rivals)
+
+    def pooled(self, ellipse: Ellipse) -> float:
+        """Mean log odds of an ellipse over the resolutions."""
+        return float(self.ranked(ellipse)[0].mean())
+
+    def chance(self, ellipse: Ellipse) -> float:
+        """Share of the way round with edges beside an ellipse that are parallel to it."""
+        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
+        return float(np.median(near)) if near else 0.0
+
+    def within(self, ellipse: Ellipse) -> float:
+        """Share of the way round of the clearest ring about the same centre within, over the resolutions."""
+        clearest = []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            inner = [
+                ring.close
+                for ring in one.rings
+                if here.offset_share(ring.ellipse) < SAME_CENTRE
+                and WITHIN[0] < ring.ellipse.radius / here.radius < WITHIN[1]
+            ]
+            clearest.append(max(inner, default=0.0))
+        return float(np.mean(clearest))
+
+    def confidence(self, ellipse: Ellipse) -> float:
+        """How sure it is that an ellipse is the rim."""
+        return confidence(*self.ranked(ellipse), self.chance(ellipse), self.within(ellipse))
+
+    def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
+        """The most probable rings that differ from an ellipse and from one another."""
+        found: list[Ellipse] = []
+        for i in np.argsort(-self.mean):
+            one = self.rings[i].ellipse
+            if self.mean[i] > UNLISTED and not any(other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)):
+                found.append(one)
+            if len(found) == count:
+                break
+        return found
+
     def alike(self, k: int) -> NDArray[np.intp]:
         """The rings that are the same as one, and about as probable: which of them is the rim, placing tells."""
         near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
@@ -169,8 +229,8 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
 
     Edges vote for circles; an ellipse is laid through the edges of each; what speaks for each being the rim is
     weighed (:mod:`omnimirror.calibrate.rim.choice`), and the best is placed in the full picture. The weights were
-    learned from simulated photographs; the confidence is by how much the best answer is more probable than the next,
-    as every member of the committee says at least.
+    learned from simulated photographs. This is done at three working resolutions, whose short sides are 240, 360 and
+    500 px: the confidence is high where all of them have the same circle as the best one.
 
     Parameters
     ----------
@@ -180,7 +240,7 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     Returns
     -------
     FoundRim
-        The most probable one, however little probable: look at its ``confidence``.
+        The most probable one, however little probable: check ``is_sure``. Rejected ones are its ``candidates``.
 
     Raises
     ------
@@ -210,11 +270,23 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     for one in seen:
         k = one.like(ellipse)
         starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
-        alone = 0.0 if k is None else confidence(one.odds, one.near(one.rings[k].ellipse, SAME_RIM))
-        singles.append((_rim(one, starts, alone if len(seen) > 1 else together, size), k is not None))
+        alone = together if len(seen) == 1 else 0.0 if k is None else one.confidence(one.rings[k].ellipse)
+        singles.append((_rim(one, starts, alone, size), k is not None))
     if len(singles) == 1:
-        return singles[0][0]
-    return _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
+        rim = singles[0][0]
+        others = [
+            _candidate(seen[0], other, rim.confidence, size) for other in seen[0].distinct(ellipse, MOST_CANDIDATES)
+        ]
+        return replace(rim, candidates=(*(() if rim.is_sure else (rim,)), *others))
+    pooled = _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
+    return pooled if pooled.is_sure else replace(pooled, candidates=(pooled,))
+
+
+def _candidate(one: _Seen, ring: Ellipse, best: float, size: tuple[int, int]) -> FoundRim:
+    """A circle that was not chosen, with what the best one leaves of its confidence."""
+    ellipse = ring.scaled(one.working.scale)
+    sure = min(one.confidence(ring), 1 - best, float(np.nextafter(SURE, 0)))
+    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, sure, size)
 
 
 def _check(pictures: list[Picture]) -> None:
@@ -244,21 +316,33 @@ def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
 
 
 def _seen(picture: Picture) -> _Seen:
+    """Detect the rings of a picture at the working resolution, and at the others as far as it has the pixels."""
     working = at_working_size(picture)
     edges = edges_of(working)
     found = rings_of(picture, working, edges)
+    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    others = tuple(_at_resolution(picture, side) for side in sorted(sides))
+    return _Seen(picture, working, edges, found, odds(found, working), others)
+
+
+def _at_resolution(picture: Picture, side: int) -> _Seen:
+    """Detect the rings of a picture at another working resolution."""
+    working = at_working_size(picture, side)
+    edges = edges_of(working)
+    found = rings(working, edges)
     return _Seen(picture, working, edges, found, odds(found, working))
 
 
 def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
-    """The ring that all pictures together make the most probable, and how probable that is.
+    """The ring that all pictures together make the most probable, and its confidence.
 
     Pictures of one sensor share their surroundings, so that n of them are worth the square root of n.
     """
     if len(seen) == 1:
         one = seen[0]
-        ellipse = one.rings[int(np.argmax(one.mean))].ellipse
-        return ellipse, confidence(one.odds, one.near(ellipse, SAME_RIM))
+        listed = np.nonzero(one.mean >= min(UNLISTED + 1, one.mean.max()))[0]
+        ellipse = max((one.rings[i].ellipse for i in listed), key=one.pooled)
+        return ellipse, one.confidence(ellipse)
     every = [ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED]
     sums = np.zeros((len(seen[0].odds), len(every)))
     for one in seen:
@@ -268,13 +352,11 @@ def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
     sums /= np.sqrt(len(seen))
     mean = sums.mean(axis=0)
     best = int(np.argmax(mean))
-    taken = [one.like(every[best]) for one in seen]
-    distinct = [best]
-    for i in np.argsort(-mean):
-        is_best = any(k is not None and one.like(every[i]) == k for one, k in zip(seen, taken, strict=True))
-        if not is_best and not any(every[j].is_near(every[i], SAME_SENSOR) for j in distinct):
-            distinct.append(int(i))
-    return every[best], confidence(sums[:, distinct], np.arange(len(distinct)) == 0)
+    pairs = [one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None]
+    odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
+    chance = float(np.median([one.chance(every[best]) for one in seen]))
+    within = float(np.median([one.within(every[best]) for one in seen]))
+    return every[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
 
 
 def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:

@@ -35,7 +35,8 @@ class AutoOptions(Options):
     )
     mirror: str | None = option(
         metavar="PRESET|FILE|NAME",
-        help="With --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor.  "
+        help="With --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of "
+        "ball and convex is assumed to look forward, that of dome up (--camera-looks).  "
         "[default: one-shot]",
     )
 

@@ -32,7 +32,8 @@ class CameraOptions(Options):
     ocam: str | None = option(metavar="FILE", help="The camera: OCamCalib's calib_results.txt.")
     ball: tuple[float, float, float, float] | None = option(
         type=ball, metavar="CX,CY,R,FOV",
-        help="The camera: a mirror ball, its circle in px and its full field in deg.",
+        help="The camera: a mirror ball, its circle in px and its full field in deg. The optical axis is assumed to "
+        "point up; for a ball photographed horizontally, add --camera-looks forward.",
     )  # fmt: skip
     optics: Optics | None = option(
         type=click.Choice(["mirror", "fisheye"]), help="What --ocam calibrated.  [default: mirror]"
@@ -42,7 +43,8 @@ class CameraOptions(Options):
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
-        help="Where the optical axis points.  [default: the sensor's, or up; of --mirror ball and convex forward]",
+        help="Where the optical axis points.  [default: the sensor's, or up, also for --ball; forward for --auto with "
+        "--mirror ball or convex]",
     )
     forward_azimuth_deg: float | None = option(
         type=angle, metavar="DEG",
@@ -82,6 +84,12 @@ class CameraOptions(Options):
             u, v, radius, full_field = self.ball
             camera = MirrorBall((u, v), radius, full_field, picture_size)
         return replace(camera, mount=self.standing(camera.mount))
+
+    def assumption(self) -> str:
+        """Return a sentence about the assumed orientation of a mirror ball; empty for other cameras."""
+        if self.ball is None or self.camera_looks is not None:
+            return ""
+        return "the camera of --ball is assumed to look up (--camera-looks forward for a horizontal camera)"
 
     def standing(self, mount: Mount) -> Mount:
         """How a camera stands, of which a mount tells what the options do not."""

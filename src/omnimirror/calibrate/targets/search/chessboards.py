@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..boards import Board
 from .greys import Grey, bytes_of, scaled, scales, unscaled_px, upwards
-from .growing import CHECKER, LatticePart, from_grid, goes_on, grown, trimmed
+from .growing import CHECKER, LatticePart, from_grid, goes_on, grown, is_bounded, trimmed
 from .local_maps import maps_about
 from .saddles import fit_saddles
 from .seeds import find_seeds
@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 WHOLE = 0.9
 """Share of the corners of a lattice that have to be found."""
 LEAST_PART = 9  # corners of a lattice that is looked at
-MOST_BOARDS = 200  # seeds where several boards are looked for: each board has some
+MOST_SEEDS, MOST_BOARDS = 12, 200  # seeds that are grown, and where several boards are looked for
+MOST_REFLECTED = 2  # columns or rows that a frame may add to a lattice
 LARGEST_FOR_OPENCV = 2_500_000  # px: its detectors take long
 
 
@@ -37,13 +38,33 @@ def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> L
     """
     best: LatticePart | None = None
     for part in _grown_parts(picture, find_seeds(picture)) if is_quick else _parts(picture, board):
-        if is_whole(part, board) and not goes_on(picture, part):
-            return part
-        if best is None or len(part.places) > len(best.places):
+        for candidate in (part, *inner_grids(part, board)):
+            if is_whole(candidate, board) and not goes_on(picture, candidate):
+                return candidate
+        if best is None or _merit(part, board) > _merit(best, board):
             best = part
-        if is_other(best, board):
-            break
     return best
+
+
+def _merit(part: LatticePart, board: Board) -> tuple[bool, int]:
+    """Order lattices: those that may be half of the board or more before larger ones, then by their corners."""
+    is_half = not is_larger(part, board) and 2 * len(part.places) >= board.corner_count
+    return is_half, len(part.places)
+
+
+def inner_grids(part: LatticePart, board: Board) -> Iterator[LatticePart]:
+    """Grids of the board's size within a lattice that has up to two columns or rows more.
+
+    What a frame reflects may continue the squares by a row, which then joins the lattice.
+    """
+    low, size = part.places.min(axis=0), np.array(part.size)
+    for wanted in {board.lattice_size, board.lattice_size[::-1]}:
+        spare = size - wanted
+        if not (spare.min() >= 0 and 0 < spare.max() <= MOST_REFLECTED):
+            continue
+        for column, row in np.ndindex(spare[0] + 1, spare[1] + 1):
+            first = low + np.array([column, row])
+            yield part.only(np.all((part.places >= first) & (part.places < first + wanted), axis=1))
 
 
 def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
@@ -58,7 +79,7 @@ def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
     """
     for scale in scales(picture.shape):
         smaller = scaled(picture, scale)
-        parts = _grown_parts(smaller, find_seeds(smaller, MOST_BOARDS))
+        parts = _grown_parts(smaller, find_seeds(smaller), most=MOST_BOARDS)
         whole = [part for part in parts if is_whole(part, board) and not goes_on(smaller, part)]
         if whole:
             return [_at_full_size(picture, part, scale) for part in whole]
@@ -75,24 +96,37 @@ def is_whole(part: LatticePart, board: Board) -> bool:
     return sorted(part.size) == sorted(board.lattice_size) and len(part.places) >= WHOLE * board.corner_count
 
 
-def is_other(part: LatticePart, board: Board) -> bool:
-    """Whether a lattice is larger than the board, and whole, so that it is another one."""
+def is_larger(part: LatticePart, board: Board) -> bool:
+    """Check whether a lattice has more columns or rows than the board."""
     size, wanted = sorted(part.size), sorted(board.lattice_size)
-    return (size[0] > wanted[0] or size[1] > wanted[1]) and len(part.places) >= WHOLE * size[0] * size[1]
+    return size[0] > wanted[0] or size[1] > wanted[1]
+
+
+def _is_filled(part: LatticePart) -> bool:
+    """Check whether a lattice has nearly all corners of its columns and rows."""
+    return len(part.places) >= WHOLE * part.size[0] * part.size[1]
 
 
 def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
-    """Lattices, each in pixels of the picture itself."""
-    has_seeds, most = False, 0
+    """Lattices, each in pixels of the picture itself.
+
+    Those that are larger than the board are not grown again at other sizes of the picture.
+    """
+    has_seeds, is_complete, most, other = False, False, 0, np.empty((0, 2))
     for scale in scales(picture.shape):
         smaller = scaled(picture, scale)
         seeds = find_seeds(smaller)
         has_seeds |= bool(seeds)
-        for part in _grown_parts(smaller, seeds):
+        for part in _grown_parts(smaller, seeds, taken=(other + 0.5) * scale - 0.5):
             most = max(most, len(part.places))
-            yield _at_full_size(picture, part, scale)
+            found = _at_full_size(picture, part, scale)
+            if _is_filled(part) and is_larger(part, board):
+                other = np.concatenate([other, found.pixels])
+            elif _is_filled(part) and len(part.places) > board.corner_count / 2:
+                is_complete |= is_bounded(smaller, part)
+            yield found
     # to find nothing takes OpenCV the longest: what it finds begins somewhere, and a part is to be made whole
-    if not has_seeds or most >= WHOLE * board.corner_count:
+    if not has_seeds or most >= WHOLE * board.corner_count or is_complete:
         return
     for scale in scales(picture.shape)[:2]:
         if picture.size * scale**2 <= LARGEST_FOR_OPENCV:
@@ -103,18 +137,24 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
                     yield _at_full_size(picture, trimmed(grown(smaller, part)), scale)
 
 
-def _grown_parts(picture: Grey, seeds: Sequence[LatticePart]) -> Iterator[LatticePart]:
-    """What grows from every seed that is not in an earlier part."""
-    taken = np.empty((0, 2))
+def _grown_parts(
+    picture: Grey, seeds: Sequence[LatticePart], *, most: int = MOST_SEEDS, taken: Array | None = None
+) -> Iterator[LatticePart]:
+    """What grows from every seed that is not in an earlier part, of so many seeds at most."""
+    taken = np.empty((0, 2)) if taken is None else taken
+    grows = 0
     for seed in seeds:
         middle = seed.pixels.mean(axis=0)
         size = np.linalg.norm(np.ptp(seed.pixels, axis=0)) / 4
         if len(taken) and np.linalg.norm(taken - middle, axis=1).min() < size:
             continue
+        grows += 1
         part = trimmed(grown(picture, seed))
         if len(part.places) >= LEAST_PART:
             taken = np.concatenate([taken, part.pixels])
             yield part
+        if grows == most:
+            return
 
 
 def _at_full_size(picture: Grey, part: LatticePart, scale: float) -> LatticePart:

@@ -34,6 +34,12 @@ AWAY = 0.35
 MISFIT = 0.75
 GOES_ON = 0.2
 """Share of the places past a board's outer corners that look like corners: on a margin none does, on tiles half."""
+CONTRAST_OF_CORNER = 0.7
+"""Least contrast of a corner past a lattice, as a ratio to the nearest corner of the lattice."""
+CONTRAST_OF_OUTLINE = (0.25, 0.66)
+"""The same ratio where the board's outline lies: four squares fitted to a T have half of its contrast."""
+OUTLINED = 0.5
+"""Least share of the places past every side of a framed board that show its outline."""
 MOST_RINGS = 60
 ASTRAY = (0.2, 0.6)  # in squares, and px more: what lies farther from what its neighbours say is no corner of theirs
 
@@ -216,8 +222,40 @@ def _found(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArra
     return found, pixels
 
 
+class BoardSurroundings(NamedTuple):
+    """What the picture shows one square past the outer corners of a lattice, at the m such places in the picture.
+
+    Past the outer corners of tiles, of a checked cloth and of a larger board lie further corners of four squares. Past
+    those of a board lies its outline, which meets the edges of the outer squares in the form of a T: four squares
+    fitted to that have half of the contrast.
+    """
+
+    resembles: NDArray[np.bool_]
+    """(m,): whether it resembles four squares."""
+    contrast: Array
+    """(m,): of four squares fitted to it, as a ratio to the nearest corner of the lattice."""
+    sides: NDArray[np.bool_]
+    """(4, m): on which side of the lattice the place lies."""
+
+    @property
+    def outlined(self) -> Array:
+        """Share (4,) of the places on each side that show an outline; NaN where the picture ends before them."""
+        is_outline = (self.contrast > CONTRAST_OF_OUTLINE[0]) & (self.contrast < CONTRAST_OF_OUTLINE[1])
+        count = self.sides.sum(axis=1)
+        return np.where(count > 0, (self.sides & is_outline).sum(axis=1) / np.maximum(count, 1), np.nan)
+
+    @property
+    def has_corners(self) -> bool:
+        """Whether squares of full contrast continue."""
+        corners = self.resembles & (self.contrast > CONTRAST_OF_CORNER)
+        return bool(corners.size) and bool(corners.mean() > GOES_ON)
+
+
 def goes_on(picture: Grey, part: LatticePart) -> bool:
-    """Whether squares go on past a lattice, as those of tiles, of a checked cloth and of a larger board do.
+    """Check whether squares continue past a lattice, as those of tiles, of a checked cloth and of a larger board do.
+
+    On a white margin nothing resembles a corner. On a narrow frame with textured surroundings some places do: then all
+    sides must show the outline, and few places corners of full contrast.
 
     Parameters
     ----------
@@ -226,6 +264,20 @@ def goes_on(picture: Grey, part: LatticePart) -> bool:
     part
         A lattice that may be a whole board: past that is its margin.
     """
+    past = surroundings(picture, part)
+    if not past.resembles.any() or past.resembles.mean() <= GOES_ON:
+        return False
+    return past.has_corners or bool((past.outlined < OUTLINED).any())
+
+
+def is_bounded(picture: Grey, part: LatticePart) -> bool:
+    """Check whether the outline of a board is visible on all four sides of a lattice, so that it is complete."""
+    past = surroundings(picture, part)
+    return not past.has_corners and bool((past.outlined >= OUTLINED).all())
+
+
+def surroundings(picture: Grey, part: LatticePart) -> BoardSurroundings:
+    """Evaluate what the picture shows one square past the outer corners of a lattice."""
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     beside = _neighbours(part, (MOST_RINGS, MOST_RINGS), {})
     past = beside[np.any((beside < low) | (beside > high), axis=1)]
@@ -234,11 +286,23 @@ def goes_on(picture: Grey, part: LatticePart) -> bool:
     reach = 0.3 * spacing[:, None]
     within = np.all((maps.pixels > reach) & (maps.pixels < np.array(picture.shape[::-1]) - 1 - reach), axis=1)
     within &= spacing > 2.0
+    past, maps = past[within], LocalMaps(*(field[within] for field in maps))
+    sides = np.array([past[:, 0] < low[0], past[:, 0] > high[0], past[:, 1] < low[1], past[:, 1] > high[1]])
     if not within.any():
-        return False
-    polarity = part.polarity * (1 - 2 * (past[within].sum(axis=1) % 2))
-    like = likeness(picture, LocalMaps(*(field[within] for field in maps)), polarity)
-    return bool(np.mean((like.correlation > LIKENESS) & (like.clearance > CLEARANCE)) > GOES_ON)
+        return BoardSurroundings(np.zeros(0, bool), np.zeros(0), sides)
+    polarity = part.polarity * (1 - 2 * (past.sum(axis=1) % 2))
+    like = likeness(picture, maps, polarity)
+    contrast = polarity * fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True).contrast
+    resembles = (like.correlation > LIKENESS) & (like.clearance > CLEARANCE)
+    return BoardSurroundings(resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides)
+
+
+def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
+    """Return the contrast (m,) of the corners of a lattice that are nearest to places (m, 2)."""
+    nearest = np.abs(places[:, None] - part.places).sum(axis=2).argmin(axis=1)
+    known = part.places.astype(float)
+    maps = maps_about(known, part.pixels, known[nearest])._replace(pixels=part.pixels[nearest])
+    return np.asarray(np.maximum(np.abs(fit_saddles(picture, maps, CHECKER, is_quick=True).contrast), 1e-6))
 
 
 def _without_strays(part: LatticePart) -> LatticePart:

@@ -18,7 +18,7 @@ MOST = 1500  # corners that are looked at
 LEAST_RESPONSE = 0.02  # of the strong ones
 RING_PX = 4.5
 LEAST_RING = 0.6  # correlation of the ring about a corner with two white and two black quarters
-MOST_SEEDS = 12
+MOST_SEEDS = 200
 LEAST_OF_SEED = 7  # of its nine corners that the picture must show on a second look
 
 
@@ -71,8 +71,8 @@ def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
     return -np.arctan2(odd, even) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
 
 
-def find_seeds(picture: Grey, most: int = MOST_SEEDS) -> list[LatticePart]:
-    """Nine crossings each that lie like three by three corners, the most regular first, and so many at most."""
+def find_seeds(picture: Grey) -> list[LatticePart]:
+    """Find sets of nine crossings that lie like three by three corners, the most regular first."""
     found = crossings(picture)
     if len(found.pixels) < 9:
         return []
@@ -91,7 +91,7 @@ def find_seeds(picture: Grey, most: int = MOST_SEEDS) -> list[LatticePart]:
         part = coloured(picture, places, found.pixels[indices])
         if len(part.places) >= LEAST_OF_SEED:
             chosen.append(part)
-        if len(chosen) == most:
+        if len(chosen) == MOST_SEEDS:
             break
     return chosen
 

@@ -28,7 +28,7 @@ from ...outputs import FIGURES, json_option, output_console, output_option, plai
 @takes(OrientationOptions, "orientation")
 @click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
 @output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
-@json_option("Write what was found.")
+@json_option("Write the outline, whether it is accepted, and the rejected candidates.")
 def command(
     images: tuple[str, ...], orientation: OrientationOptions, each: bool, figure: Path | None, json_file: Path | None
 ) -> None:
@@ -36,7 +36,7 @@ def command(
 
     Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
     middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
-    confidence of .6 nothing should rely on it.
+    confidence of 0.6 it is not accepted, but listed as a candidate, with the next best circles of the picture.
     """
     files = expand_inputs(images, READABLE)
     pictures = orientation.read(files)
@@ -51,6 +51,11 @@ def command(
         table.add_row(*_row(file.name, rim))
     if len(singles) > len(found):
         table.add_row(*_row("together", found[0]))
+    for name, rim in zip(
+        [file.name for file in files] if len(singles) == len(found) else ["together"], found, strict=True
+    ):
+        for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
+            table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
     for name, rim in zip([file.name for file in files] if each else ["together"], found, strict=True):
         if not rim.is_sure:
