@@ -133,17 +133,15 @@ class Blur(NamedTuple):
         return csr_matrix((self.weights[entry], (down * across + right).astype(np.int32), bounds), shape=shape)
 
 
-def blur_sizes(
-    sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf, focus_mm: float | None = None
-) -> BlurSize:
-    """Return the blur at distances (n,) px from the optical axis; beyond the rim that of the rim.
+def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf) -> BlurSize:
+    """Blur at distances (n,) px from the optical axis; beyond the rim that of the rim.
 
     >>> import omnimirror as om
     >>> blur_sizes(om.load_sensor("paper-spherical"), [0.0, 490.0]).sagittal.round(1)
     array([1. , 7.3])
     """
     radius = np.minimum(np.asarray(radius_px, dtype=float), sensor.rim_radius_px * ROUNDED)
-    found = evaluate(sensor, h_px=radius, object_distance_mm=object_distance_mm, focus_mm=focus_mm)
+    found = evaluate(sensor, h_px=radius, object_distance_mm=object_distance_mm)
     return BlurSize(np.abs(found.blur_t_px), np.abs(found.blur_s_px))
 
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 Values = NDArray[np.float32]
 
 MAX_OVERSHOOT = 0.016  # of the step, its median; images without sharpening have -0.02 to 0.015
+MAX_OVERSHOOT_UNCODED = 0.06  # the same of images that were not coded, which are rarely sharpened
 MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between neighbouring pixels: of full scale, and of the noise
-FLATNESS = 0.1  # range of the values beyond an edge, of the step, at which it is isolated
+FLATNESS = 0.08  # range of the values beyond an edge, of the step, at which it is isolated
 NEAREST, FARTHEST = 4, 7  # px from the edge within which they are compared
 MIN_EDGES = 30
 

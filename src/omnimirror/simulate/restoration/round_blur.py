@@ -94,7 +94,10 @@ def round_blur_of(
             def sizes(radius: Array) -> BlurSize:
                 found = blur_sizes(camera, radius, object_distance_mm)
                 if focus_mm is not None:
-                    other = blur_sizes(camera, radius, object_distance_mm, focus_mm)
+                    # focusing changes the scale of the image: compared at the same share of the rim's radius
+                    focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
+                    scale = focused.rim_radius_px / camera.rim_radius_px
+                    other = blur_sizes(focused, scale * radius, object_distance_mm)
                     found = BlurSize(*(np.minimum(*pair) for pair in zip(found, other, strict=True)))
                 return BlurSize(*(share * size for size in found))
 

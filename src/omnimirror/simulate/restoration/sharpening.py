@@ -17,7 +17,7 @@ from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
 from .blur_scale import UNSEEN_SHARE, BlurScale
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
-from .overshoot import MAX_OVERSHOOT, overshoot
+from .overshoot import MAX_OVERSHOOT, MAX_OVERSHOOT_UNCODED, overshoot
 from .round_blur import RoundBlur, ToldBlur, round_blur_of
 
 Values = NDArray[np.float32]
@@ -157,7 +157,7 @@ class Restorer:
         visible = 0.0 if found.kind == "JPEG" else found.share
         inside = self.radius < self.known.whole_radius_px
         beyond = overshoot(np.asarray(grey, np.float32), inside, visible)
-        if beyond > MAX_OVERSHOOT:
+        if beyond > (MAX_OVERSHOOT if found.kind == "JPEG" else MAX_OVERSHOOT_UNCODED):
             return Decision(0.0, SHARPENED)
         share = self._scale.shown_share(np.sqrt(light), found)
         if share == 0:
