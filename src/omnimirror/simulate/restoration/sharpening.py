@@ -15,7 +15,7 @@ from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
-from .blur_scale import UNSEEN_SHARE, BlurScale
+from .blur_scale import LEAST_NOISE, UNSEEN_SHARE, BlurScale
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
 from .overshoot import MAX_OVERSHOOT, MAX_OVERSHOOT_UNCODED, overshoot
 from .round_blur import RoundBlur, ToldBlur, round_blur_of
@@ -36,6 +36,8 @@ class Decision(NamedTuple):
 SHARPENED = "its edges overshoot, as those of sharpened images do"
 FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
 MAX_SHARE_OF_CODED = 0.5  # where edges do not show whether a coded image was sharpened
+SMALL = "with little noise, errors of a blur this small would be sharpened"
+MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # of blur below this diameter everywhere
 SHARPER = "it is sharper than that blur"
 UNSEEN = "it does not show how much blur it has"
 NO_MORE = "it shows no more blur"
@@ -164,7 +166,13 @@ class Restorer:
             return Decision(0.0, SHARPER)
         if found.kind == "JPEG" and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
             return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
+        if found.share < LEAST_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
+            return Decision(MAX_SHARE_OF_SMALL, SMALL)
         return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
+
+    @cached_property
+    def _is_small(self) -> bool:
+        return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
         """Return the share of the known blur that is removed from an image."""
