@@ -23,6 +23,7 @@ from ..errors import InvalidParameter
 from ..files import is_same_file, name_of
 from ..media import GPano, write_image
 from ..media.batch import PICTURES, VIDEOS, Job, Results, expand_inputs, outputs_for, run_parallel
+from ..media.pictures.exif import Exposure, exposure_of
 from ..media.pictures.images import Image, can_be_panorama, check_size, format_of, read_picture
 from ..media.pictures.orientation import QUARTER_TURNS, STORED, UPRIGHT, WORDS, applied
 from .depths import as_held
@@ -97,15 +98,15 @@ class PictureStraightener:
         """How much of the view lies inside the field of pictures of a size: the same for all of them."""
         return _percent(self.dewarper(size, border)[0])
 
-    def _restorer(self, camera: Camera) -> Restorer:
+    def _restorer(self, camera: Camera, exposure: Exposure) -> Restorer:
         assert self.restoration is not None
-        return self.restoration.restorer(camera)
+        return self.restoration.restorer(camera, exposure)
 
-    def _restored(self, picture: Image, source: Path, camera: Camera) -> tuple[Image, str]:
+    def _restored(self, picture: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
         """The picture without its blur, and what was found."""
         assert self.restoration is not None
         with self.alone:
-            return self.restoration.restored(picture, source, self.restorer(camera))  # type: ignore[arg-type]
+            return self.restoration.restored(picture, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
 
     def __call__(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
@@ -125,7 +126,7 @@ class PictureStraightener:
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            picture, restored = self._restored(picture, source, dewarp.camera)
+            picture, restored = self._restored(picture, source, dewarp.camera, exposure_of(carried.exif))
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         held = as_held(straight, kind)
         recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)

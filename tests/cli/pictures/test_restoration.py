@@ -4,10 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 import omnimirror as om
 from omnimirror.imagers import Imager
+from omnimirror.media.pictures.exif import exposure_of, parse_exif
+from omnimirror.simulate.restoration.blurring import blur_sizes
 from omnimirror.simulate.restoration.bracketing import focused_at
+from omnimirror.straighten.restoring import _exposure_words
 from tests.commands import omnimirror
 
 
@@ -98,7 +103,36 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.015")
     run = omnimirror("dewarp", "grain.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "85 % of the blur is taken out, since the picture does not show how much it has" in run.stdout
+    assert "85 % of the blur is removed, since it does not show how much blur it has" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("f_number", "metres", "words"),
+    [
+        ((40, 10), 0, ""),
+        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of its blur is assumed"),
+        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: no more than its blur is assumed"),
+        ((0, 0), 5, "EXIF has a focus distance of 5000 mm"),
+    ],
+)
+def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, words):
+    """Of an image that Pillow writes, parsed as image files are."""
+    sensor = om.load_sensor("paper-hyperboloidal")
+    exif = Image.Exif()
+    details = exif.get_ifd(0x8769)
+    details[0x829D] = IFDRational(*f_number) if f_number[1] else IFDRational(0, 1)
+    if metres:
+        details[0x9206] = IFDRational(metres, 1)
+    exposure = exposure_of(parse_exif(exif.tobytes().removeprefix(b"Exif\0\0")))
+    restorer = om.Restoration(noise=0.01).restorer(sensor, exposure)
+    assert words in _exposure_words(restorer)
+    assert bool(_exposure_words(restorer)) == bool(words)
+    radii = np.linspace(0.0, 500.0, 20)
+    known, assumed = blur_sizes(sensor, radii), restorer.known.sizes(radii)
+    assert (assumed.sagittal <= known.sagittal + 1e-9).all()
+    if f_number == (80, 10):
+        smaller = replace(sensor, lens=replace(sensor.lens, f_number=8.0))
+        np.testing.assert_allclose(assumed.sagittal, blur_sizes(smaller, radii).sagittal, rtol=0.01)
 
 
 @pytest.mark.long

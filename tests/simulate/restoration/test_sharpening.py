@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import clouds, dead_leaves, exposed, faster, gains
+from benchmarks.restoration_gain import clouds, coded, dead_leaves, exposed, faster, gains
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
@@ -270,6 +271,68 @@ def test_coded_pictures_lose_nothing(small: Restorer, kind: str, quality: int, r
     are texture everywhere, no more is smoothed away than coding took."""
     scene = request.getfixturevalue("scene") if kind == "leaves" else clouds(1024)
     assert gains(small, scene, quality=quality).tenths_db.min() > -0.3
+
+
+def _tenths(restorer: Restorer, sharp, image, restored):
+    """Gains (10,) in dB over the tenths of the radius."""
+    tenth = np.minimum(10 * restorer.radius / restorer.camera.rim_radius_px, 10).astype(int)
+    truth = srgb_from_linear(sharp)
+    before, after = (((values / 255.0 - truth) ** 2).mean(axis=2) for values in (image, restored))
+    return np.array([10 * np.log10(before[tenth == k].mean() / after[tenth == k].mean()) for k in range(10)])
+
+
+def _rendered(sensor: om.Sensor, scene, stops: int | None):
+    """Light of an image with an aperture some stops smaller than that of the sensor, or sharp."""
+    if stops is None:
+        return om.expose(sensor, scene, samples=16)
+    lens = replace(sensor.lens, f_number=sensor.lens.f_number * 2 ** (stops / 2))
+    return om.expose(replace(sensor, lens=lens), scene, samples=64, blur=True)
+
+
+SCENES = {
+    "leaves": lambda data: dead_leaves(1024, 900, smallest_deg=2.1),
+    "hall": lambda data: Hall(),
+    "clouds": lambda data: clouds(1024),
+    "windows": lambda data: exposed(data / "environments" / "st_fagans_interior_1k.hdr"),
+    "panorama": lambda data: exposed(data / "environments" / "pannellum_examplepano.jpg"),
+}
+
+
+@pytest.mark.parametrize("stops", [0, 1, 2, 3, None])
+@pytest.mark.parametrize(
+    "kind", ["leaves", "windows", *(pytest.param(k, marks=pytest.mark.full) for k in ("hall", "clouds", "panorama"))]
+)
+def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, stops: int | None):
+    """A lens that was stopped down after its file was written, up to an image that is sharp throughout."""
+    sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
+    restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((256, 256, 3))
+    values = srgb_from_linear(_rendered(sensor, scene, stops)) + noise
+    image = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+    found = _tenths(restorer, _rendered(sensor, scene, None), image, restorer(image, 0.01))
+    assert found.min() > -0.3
+    if stops == 0:
+        assert found.mean() > 1
+    if stops is None:
+        assert restorer.decide(image, 0.01).share < 0.3
+
+
+@pytest.mark.parametrize("amount", [0.6, pytest.param(1.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize("name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)])
+def test_a_sharpened_photograph_stays_as_it_is(shared_data: Path, name: str, amount: float):
+    """Denoised, sharpened and coded as phones do; the same image without sharpening is restored."""
+    sensor = faster(om.load_sensor(name), 256, 1.0)
+    restorer, scene = Restorer(sensor), SCENES["panorama"](shared_data)
+    values = srgb_from_linear(_rendered(sensor, scene, 0))
+    noisy = np.rint(255 * np.clip(values + 0.01 * np.random.default_rng(1).standard_normal(values.shape), 0, 1))
+    plain = cv2.bilateralFilter(noisy.astype(np.uint8), 5, 10, 2).astype(np.float32)
+    sharpened = plain + amount * (plain - cv2.GaussianBlur(plain, (0, 0), 1.0))
+    plain, sharpened = (coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85) for v in (plain, sharpened))
+    decision = restorer.decide(sharpened)
+    assert decision.share == 0
+    assert "overshoot" in decision.reason
+    np.testing.assert_array_equal(restorer(sharpened), sharpened)
+    assert restorer.decide(plain).share > 0.8
 
 
 @pytest.mark.parametrize(

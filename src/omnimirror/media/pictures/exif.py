@@ -22,6 +22,11 @@ UNITS = {1: (1, 1), 2: (1, 1), 3: (2, 2), 4: (4, 4), 5: (8, 4), 6: (1, 1), 7: (1
 MOST_ENTRIES = 1000
 
 
+F_NUMBER, SUBJECT_DISTANCE = 0x829D, 0x9206
+"""Aperture, and distance of the plane in focus in metres."""
+RATIONAL, INFINITE = 5, 0xFFFFFFFF
+
+
 class Entry(NamedTuple):
     """A tag's values, in the byte order of Intel."""
 
@@ -54,6 +59,38 @@ class Exif(NamedTuple):
     @property
     def _others(self) -> dict[int, Directory]:
         return {tag: d for tag, d in ((EXPOSURE, self.exposure), (PLACE, self.place)) if d}
+
+
+class Exposure(NamedTuple):
+    """Settings of the lens for an exposure; None where EXIF does not contain them."""
+
+    f_number: float | None = None
+    focus_distance_mm: float | None = None
+    """From the camera to the plane in focus; infinity is possible."""
+
+
+def exposure_of(exif: Exif | None) -> Exposure:
+    """Return the settings of the lens that EXIF contains.
+
+    >>> from omnimirror.media.pictures.exif import Entry, Exif
+    >>> exposure_of(Exif({}, {0x829D: Entry(5, 1, struct.pack("<II", 56, 10))}, {})).f_number
+    5.6
+    """
+    if exif is None:
+        return Exposure()
+    f_number, metres = (_rational(exif.exposure.get(tag)) for tag in (F_NUMBER, SUBJECT_DISTANCE))
+    finite = f_number if f_number is not None and f_number != float("inf") else None
+    return Exposure(finite, None if metres is None else 1000 * metres)
+
+
+def _rational(entry: Entry | None) -> float | None:
+    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid values."""
+    if entry is None or entry.kind != RATIONAL or len(entry.values) != 8:
+        return None
+    above, below = struct.unpack("<II", entry.values)
+    if above == INFINITE:
+        return float("inf")
+    return above / below if above and below else None
 
 
 def parse_exif(block: bytes) -> Exif | None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
-from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, UNEVEN, UNEVEN_PX, Effort, solve, texture_of
+from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, UNEVEN, UNEVEN_PX, Effort, fit, solve, texture_of
 from .noise import Noise
 from .round_blur import RoundBlur
 from .sharp_picture import DARK, SATURATED, Deblurring, SharpPicture, deblurring_of
@@ -91,12 +91,20 @@ class BlurProblem:
 
     def solved(self, roots: Values, noise: Noise, effort: Effort) -> SharpPicture:
         """The sharp picture on the fine grid."""
+        deviation, visible = self._deviations(noise)
+        deblurrings = self.coarse_deblurring if effort.coarse_rounds else None, self.deblurring
+        return solve(deblurrings, self.widening, roots, deviation, visible, effort)
+
+    def fitted(self, roots: Values, noise: Noise, effort: Effort) -> SharpPicture:
+        """Return a weakly regularised sharp image on the pixel grid, for tests of the blur itself."""
+        return fit(self.coarse_deblurring, self.widening, roots, *self._deviations(noise), effort)
+
+    def _deviations(self, noise: Noise) -> tuple[Values, Values]:
+        """Return the deviation (h, w) of the roots, errors of the blur included, and its visible part."""
         deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
-        visible = noise.visible_share * deviation
-        deblurrings = self.coarse_deblurring if effort.coarse_rounds else None, self.deblurring
-        return solve(deblurrings, self.widening, roots, deviation, visible, effort)
+        return deviation, np.asarray(noise.visible_share * deviation, np.float32)
 
     def left_over(self, roots: Values, sharp: SharpPicture) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
+from .blur_limit import BlurLimit
 from .blur_problem import BlurProblem
 from .deconvolution import Effort
 from .noise import Noise
@@ -48,6 +49,8 @@ class BlurScale:
         self._known = known
         self._half = max(LEAST_STRIP_PX, round(STRIP * max(known.offsets.shape[:2])))
         self._strips = _strips(known, self._half)
+        edges = [np.abs(known.offsets[strip]).min(axis=2) < self._half - EDGE_PX for strip in self._strips]
+        self._limit = BlurLimit(known, self._strips, edges)
         self._prepared: dict[float, list[BlurProblem]] = {}
 
     def shown_share(self, roots: Values, noise: Noise) -> float:
@@ -66,6 +69,11 @@ class BlurScale:
         picture full of texture that hides it, 0.85.
         """
         noise = noise.at_least(LEAST_NOISE)
+        limit = self._limit.share(roots, noise)
+        return min(limit, self._bent_share(roots, noise)) if limit > 0 else 0.0
+
+    def _bent_share(self, roots: Values, noise: Noise) -> float:
+        """Return the share at which the residual of the regularised image bends."""
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         share = 1.0
         while share > LEAST_SHARE:

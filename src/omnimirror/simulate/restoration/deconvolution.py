@@ -32,6 +32,7 @@ Values = NDArray[np.float32]
 # Tuned on the scenes of `benchmarks/restoration_gain.py --tuning` (room, street, clouds of noise), and but for what is
 # brightest, which lamps among leaves and windows of a photograph chose, on no others.
 REGULARITY = 1.5  # the weight over the noise, where there is neither blur nor texture
+FIT_REGULARITY = 0.5  # of :func:`fit`: what remains is then what the blur cannot explain, not what variation costs
 BLUR_PX = 0.7  # widening of pixels that halves it
 TEXTURE = 2.0  # differences that halve it, over the noise
 
@@ -100,12 +101,27 @@ def _least(tiles: Whole, values: Values) -> Values:
 
 
 def _begun(coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort) -> Values:
-    """Roots (h, w, channels) of the light of the sharp picture as far as the grid of the pixels takes it."""
+    """Return the roots (h, w, channels) of the light of the sharp image as far as the pixel grid allows."""
+    return np.sqrt(_improved(coarse, costs, roots, visible, effort).light())
+
+
+def _improved(coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort) -> SharpPicture:
     sharp = coarse.start(roots, roots)
     steps = np.full(len(coarse.tiles), effort.steps, np.int32)
     for n in range(effort.coarse_rounds):
         sharp.improve(costs * (_plain(sharp, visible) if n else UNJUDGED), steps)
-    return np.sqrt(sharp.light())
+    return sharp
+
+
+def fit(
+    coarse: Deblurring, widening_px: Values, roots: Values, noise: Values, visible: Values, effort: Effort
+) -> SharpPicture:
+    """Return a weakly regularised sharp image on the pixel grid, which explains whatever the blur can explain.
+
+    Parameters as for :func:`solve`.
+    """
+    costs = (FIT_REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32)
+    return _improved(coarse, costs, roots, visible, effort)
 
 
 def texture_of(sharp: SharpPicture, noise: Values) -> Values:

@@ -59,7 +59,14 @@ class RoundBlur:
         return replace(self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius))))
 
 
-def round_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: ToldBlur | None = None) -> RoundBlur:
+def round_blur_of(
+    camera: Camera,
+    object_distance_mm: float = np.inf,
+    told: ToldBlur | None = None,
+    *,
+    f_number: float | None = None,
+    focus_mm: float | None = None,
+) -> RoundBlur:
     """The blur of a camera's pictures.
 
     Parameters
@@ -71,6 +78,8 @@ def round_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: Told
     told
         Blur diameters in px: one number, a pair (tangential, sagittal), a table (n, 3) of radius, tangential and
         sagittal, or a function of radii (n,) that returns both.
+    f_number, focus_mm
+        Of the exposure, where they differ from the sensor's. They reduce its blur, and never increase it.
 
     Raises
     ------
@@ -80,9 +89,19 @@ def round_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: Told
     if isinstance(camera, Sensor):
         offsets = offsets_from_axis(camera)
         if told is None:
-            return RoundBlur(
-                offsets, whole_radius_px(camera), lambda radius: blur_sizes(camera, radius, object_distance_mm)
-            )
+            share = 1.0 if f_number is None else min(1.0, camera.lens.stop_number / f_number)
+
+            def sizes(radius: Array) -> BlurSize:
+                found = blur_sizes(camera, radius, object_distance_mm)
+                if focus_mm is not None:
+                    # focusing changes the scale of the image: compared at the same share of the rim's radius
+                    focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
+                    scale = focused.rim_radius_px / camera.rim_radius_px
+                    other = blur_sizes(focused, scale * radius, object_distance_mm)
+                    found = BlurSize(*(np.minimum(*pair) for pair in zip(found, other, strict=True)))
+                return BlurSize(*(share * size for size in found))
+
+            return RoundBlur(offsets, whole_radius_px(camera), sizes)
         return _told(offsets, camera.rim_radius_px, told)
     if told is None:
         raise InvalidParameter(

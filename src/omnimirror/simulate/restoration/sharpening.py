@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,32 @@ from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
-from .blur_scale import BlurScale
+from .blur_scale import LEAST_NOISE, UNSEEN_SHARE, BlurScale
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
+from .overshoot import MAX_OVERSHOOT, MAX_OVERSHOOT_UNCODED, overshoot
 from .round_blur import RoundBlur, ToldBlur, round_blur_of
 
 Values = NDArray[np.float32]
 Picture = NDArray[Any]
+
+
+class Decision(NamedTuple):
+    """How much of the known blur is removed from an image, and why not all of it."""
+
+    share: float
+    """0 to 1; at 0 the image stays as it is."""
+    reason: str = ""
+    """Empty where all of the blur is removed."""
+
+
+SHARPENED = "its edges overshoot, as those of sharpened images do"
+FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
+MAX_SHARE_OF_CODED = 0.5  # where edges do not show whether a coded image was sharpened
+SMALL = "with little noise, errors of a blur this small would be sharpened"
+MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # of blur below this diameter everywhere
+SHARPER = "it is sharper than that blur"
+UNSEEN = "it does not show how much blur it has"
+NO_MORE = "it shows no more blur"
 
 
 @checked
@@ -56,8 +76,9 @@ def restore(
     -------
     (h, w), (h, w, 3) or (h, w, 4) array
         Of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it is the
-        picture given. Where the picture shows less blur than is known or told, so much is taken out of it, and 0.85
-        where it shows too little to say.
+        image given. Where the image contains less blur than is known or given, only that is removed, and 0.85 of the
+        known blur where the image does not show how much it has. Sharpened images, and images far sharper than the
+        known blur, are returned unchanged.
 
     Raises
     ------
@@ -94,14 +115,20 @@ class Restorer:
     camera: Camera
     object_distance_mm: float = np.inf
     told: ToldBlur | None = None
+    f_number: float | None = None
+    """Of the exposure, where it differs from that of the sensor: a smaller aperture blurs less."""
+    focus_distance_mm: float | None = None
+    """Of the exposure; the blur is then the smaller of that at this focus and that at the sensor's."""
 
     def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
-        """As :func:`restore`; ``share`` of the blur is taken out, by default what the picture shows."""
+        """As :func:`restore`; ``share`` of the blur is removed, by default that of :meth:`decide`."""
         found = self._noise_of(image, noise)
+        if share is None:
+            share = self.decide(image, found).share
+        if share == 0:
+            return image.copy()
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         light = _light(colours)
-        if share is None:
-            share = self._scale.shown_share(np.sqrt(light), found)
         problem = self._problem(share)
         sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
         mixing = problem.share[..., None]
@@ -120,16 +147,43 @@ class Restorer:
         self._check(image)
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
-    def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
-        """The share of the known blur that a picture shows: 1 unless it is sharper than that, or shows too little."""
+    def decide(self, image: Picture, noise: float | Noise | None = None) -> Decision:
+        """Return how much of the known blur an image contains, as far as it shows.
+
+        The image stays as it is where its edges overshoot, or where it is sharper than a quarter of the known blur.
+        """
         found = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
-        return self._scale.shown_share(np.sqrt(_light(colours)), found)
+        light = _light(colours)
+        grey = srgb_from_linear(light.mean(axis=2))
+        visible = 0.0 if found.kind == "JPEG" else found.share
+        inside = self.radius < self.known.whole_radius_px
+        beyond = overshoot(np.asarray(grey, np.float32), inside, visible)
+        if beyond > (MAX_OVERSHOOT if found.kind == "JPEG" else MAX_OVERSHOOT_UNCODED):
+            return Decision(0.0, SHARPENED)
+        share = self._scale.shown_share(np.sqrt(light), found)
+        if share == 0:
+            return Decision(0.0, SHARPER)
+        if found.kind == "JPEG" and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
+            return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
+        if found.share < LEAST_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
+            return Decision(MAX_SHARE_OF_SMALL, SMALL)
+        return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
+
+    @cached_property
+    def _is_small(self) -> bool:
+        return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
+
+    def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
+        """Return the share of the known blur that is removed from an image."""
+        return self.decide(image, noise).share
 
     @cached_property
     def known(self) -> RoundBlur:
         """What is known of the blur."""
-        return round_blur_of(self.camera, self.object_distance_mm, self.told)
+        return round_blur_of(
+            self.camera, self.object_distance_mm, self.told, f_number=self.f_number, focus_mm=self.focus_distance_mm
+        )
 
     @cached_property
     def _scale(self) -> BlurScale:
