@@ -1,4 +1,4 @@
-"""The pictures of docs/interoperability.md: what programs make of the files that are handed to them, beside ours.
+"""Create the images of docs/interoperability.md: results of other programs next to ours.
 
 python docs/images/interop.py --blender .venv/blender/bin/python --newton .venv/newton/bin/python
 python docs/images/interop.py --only vlc
@@ -112,7 +112,7 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     view = om.views.sphere(sensor, (width, None))
-    (told,) = camera_rig(sensor, size=width, is_panorama=True)
+    (told,) = camera_rig(sensor, size=width, panorama=True)
     columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
     rendered = colours(first_hits(told.position_mm, view.targets_at(columns, rows)))
     with tempfile.TemporaryDirectory() as folder:

@@ -106,7 +106,7 @@ class LiveView:
 
     @property
     def is_active(self) -> bool:
-        """Whether any output needs frames."""
+        """True if any output needs frames."""
         return any(output.is_active for output in self._all_outputs())
 
     def steer(self, **changes: Any) -> Plane:

@@ -151,7 +151,7 @@ class StreamOutput:
 
     @property
     def is_active(self) -> bool:
-        """Whether frames are needed."""
+        """True if frames are needed."""
         return self.clients > 0
 
     @contextmanager
@@ -255,7 +255,7 @@ class TransportOutput(StreamOutput):
 
     @property
     def is_active(self) -> bool:
-        """Whether clients are connected or have requested a playlist recently."""
+        """True if clients are connected or have requested a playlist recently."""
         if self.clients > 0:
             return True
         return self._loop is not None and self._loop.time() < self._hls_until

@@ -92,7 +92,7 @@ class HttpConnection(H11Protocol):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no complete request head has been received."""
+        """True until a complete request head has been received."""
         return self.conn.their_state is h11.IDLE
 
     @property
@@ -131,7 +131,7 @@ class WebSocketConnection(WebSocketsSansIOProtocol):
 
     @property
     def is_idle(self) -> bool:
-        """Whether there has been no message, or none recently."""
+        """True if there has been no message, or none recently."""
         return self._is_new or self.loop.time() - self.idle_since > REQUEST_TIMEOUT_S
 
     def send_receive_event_to_app(self) -> None:

@@ -81,7 +81,7 @@ class MessageImage(NamedTuple):
 
     @property
     def is_compressed(self) -> bool:
-        """Whether the message was a CompressedImage."""
+        """True if the message was a CompressedImage."""
         return self.encoding.startswith(".")
 
 
