@@ -17,7 +17,7 @@ from tests.commands import omnimirror
 from .clouds import on
 
 
-def test_slopes_are_orthogonal_over_the_aperture():
+def test_qbfs_slopes_are_orthogonal():
     """The property that defines them: the mean over psi, u = sin(psi), by a rule that is exact for such sums."""
     psi = (np.arange(400) + 0.5) / 400 * np.pi / 2
     h = 1e-5
@@ -25,7 +25,7 @@ def test_slopes_are_orthogonal_over_the_aperture():
     np.testing.assert_allclose(slopes.T @ slopes / 400, np.eye(10), atol=1e-6)
 
 
-def test_the_first_polynomials_are_those_that_forbes_prints():
+def test_first_polynomials_match_the_publication():
     x = np.linspace(0.1, 0.9, 9)
     u, front = np.sqrt(x), x * (1 - x)
     printed = [
@@ -37,7 +37,7 @@ def test_the_first_polynomials_are_those_that_forbes_prints():
     np.testing.assert_allclose(qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12)
 
 
-def test_a_sphere_has_no_terms_and_known_terms_come_back():
+def test_known_terms_are_recovered():
     ball = forbes_asphere(Sphere(50.0, 40.0))
     assert ball.radius_mm == pytest.approx(50.0, rel=1e-12)
     assert np.abs(ball.um).max() < 1e-6
@@ -50,7 +50,7 @@ def test_a_sphere_has_no_terms_and_known_terms_come_back():
 
 
 @pytest.mark.parametrize("mirror", [Cone(30.0, 20.0), Sphere(50.0, 49.99999)])
-def test_what_is_no_such_asphere_is_refused(mirror):
+def test_unsupported_mirror_is_rejected(mirror):
     if mirror.is_pointed:
         with pytest.raises(InvalidParameter, match="pointed apex"):
             forbes_asphere(mirror)
@@ -58,7 +58,7 @@ def test_what_is_no_such_asphere_is_refused(mirror):
         assert forbes_asphere(mirror).radius_mm == pytest.approx(50.0)
 
 
-def test_the_command_tells_it(tmp_path):
+def test_command_prints_the_asphere(tmp_path):
     """Of an error about the axis: the sag of its asphere is that of the mirror with the error."""
     mirror = om.load_sensor("paper-spherical").mirror
     np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")

@@ -61,7 +61,7 @@ def required(sensor, names, values, **field):
 
 
 @pytest.mark.parametrize("kind", few([*SENSORS, *OTHERS], *SENSORS, "telecentric"))
-def test_without_errors_limits_are_those_of_designs(kind):
+def test_nominal_values_match_the_design_evaluation(kind):
     """The same numbers that ``om.judge`` compares, at the same field angles."""
     sensor = OTHERS[kind] if kind in OTHERS else om.load_sensor(kind)
     names = list(names_of_all(sensor))
@@ -76,7 +76,7 @@ def test_without_errors_limits_are_those_of_designs(kind):
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-def test_the_resolution_of_a_sensor_with_errors_is_that_of_its_file(kind):
+def test_resolution_matches_the_perturbed_sensor(kind):
     sensor = om.load_sensor(kind)
     built, field, step = perturbed(sensor, OUT_OF_PLACE), field_of(sensor), 1e-3
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
@@ -90,7 +90,7 @@ def test_the_resolution_of_a_sensor_with_errors_is_that_of_its_file(kind):
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-def test_viewpoints_are_of_the_rays_of_the_sensor_from_its_file(kind):
+def test_viewpoints_match_the_perturbed_sensor(kind):
     sensor = om.load_sensor(kind)
     built, field = perturbed(sensor, OUT_OF_PLACE), field_of(sensor)
     pixels = built.project_directions(field.targets @ sensor._axes.T).pixels
@@ -111,7 +111,7 @@ def test_viewpoints_are_of_the_rays_of_the_sensor_from_its_file(kind):
         assert heights[distance.argmin()] == pytest.approx(view.values.viewpoint_z[0, k], abs=2e-3)
 
 
-def test_one_viewpoint_stays_one_where_lens_and_mirror_keep_their_places():
+def test_single_viewpoint_is_preserved():
     found = required(
         om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm", "viewpoint_shift_mm"), MIN_MOTION_PX
     )
@@ -122,7 +122,7 @@ def test_one_viewpoint_stays_one_where_lens_and_mirror_keep_their_places():
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-def test_rims_by_their_points_and_by_where_rays_begin_to_miss_the_mirror(kind):
+def test_vectorised_and_sequential_rims_agree(kind):
     sensor = om.load_sensor(kind)
     values = columns(OUT_OF_PLACE | {"imager.shift_x_px": 8.0})
     _, vergence = vectorised_views(field_of(sensor), values, "none")
@@ -134,7 +134,7 @@ def test_rims_by_their_points_and_by_where_rays_begin_to_miss_the_mirror(kind):
 
 
 @pytest.mark.parametrize("kind", ["paper-spherical", "paper-hyperboloidal"])
-def test_sensors_asked_one_by_one_say_what_those_asked_together_do(kind):
+def test_vectorised_and_sequential_views_agree(kind):
     sensor = om.load_sensor(kind)
     field, values = field_of(sensor, angles=3, azimuths=5), columns(OUT_OF_PLACE)
     (view, _), (again, _) = vectorised_views(field, values, "none"), sequential_views(field, values, "none")
@@ -147,7 +147,7 @@ def test_sensors_asked_one_by_one_say_what_those_asked_together_do(kind):
 
 
 @pytest.mark.parametrize("kind", SENSORS)
-def test_lines_are_as_crooked_as_those_that_are_straightened_by_the_sensor_that_was_meant(kind):
+def test_straightness_matches_back_projection(kind):
     """Points of great circles shown by the sensor from its file, looked back at by the one without errors."""
     sensor = om.load_sensor(kind)
     values = {name: 0.1 * value for name, value in OUT_OF_PLACE.items()}
@@ -165,7 +165,7 @@ def test_lines_are_as_crooked_as_those_that_are_straightened_by_the_sensor_that_
     assert found > 1e-3
 
 
-def test_a_decentred_sphere_shows_straight_lines_once_it_is_calibrated():
+def test_calibration_restores_straight_lines():
     names = ("straightness_deg", "straightness_deg after pose")
     found = required(SPH, names, columns({"mirror.decentre_x_mm": 0.2}))
     assert found["straightness_deg"] > 0.1
@@ -173,7 +173,7 @@ def test_a_decentred_sphere_shows_straight_lines_once_it_is_calibrated():
 
 
 @pytest.mark.parametrize("error", ["mirror.decentre_x_mm", "mirror.zernike_5_um", "lens.k1"])
-def test_derivatives_are_those_of_small_errors(error):
+def test_derivatives_match_small_errors(error):
     names = (
         "total_blur_px",
         "min resolution_px_per_deg",
@@ -196,14 +196,14 @@ def test_derivatives_are_those_of_small_errors(error):
         np.testing.assert_allclose(values, expected, atol=0.02 * change, err_msg=name)
 
 
-def test_what_stands_around_the_mirror_hides_as_the_sensor_says():
+def test_obscurations_match_the_sensor():
     sensor = replace(SPH, housing=Housing(rod=Rod(4.0)))
     values = columns({"mirror.displacement_mm": 1.0})
     found = required(sensor, ("hidden_percent",), values)["hidden_percent"]
     assert found == pytest.approx(perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().hidden_percent)
 
 
-def test_yields_of_limits_of_requirements():
+def test_yield_of_a_resolution_limit():
     """A resolution that grows with the focal length alone: the yield is a share of a uniform law."""
     nominal = required(SPH, ("min resolution_px_per_deg",), MIN_MOTION_PX)["min resolution_px_per_deg"]
     tolerances = om.Tolerances(SPH, {"lens.focal_length_mm": om.Tolerance(0.1)})
@@ -218,7 +218,7 @@ def test_yields_of_limits_of_requirements():
     assert low < nominal < found.statistics.quantile("min resolution_px_per_deg", 0.05)
 
 
-def test_what_hardly_varies_is_told_as_finely_as_it_varies():
+def test_quantiles_of_nearly_constant_merits():
     """The end of the field moves by a hundredth of a degree for a hundredth of a degree of tilt, of 135."""
     tolerances = om.Tolerances(SPH, {"mirror.tilt_x_deg": om.Tolerance(0.005)})
     limits = {"min field_to_deg": 134.99}
@@ -249,7 +249,7 @@ FILE = '[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n[[limit]]\n'
         ('quantity = "field_to_deg"\nat_least = 130', {"min field_to_deg": 130.0}),
     ],
 )
-def test_files_say_limits_as_requirements_do(table, limits):
+def test_limits_have_the_format_of_requirement_files(table, limits):
     assert parse_tolerances(FILE + table, SPH).limits == limits
 
 
@@ -267,17 +267,17 @@ def test_files_say_limits_as_requirements_do(table, limits):
         ('quantity = "nonsense"\nat_most = 1', "'nonsense' is not a merit of trials"),
     ],
 )
-def test_limits_that_are_none_are_refused(table, words):
+def test_invalid_limits_are_rejected(table, words):
     with pytest.raises(SpecError, match=re.escape(words)):
         parse_tolerances(FILE + table, SPH)
 
 
-def test_a_part_of_the_field_that_is_not_judged_is_refused():
+def test_range_outside_the_field_is_rejected():
     with pytest.raises(InvalidParameter, match="must overlap the evaluated field, 0 to 131 deg"):
         TrialEvaluator.of(SPH, "none", ("total_blur_px, 133 to 134 deg",))
 
 
-def test_names_are_read_as_they_are_written():
+def test_merit_names_round_trip():
     for name in names_of_all(SPH):
         assert named(name).text == name
         assert named(name).quantity in QUANTITIES
