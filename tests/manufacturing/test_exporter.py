@@ -1,4 +1,4 @@
-"""Export as a whole, from Python and from the command line."""
+"""Export from Python and from the command line."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_all_sensors_export_to_all_formats(name, kind, tmp_path):
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_default_bodies_do_not_change_the_sensor(name):
-    """Bodies by the sensor's own rims change nothing of it."""
+    """Bodies from the rims of the housing do not change the evaluated sensor."""
     sensor = SENSORS[name]
     assert sensor_changes(sensor, with_housing(parts_of(sensor))) == []
 
@@ -158,7 +158,7 @@ def test_missing_package_message(tmp_path, monkeypatch):
 
 @pytest.mark.full
 def test_core_formats_import_no_optional_package():
-    """The core alone writes lens files, tables and drawings."""
+    """Lens files, tables and drawings require only core packages."""
     code = (
         "import sys, tempfile, omnimirror as om\n"
         "with tempfile.TemporaryDirectory() as folder:\n"
@@ -255,7 +255,9 @@ def test_all_formats_are_documented():
 
 
 def test_inaccurate_lens_file_prints_a_warning(tmp_path):
-    """A free form whose slope waves faster than sixteen terms can: the angle is that between the reflected rays."""
+    """A freeform profile exceeds sixteen terms; the reported angle is that between the reflected
+    rays.
+    """
     sphere = om.load_sensor("paper-spherical")
     x = np.linspace(0, sphere.mirror.rim_radius_mm, 41)
     slopes = sphere.mirror.slope(x) * (1 + 2e-3 * np.sin(x))

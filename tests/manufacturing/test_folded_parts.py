@@ -1,4 +1,4 @@
-"""Exports of folded sensors: both mirrors, the way of light through the lens file, and what the drawing counts."""
+"""Export of folded sensors: both mirrors, lens files, and values on the drawing."""
 
 from __future__ import annotations
 
@@ -58,7 +58,9 @@ def test_single_file_export_writes_both_mirrors(tmp_path):
 
 @pytest.mark.parametrize("name", ["folded-spherical", "folded-hyperboloidal"])
 def test_counterbore_clears_lens_and_rays(name):
-    """Chief rays from the second mirror to the lens, and a lens of its size, pass the solid; and wall is left."""
+    """Chief rays from the secondary mirror and the lens clear the body, and the minimum wall
+    remains.
+    """
     sensor = om.load_sensor(name)
     body, mirror = parts_of(sensor)[0].body, sensor.mirror
     corners = body.outline(mirror)
@@ -89,7 +91,7 @@ def test_plane_mirror_section_has_no_zero_dimension(tmp_path):
 
 @pytest.mark.parametrize("kind", sorted(SENSORS))
 def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
-    """From each field point by reflection in the surfaces as they stand in the file, in the file's own frame."""
+    """Trace from each field point by reflection at the surfaces of the file."""
     sensor = SENSORS[kind]
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -115,7 +117,7 @@ def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", ["concave", "two-hyperboloids"])
 def test_table_field_angles_match_pixel_rays(kind):
-    """A point of the secondary under its viewing angle in the picture, against the pixel's own ray."""
+    """Compare points of the secondary with the ray of the pixel at the same viewing angle."""
     sensor = SENSORS[kind]
     x = np.linspace(0.0, sensor.secondary.mirror.rim_radius_mm, 23)
     table = sag_table(sensor, x, secondary=True)
@@ -131,9 +133,9 @@ def test_table_field_angles_match_pixel_rays(kind):
 
 
 def test_fold_displacement_counts_twice():
-    """Against the unfolded sensor: the lens and the mirror change the way once, the fold by both legs.
+    """Compare with the unfolded sensor: lens and mirror change one path, the fold both.
 
-    The worst angle of either table is the last of its own steps, short of the rim.
+    The field angle of the maximum is the last of the steps before the rim.
     """
     alone = {s.name: s.px_per_unit for s in image_shifts(UNFOLDED)}["mirror distance"]
     folded = {s.name: s.px_per_unit for s in image_shifts(FOLDED)}

@@ -1,4 +1,4 @@
-"""What the drawing says is hidden, against rays marched point by point; what errors do, against other formulas."""
+"""Obscurations on drawings against rays traced point by point; image shifts against other formulas."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPH = om.load_sensor("paper-spherical")
 
 
 def drawn(sensor, housing, body=None):
-    """The sensor as its drawing shows it."""
+    """Return the sensor as drawn."""
     return with_housing(parts_of(sensor, body), housing)
 
 
@@ -39,7 +39,9 @@ def percent(sensor):
 
 
 def marched(sensor, solid, count=1500):
-    """Hidden field angles (deg) and share of the picture (%): both legs of each chief ray in steps of 0.05 mm."""
+    """Return obscured field angles (deg) and image fraction (%) by marching chief rays in steps of
+    0.05 mm.
+    """
     x = np.linspace(1e-6, sensor.mirror.rim_radius_mm, count)
     rays = sensor.meridian.trace(x)
     lens = lens_height(sensor)
@@ -159,7 +161,7 @@ def test_invalid_support_is_rejected(part, entries, sentence):
 
 
 def test_transmission_at_brewsters_angle():
-    """There only the other one is reflected, by the square of (n^2 - 1)/(n^2 + 1)."""
+    """Only one polarisation is reflected, by the square of (n^2 - 1)/(n^2 + 1)."""
     n = 1.5
     brewster = 90.0 - np.degrees(np.arctan(n))
     r = ((n**2 - 1) / (n**2 + 1)) ** 2
@@ -169,7 +171,9 @@ def test_transmission_at_brewsters_angle():
 
 
 def test_sheet_states_shift_and_transmission():
-    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named material."""
+    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named
+    material.
+    """
     sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
     *_, (word, shift, passed) = hidden_rows(sensor)
     i = np.radians(45.0)
@@ -221,7 +225,7 @@ BEFORE_WINDOW = om.Sensor(
 
 @pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)
 def test_shift_behind_a_cover_matches_a_perturbed_sensor(sensor):
-    """At field angles outside the cover, by the meridian of a mirror that stands elsewhere in the same cover."""
+    """At field angles outside the cover, by the meridian of a displaced mirror in the same cover."""
     step = 0.01
     low, high = sensor.field_deg
     omega = np.radians(np.linspace(low + 0.02 * (high - low), high - 0.02 * (high - low), 301))
@@ -246,7 +250,7 @@ def test_slope_error_doubles_in_reflection():
 
 
 def test_sphere_tilt_is_equivalent_to_decentre():
-    """By R times the angle across the axis, and nothing else to first order."""
+    """A tilt moves the centre by R times the angle, to first order."""
     errors = found(SPH)
     moved = SPH.mirror.radius_mm * np.radians(1.0)
     assert errors["mirror tilt"].px_per_unit == pytest.approx(moved * errors["mirror decentre"].px_per_unit, rel=1e-3)
@@ -270,7 +274,7 @@ def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
     ("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)]
 )
 def test_decentre_and_tilt_match_skew_rays(name, error, field, step):
-    """Over all azimuths: so the meridian is where they move it most."""
+    """The meridian is the azimuth of maximum effect."""
     sensor = om.load_sensor(name)
     omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
     azimuth = np.radians(np.arange(0, 181, 15))

@@ -1,4 +1,4 @@
-"""The workshop file: what it says comes onto the sheets, what is wrong is said in a sentence."""
+"""Workshop files: entries on the sheets, and messages for invalid entries."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BODIES = {
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("kind", ["hyperboloid", "cone", "slope-spline"])
 def test_volume_matches_integration_by_shells(kind, body):
-    """Added up ring by ring, by an integrator that knows no outline."""
+    """Integrate ring by ring, independent of the outline."""
     mirror, _ = MIRRORS[kind]
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
     shells = quad(
@@ -181,7 +181,7 @@ def test_consistent_tolerances_have_no_conflict(making, tolerances):
 
 
 def test_radius_error_zone_matches_brute_force():
-    """Along the normal of the nominal sphere, in steps of a brute search for the shift along the axis."""
+    """Search the axial shift in steps, with distances along the nominal normal."""
     told = {"mirror.vertex_radius_mm": 0.05}
     (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told))
     r, R = np.linspace(0, 43.905, 2001), 49.9582

@@ -1,4 +1,4 @@
-"""The drawing: true to scale on paper, every number the sensor's, nothing on top of anything else."""
+"""Drawings: true scale on paper, values of the sensor, and labels without overlap."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ TAPPED = Body(thread="M6", bore_depth_mm=12.0)
 
 
 def pdf_streams(data):
-    """What a PDF file draws, page by page, as text."""
+    """Return the drawing commands of a PDF file, page by page."""
     for start in re.finditer(rb"/FlateDecode >>\s*stream\r?\n", data):
         yield zlib.decompressobj().decompress(data[start.end() :]).decode("latin-1")
 
 
 def pdf_paths(data):
-    """Size of the page and all polylines (n, 2) of a PDF file, in points."""
+    """Return page size and polylines (n, 2) of a PDF file, in points."""
     box = [float(v) for v in re.search(rb"/MediaBox \[ ?([\d. ]+)\]", data)[1].split()]
     paths = []
     for text in pdf_streams(data):
@@ -72,7 +72,7 @@ def test_paper_lengths_match_the_scale(name, size, scale):
 
 
 def test_drawn_rays_have_their_field_angles():
-    """Chief rays of the view from the world to the mirror, measured on the paper."""
+    """Measure the object-side chief rays of the sensor view on paper."""
     _, paths = pdf_paths(draw_sheets(om.load_sensor("paper-spherical")).render("pdf"))
     inner = [p for p in paths if len(p) == 4]  # world, mirror, lens, imager
     found = set()
@@ -84,7 +84,7 @@ def test_drawn_rays_have_their_field_angles():
 
 
 def texts(figure):
-    """Every text with its box (x0, y0, x1, y1) in mm."""
+    """Return every text with its box (x0, y0, x1, y1) in mm."""
     figure.dpi = 300  # hinting widens small letters
     canvas = FigureCanvasAgg(figure)
     renderer = canvas.get_renderer()
@@ -94,13 +94,13 @@ def texts(figure):
 
 
 def segments(figure):
-    """Ends (n, 2, 2) in mm of all that lines of a sheet are made of."""
+    """Return the end points (n, 2, 2) in mm of all line segments of a sheet."""
     lines = [np.stack([line.get_xdata(), line.get_ydata()], axis=-1) for line in figure.axes[0].lines]
     return np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
 
 
 def crosses(segments, box):
-    """Which segments (n, 2, 2) run through the inside of a box (x0, y0, x1, y1)."""
+    """Return which segments (n, 2, 2) cross the interior of a box (x0, y0, x1, y1)."""
     low, high = box[:2], box[2:]
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -167,7 +167,7 @@ SIMILAR_CASES = [
     ids=[f"{c[0].name[:30]}-{c[3]}-{i}" for i, c in enumerate([*CASES, *SIMILAR_CASES])],
 )
 def test_labels_do_not_overlap_and_are_inside_the_frame(case):
-    """Of every sheet: no words touch others, no line runs through them, none is smaller than ISO 3098 has them."""
+    """No label overlaps another one or a line, and all conform to ISO 3098."""
     sensor, body, housing, size = case
     width, height = SHEETS[size]
     drawing = draw_sheets(sensor, body, housing, size, workshop=WORKSHOP)
@@ -187,7 +187,7 @@ def test_labels_do_not_overlap_and_are_inside_the_frame(case):
 
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
 def test_letter_heights_conform_to_iso_3098(size):
-    """Sizes of fonts in the files: capitals of DejaVu Sans are .729 of them high."""
+    """Check font sizes in the files; capitals of DejaVu Sans have 0.729 of the font size."""
     drawing = draw_sheets(om.load_sensor("folded-hyperboloidal"), sheet=size, workshop=WORKSHOP)
     for sheet in range(3):
         svg = drawing.render("svg", sheet).decode()
@@ -249,7 +249,9 @@ def test_unspecified_entries_refer_to_general_tolerances():
 
 
 def test_allocated_tolerances_are_on_the_sheets():
-    """Places as zones of ISO 1101 about the lens's axis, spacing as a dimension, shape on the mirror's own sheet."""
+    """Position as ISO 1101 zones about the lens axis, spacing as a dimension, shape on the part
+    sheet.
+    """
     sensor = om.load_sensor("paper-spherical")
     allocated = Workshop(tolerances={**WORKSHOP.tolerances, "mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4})
     drawing = draw_sheets(sensor, workshop=allocated)
@@ -317,7 +319,7 @@ def test_table_defines_all_formula_symbols(kind):
 
 
 def one_millimetre(mirror):
-    """The mirror with N = 1 mm, where it has one."""
+    """Return the mirror with N = 1 mm, if it has a normalization radius."""
     is_normalised = "normalization_radius_mm" in mirror.PARAMETERS
     return EvenPolynomial((0.012, 2e-6), 30.0) if is_normalised and mirror.KIND == "even-polynomial" else mirror
 

@@ -1,4 +1,4 @@
-"""DXF files read back and audited by ezdxf."""
+"""DXF files, read and audited by ezdxf."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.manufacturing.formats.test_step import BODIES
 
 
 def surface_points(entity):
-    """Points (n, 2) as (z, x) along a curve of the MIRROR layer, evaluated by ezdxf."""
+    """Return points (n, 2) as (z, x) along a curve of the MIRROR layer, evaluated by ezdxf."""
     match entity.dxftype():
         case "LINE":
             start, end = entity.dxf.start, entity.dxf.end
@@ -92,7 +92,7 @@ def test_layers_hatch_and_centre_line(tmp_path):
 
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
 def test_layout_matches_the_sheet(size, tmp_path):
-    """The same words at the same places as on the sheet, as large as letters have to be; lines within the paper."""
+    """Texts have the positions and heights of the sheet; lines are within the paper."""
     sensor, making = om.load_sensor("folded-hyperboloidal"), PartSpecification("brass", back_flatness_mm=0.005)
     workshop = Workshop(TitleBlock("OM-1"), mirror=making)
     parts = parts_of(sensor, Body())
@@ -125,7 +125,7 @@ def test_dimensions_include_tolerances_and_counterbore(tmp_path):
 
 
 def test_rotated_text_matches_the_sheet(tmp_path):
-    """Beside their dimension line, half way along it: by the extents that ezdxf measures of the turned letters."""
+    """Rotated texts are centred at their dimension line, by the extents that ezdxf computes."""
     from ezdxf import bbox
 
     write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("cone"), Body()))

@@ -1,4 +1,6 @@
-"""STL and 3MF files read back by trimesh: closed, outward, within the chord tolerance, of the right volume."""
+"""STL and 3MF files, read by trimesh: closed, oriented, within the tolerance, with the exact
+volume.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sag table and the best-fit sphere, against high precision and brute force."""
+"""Sag table and best-fit sphere against high-precision and brute-force computations."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_best_fit_sphere_of_a_sphere():
 
 @pytest.mark.parametrize("kind", ["hyperboloid", "ellipsoid", "cone", "equidistant", "conic-asphere"])
 def test_best_fit_sphere_is_optimal(kind):
-    """Against a simplex search in both unknowns, on points of its own."""
+    """Compare with a simplex search in both unknowns on independent points."""
     mirror, _ = MIRRORS[kind]
     x = mirror.rim_radius_mm * np.linspace(0, 1, 4001)
     z = mirror.sag(x)
@@ -130,7 +130,7 @@ def test_best_fit_sphere_is_optimal(kind):
 
 
 def test_departure_is_positive_for_material_removal():
-    """A paraboloid through the vertex of its osculating sphere lies inside it towards the rim."""
+    """A paraboloid is inside its osculating sphere at the vertex towards the rim."""
     mirror = EvenPolynomial((0.01,), 30.0)
     sphere = best_fit_sphere(mirror)
     x = np.array([5.0, 17.0, 30.0])

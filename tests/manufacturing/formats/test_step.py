@@ -1,4 +1,4 @@
-"""STEP files read back by OpenCASCADE: points of the face, the volume, and what the file says of itself."""
+"""STEP files, read by OpenCASCADE: points of the face, volume, and header."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read(path):
 
 
 def faces(shape):
-    """Each face's kind of surface and points (n, 3) of it."""
+    """Return surface type and points (n, 3) of each face."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepTools import BRepTools
     from OCP.TopAbs import TopAbs_ShapeEnum
@@ -60,7 +60,7 @@ def volume(shape):
 
 
 def exact_volume(mirror, body):
-    """By shells, the drill point as a cone."""
+    """Integrate the volume by shells, with a conical drill point."""
     back = float(mirror.sag(mirror.rim_radius_mm)) + body.thickness_mm
     start, outer = body.start_mm(), mirror.rim_radius_mm + body.flange_width_mm
     shells, _ = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), start, mirror.rim_radius_mm, epsrel=1e-11)

@@ -1,4 +1,4 @@
-"""Paths of a lathe's tool: what they cut is the mirror, by how far its points are from the lines that are driven."""
+"""Tool paths: the cut surface against the mirror, by distances of its points from the driven lines."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ NUMBER = r"(-?\d+\.\d+)"
 
 
 def driven(program: str) -> np.ndarray:
-    """X and Z (n, 2) of the straight cuts in a program, as a machine reads them."""
+    """Return X and Z (n, 2) of the cuts in a program."""
     return np.array([[float(v) for v in m] for m in re.findall(rf"^G1 X{NUMBER} Z{NUMBER}$", program, re.MULTILINE)])
 
 
 def nearest(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 2) from the nearest of the lines between ends (m, 2)."""
+    """Return distances of points (n, 2) from the nearest line between points (m, 2)."""
     from scipy.spatial import KDTree
 
     near = KDTree(ends).query(points, k=4)[1]
@@ -135,7 +135,9 @@ def test_point_list_contains_contacts_and_diameter_option_doubles_x():
 @pytest.mark.parametrize("mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"])
 @pytest.mark.parametrize("x_is_diameter", [False, True])
 def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
-    """Along the tangent at the rim, over which a hollow's program must rise first; X may count as a diameter."""
+    """The approach is tangential at the rim; concave mirrors require a higher retraction; X may be
+    a diameter.
+    """
     path = tool_path(mirror, Tool(1.0, x_is_diameter=x_is_diameter))
     lines = format_gcode(path, "a (ball); 50% µ\n").splitlines()
     assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"

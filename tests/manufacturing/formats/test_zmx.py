@@ -1,4 +1,4 @@
-"""OpticStudio files read by a reader of their own: the sag by mpmath, the chief rays by reflection."""
+"""OpticStudio files with an independent reader: sag by mpmath, chief rays by reflection."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.manufacturing.test_housing import IN_DOME, IN_WATER
 
 
 def parse_zmx(path):
-    """System lines and surfaces of a .zmx file, as a program that knows the format finds them."""
+    """Parse system lines and surfaces of a .zmx file."""
     system, surfaces = {}, []
     for line in path.read_text(encoding="utf-16").splitlines():
         key, *values = line.split()
@@ -39,9 +39,9 @@ def parse_zmx(path):
 
 
 def sag_of(surface):
-    """The textbook formula of an even or odd asphere, in 30 digits.
+    """Evaluate the textbook formula of an even or odd asphere with 30 digits.
 
-    The extended ones have the number of terms, the normalization radius and the terms in their extra data.
+    Extended aspheres have number of terms, normalization radius and terms in the extra data.
     """
     c, k = mp.mpf(surface["CURV"][0]), mp.mpf(surface["CONI"][0])
     step, extended = {
@@ -90,7 +90,7 @@ def test_surface_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_chief_rays_have_the_listed_field_angles(kind, tmp_path):
-    """From each field point through the middle of the stop, reflected at the surface as the file has it."""
+    """Trace from each field point through the centre of the stop to the reflection at the surface."""
     sensor = sensor_of(kind)
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -110,7 +110,7 @@ def test_chief_rays_have_the_listed_field_angles(kind, tmp_path):
 
 
 def test_convex_mirror_has_positive_radius(tmp_path):
-    """Light travels along +z from the lens, and the centre of curvature lies beyond the vertex."""
+    """Light travels along +z from the lens, and the centre of curvature is beyond the vertex."""
     write_zmx(tmp_path / "s.zmx", sensor_of("sphere"))
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
     assert 1 / float(surfaces[2]["CURV"][0]) == pytest.approx(49.9582)
@@ -142,7 +142,7 @@ def test_missing_lens_distortion_is_noted(tmp_path):
 
 
 def test_focus_matches_the_sensor(tmp_path):
-    """The imager is where the lens makes a sharp image of its focus distance: 1/f = 1/b0 + 1/L0."""
+    """The imager is in focus: 1/f = 1/b0 + 1/L0."""
     sensor = sensor_of("sphere")
     write_zmx(tmp_path / "s.zmx", sensor)
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -173,7 +173,7 @@ def test_insufficient_terms_select_an_extended_asphere(kind, tmp_path):
 
 
 def test_wide_ground_plane_mapping_is_accurate():
-    """A plan of the ground to 80 degrees bends harder than any mirror above."""
+    """A ground-plane mapping up to 80 deg has the largest curvature of all mirrors."""
     form = fit_asphere(Rectifying(80.0, 12.0, 43.9))
     assert form.ray_deg < 0.005
 
@@ -205,7 +205,7 @@ def read_grid(text):
 
 
 def bicubic(x, y, table, px, py):
-    """The bicubic Hermite patch of the cell that holds each point."""
+    """Evaluate the bicubic Hermite patch of the cell of each point."""
     i = np.clip(np.searchsorted(x, px) - 1, 0, len(x) - 2)
     j = np.clip(np.searchsorted(-y, -py) - 1, 0, len(y) - 2)
     hx, hy = x[1] - x[0], y[1] - y[0]
@@ -244,7 +244,7 @@ def test_grid_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
 
 
 def test_grid_derivatives_match_differences():
-    """Against central differences of the heights at neighbouring points."""
+    """Compare with central differences of neighbouring heights."""
     mirror, _ = MIRRORS["hyperboloid"]
     x, y, table = read_grid(format_grid_sag(mirror, 257))
     h = x[1] - x[0]

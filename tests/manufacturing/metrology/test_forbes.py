@@ -1,4 +1,4 @@
-"""Aspheres of Forbes: orthogonal slopes, closed forms, and mirrors that are fitted by them."""
+"""Forbes aspheres: orthogonal slopes, closed forms, and fits of mirrors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .clouds import on
 
 
 def test_qbfs_slopes_are_orthogonal():
-    """The property that defines them: the mean over psi, u = sin(psi), by a rule that is exact for such sums."""
+    """Integrate over psi, u = sin(psi), by a quadrature that is exact for these sums."""
     psi = (np.arange(400) + 0.5) / 400 * np.pi / 2
     h = 1e-5
     slopes = (qbfs_values(np.sin(psi) + h, 10) - qbfs_values(np.sin(psi) - h, 10)) / (2 * h)
@@ -59,7 +59,7 @@ def test_unsupported_mirror_is_rejected(mirror):
 
 
 def test_command_prints_the_asphere(tmp_path):
-    """Of an error about the axis: the sag of its asphere is that of the mirror with the error."""
+    """The sag of the printed asphere is that of the mirror with a symmetric form error."""
     mirror = om.load_sensor("paper-spherical").mirror
     np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")
     done = omnimirror("form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json")

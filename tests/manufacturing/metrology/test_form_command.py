@@ -1,4 +1,4 @@
-"""``omnimirror form``: from the points of a measuring machine to a sensor as it was made."""
+"""``omnimirror form``: from measured points to the as-built sensor."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def test_command_writes_numbers_figure_and_sensor(tmp_path):
 
 
 def test_asymmetric_terms_are_written_on_request(tmp_path):
-    """The picture of the sensor that comes back is that of the one with the truth, within 5 % of what the form does."""
+    """Projections of the written sensor agree with the true sensor within 5 % of the effect of the
+    form.
+    """
     from dataclasses import replace
 
     from omnimirror.mirrors.form import MirrorForm

@@ -1,4 +1,4 @@
-"""Form errors that were put in come back, apart from place, noise and wrong points."""
+"""Recovery of known form errors, separated from alignment, noise and outliers."""
 
 from __future__ import annotations
 
@@ -149,13 +149,17 @@ def test_invalid_order_is_rejected():
 
 
 def profile_error_um(form, truth) -> float:
-    """Largest departure of the mirror as built from the true one, both from their vertices."""
+    """Return the maximum departure of the corrected mirror from the true one, relative to the
+    vertices.
+    """
     x = np.linspace(0, 0.999 * truth.rim_radius_mm, 300)
     return float(1e3 * np.abs(form.corrected().sag(x) - truth.sag(x)).max())
 
 
 def posed(points: np.ndarray, seed: int) -> np.ndarray:
-    """Points in a machine with a random place, tilts of a degree, and either direction of z."""
+    """Return points in a machine with random position, tilt of about 1 deg, and either direction of
+    z.
+    """
     rng = np.random.default_rng(seed)
     turn = Rotation.from_euler("xyz", [*rng.normal(size=2), rng.uniform(0, 360)], degrees=True)
     seen = points @ turn.as_matrix().T + 30 * rng.normal(size=3)
@@ -169,7 +173,7 @@ def in_place(points: np.ndarray, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("place", [in_place, posed])
 @pytest.mark.parametrize("factor", few([1.0, 1.002, 0.998, 0.98, 1.02], 1.002, 0.98))
 def test_radius_error_causes_no_tilt_or_shift(factor, place):
-    """The radius is the only error: no tilt, no form across the axis, no points lost."""
+    """The radius is the only error: no tilt, no asymmetric form, no rejected points."""
     nominal = om.load_sensor("paper-spherical").mirror
     truth = replace(nominal, radius_mm=factor * nominal.radius_mm)
     form = om.form_error(nominal, place(on(truth, {}, 0.3, count=4000, seed=101), 3))
@@ -204,7 +208,7 @@ def test_two_percent_gross_outliers(name, seed):
 
 
 def ball_centres(mirror, radius: float, points: np.ndarray) -> np.ndarray:
-    """Centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
+    """Return centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
     r = np.hypot(points[:, 0], points[:, 1])
     slope = mirror.slope(r)
     normal = np.stack([-slope * points[:, 0] / r, -slope * points[:, 1] / r, np.ones(len(r))], axis=1)

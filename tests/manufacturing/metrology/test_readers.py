@@ -1,4 +1,4 @@
-"""Files of machines: text of any unit, OpticStudio grids, and what SurfaceTopography reads where it is installed."""
+"""Measurement files: text in any unit, OpticStudio grids, and instrument formats if installed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROWS = [(1.5, 2.25, -0.0125), (-3.0, 4.5, 0.75), (0.5, -6.0, 1e-3), (12.0, 7.125
 
 
 def joined(between: str, row: str = "{}", number: str = "{:.6f}", header: str = "") -> str:
-    """Rows as a machine may write them; ``row`` takes the numbers of a row, and its own number as i."""
+    """Format rows; ``row`` formats the numbers of a row and its index i."""
     lines = [row.format(between.join(number.format(v) for v in r), i=i) for i, r in enumerate(ROWS, start=1)]
     return "\n".join([*([header] if header else []), *lines])
 

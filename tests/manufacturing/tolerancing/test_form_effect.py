@@ -1,4 +1,4 @@
-"""What a form error does to the picture, beside sensors whose mirror is given as a profile, projected through."""
+"""Effect of form errors on the image against sensors with sampled profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Form errors that were measured and that a spectrum foretells, as errors of trials."""
+"""Measured and random form errors as error sources of trials."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def height(form, xy):
 
 @pytest.fixture
 def measured_points(tmp_path):
-    """A mirror with astigmatism and a term of order 10, from a machine with noise."""
+    """Return noisy points of a mirror with astigmatism and a term of order 10."""
     form = MirrorForm((6, 64), (2.0, -0.5))
     rng = np.random.default_rng(3)
     r, phi = RIM * np.sqrt(rng.uniform(0, 1, 9000)), rng.uniform(0, 2 * np.pi, 9000)

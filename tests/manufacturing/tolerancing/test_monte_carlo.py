@@ -1,4 +1,4 @@
-"""Yields, what errors do alone and allocations against laws that can be written down."""
+"""Yields, single-error tolerances and allocations against analytic results."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def sensor():
 
 @pytest.fixture(scope="module")
 def evaluator(sensor):
-    """Of few objects: the laws below hold for any."""
+    """Evaluator with few objects, for which the analytic results also hold."""
     return TrialEvaluator.of(sensor, angles=2, azimuths=3)
 
 
@@ -47,7 +47,7 @@ def of(sensor, errors, correlations=None, distribution="normal"):
 
 
 def test_yield_of_shifts_is_a_rayleigh_distribution(sensor, evaluator):
-    """Two normal shifts of one sigma: the motion is their hypotenuse."""
+    """Two normal shifts with one sigma: the motion is their hypotenuse."""
     statistics = monte_carlo(
         evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, trials=20_000, seed=3
     )
@@ -78,7 +78,7 @@ def _at(name):
 
 
 def test_pose_calibration_compensates_decentre_of_a_sphere(sensor, evaluator):
-    """What decentre and tilt do to a sphere is a decentre, and a calibration of the pose takes it away."""
+    """Decentre and tilt of a sphere are a decentre, which a pose calibration compensates."""
     names = ("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.tilt_x_deg", "mirror.tilt_y_deg")
     limits = {"motion_px": 0.5, "motion_px after pose": 0.01}
     statistics = monte_carlo(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
@@ -160,7 +160,7 @@ def test_curve_without_valid_trials_is_empty():
 
 
 def test_confidence_interval_coverage():
-    """Of 400 experiments of 200 trials each, at least .95 less three sigma."""
+    """Of 400 experiments with 200 trials, at least 0.95 minus three sigma cover the truth."""
     passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
     covered = [clopper_pearson(int(k), 200) for k in passed]
     assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
@@ -168,7 +168,7 @@ def test_confidence_interval_coverage():
 
 @pytest.mark.full
 def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
-    """Shifts with prices 8 and 1: the yield is an integral, and the cheapest set a minimum over one ratio."""
+    """Shifts with costs 8 and 1: the yield is an integral, and the minimum depends on one ratio."""
     costs = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
     found = allocate(evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs)
 
@@ -193,7 +193,9 @@ def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
 
 @pytest.mark.full
 def test_allocation_respects_maximum_tolerances(sensor, evaluator):
-    """Distortion of this size does nothing to the limit: it stays at what a coarse shop holds, or at what is said."""
+    """Small distortions do not affect the limit: their tolerances are the maximum of the coarse
+    grade or of the file.
+    """
     errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
     found = allocate(
         evaluator, of(sensor, errors), {"motion_px": 2.0}, 0.9, max_tolerances={"lens.k2": 3e-4}, trials=2000

@@ -1,4 +1,6 @@
-"""What requirements limit, of sensors with errors: against evaluations, sensors from files, and traced lines."""
+"""Quantities of requirement files for sensors with errors against evaluations, files and traced
+lines.
+"""
 
 import re
 from dataclasses import replace
@@ -41,7 +43,7 @@ PART = (30.0, 100.0)
 
 
 def names_of_all(sensor):
-    """Every quantity that a requirement can limit, from either side where it has two."""
+    """Return the merit names of all quantities with all sides of limits."""
     for name, of in LIMITABLE.items():
         frequency = 0.1 if of.of_frequency else None
         part = None if name in OF_THE_WHOLE else PART
@@ -62,7 +64,7 @@ def required(sensor, names, values, **field):
 
 @pytest.mark.parametrize("kind", few([*SENSORS, *OTHERS], *SENSORS, "telecentric"))
 def test_nominal_values_match_the_design_evaluation(kind):
-    """The same numbers that ``om.judge`` compares, at the same field angles."""
+    """Compare with ``om.judge`` at the same field angles."""
     sensor = OTHERS[kind] if kind in OTHERS else om.load_sensor(kind)
     names = list(names_of_all(sensor))
     low = max(PART[0], sensor.clear_field_deg[0] + 1)
@@ -148,7 +150,9 @@ def test_vectorised_and_sequential_views_agree(kind):
 
 @pytest.mark.parametrize("kind", SENSORS)
 def test_straightness_matches_back_projection(kind):
-    """Points of great circles shown by the sensor from its file, looked back at by the one without errors."""
+    """Project points of great circles by the perturbed sensor and back-project them by the nominal
+    one.
+    """
     sensor = om.load_sensor(kind)
     values = {name: 0.1 * value for name, value in OUT_OF_PLACE.items()}
     found = required(sensor, ("straightness_deg",), columns(values))["straightness_deg"]
@@ -204,7 +208,9 @@ def test_obscurations_match_the_sensor():
 
 
 def test_yield_of_a_resolution_limit():
-    """A resolution that grows with the focal length alone: the yield is a share of a uniform law."""
+    """The resolution is proportional to the focal length: the yield is a fraction of a uniform
+    distribution.
+    """
     nominal = required(SPH, ("min resolution_px_per_deg",), MIN_MOTION_PX)["min resolution_px_per_deg"]
     tolerances = om.Tolerances(SPH, {"lens.focal_length_mm": om.Tolerance(0.1)})
     limit = om.Limit("resolution_px_per_deg", at_least=nominal)
@@ -219,7 +225,7 @@ def test_yield_of_a_resolution_limit():
 
 
 def test_quantiles_of_nearly_constant_merits():
-    """The end of the field moves by a hundredth of a degree for a hundredth of a degree of tilt, of 135."""
+    """The maximum field angle of 135 deg changes by 0.01 deg for a tilt of 0.01 deg."""
     tolerances = om.Tolerances(SPH, {"mirror.tilt_x_deg": om.Tolerance(0.005)})
     limits = {"min field_to_deg": 134.99}
     statistics = om.tolerance(SPH, tolerances, limits=limits, trials=400).statistics

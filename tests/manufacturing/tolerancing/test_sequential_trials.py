@@ -1,4 +1,4 @@
-"""Sensors of every kind with every error they can have: as files, and traced one by one against many at once."""
+"""Sensors of all types with all errors: as files, and sequential against vectorised trials."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def warm(name):
 
 
 def drawn(sensor, count, seed=0, share=1.0):
-    """Errors of every kind that it can have, of the medium grade; of the Zernike terms one in five."""
+    """Draw all errors of a sensor at the medium grade, with every fifth Zernike term."""
     rng, known = np.random.default_rng(seed), error_sources(sensor)
     kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
     return {name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"] for name in kept}
@@ -69,7 +69,9 @@ def test_saved_trial_reproduces_its_images(name, tmp_path):
 @pytest.mark.parametrize("refocus", REFOCUS)
 @pytest.mark.parametrize("name", SENSORS)
 def test_sequential_and_vectorised_trials_agree(name, refocus):
-    """By rays through the aperture and the sensor's own search, and by second derivatives of the path of light."""
+    """Sequential trials use rays through the aperture, vectorised ones second derivatives of the
+    path.
+    """
     sensor = warm(name)
     values = drawn(sensor, 2, seed=2)
     if refocus != "none":  # then places of a leaning imager are focused together with its middle, to .02 px
@@ -89,7 +91,7 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
 
 
 def test_blur_on_a_tilted_imager_matches_a_thin_lens():
-    """Geometry alone: a ray through p with slope a lies at ``b (a + p/f) - p`` at a depth b behind a thin lens."""
+    """A ray through p with slope a is at ``b (a + p/f) - p`` at depth b behind a thin lens."""
     values = {"imager.tilt_x_deg": np.array([1.5]), "imager.tilt_y_deg": np.array([-0.7])}
     field, lens = field_of(SPH, angles=4, azimuths=5), SPH.lens
     blur = field.picture(values).blur_px[0]
@@ -155,7 +157,7 @@ def test_intersecting_cover_is_a_reject():
 
 
 def test_perturbed_folded_sensor_keeps_the_field():
-    """A fold that was made to show the whole mirror shows less of it, as the sensor's own proof says."""
+    """A perturbed secondary mirror vignettes the rim of the primary mirror."""
     sensor = OTHERS["two mirrors"]
     values = {"mirror.displacement_mm": [-0.25], "secondary.displacement_mm": [-0.25], "mirror.conic": [-0.02]}
     values = {name: np.array(of) for name, of in values.items()}

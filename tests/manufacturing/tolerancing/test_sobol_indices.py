@@ -1,4 +1,4 @@
-"""Shares of variance against those that can be written down."""
+"""Sobol indices against analytic results."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ VARIANCES = {"uniform": 1 / 3, "normal": 1 / 4, "arcsine": 1 / 2}
 
 
 class Formula:
-    """A judge of which a formula of the errors' values says the motion."""
+    """Evaluator whose motion is a formula of the errors."""
 
     names = merit_names()
 
@@ -40,7 +40,7 @@ def shares_of(sensor, formula, bounds, correlations=None, **more):
 
 
 def test_indices_of_a_linear_merit(sensor):
-    """sum a_i e_i: first order and total are both a_i^2 var_i."""
+    """sum a_i e_i: first-order and total indices are both proportional to a_i^2 var_i."""
     laws, rates = ("uniform", "normal", "arcsine", "uniform"), np.array([3.0, -2.0, 1.0, 0.0])
     bounds = [om.Tolerance(1.0, law) for law in laws]
     groups, found = shares_of(sensor, lambda *e: 7 + sum(a * v for a, v in zip(rates, e, strict=True)), bounds)
@@ -54,7 +54,7 @@ def test_indices_of_a_linear_merit(sensor):
 
 
 def test_indices_of_the_ishigami_function(sensor):
-    """sin x + 7 sin^2 y + .1 z^4 sin x over the cube of +- pi (Ishigami and Homma, 1990)."""
+    """sin x + 7 sin^2 y + 0.1 z^4 sin x on the cube of +- pi (Ishigami and Homma, 1990)."""
     a, b, pi = 7.0, 0.1, np.pi
     variance = a**2 / 8 + b * pi**4 / 5 + b**2 * pi**8 / 18 + 0.5
     x, y, xz = 0.5 * (1 + b * pi**4 / 5) ** 2, a**2 / 8, b**2 * pi**8 * (1 / 18 - 1 / 50)
@@ -80,8 +80,9 @@ def test_correlated_errors_have_one_index(sensor):
 
 
 def test_decentre_and_tilt_of_a_sphere_form_one_group(sensor):
-    """Turned about its vertex a sphere moves as its centre does: so far that both cancel, each has next to nothing
-    without the other, and nothing else is in the group."""
+    """A tilted sphere is a decentred sphere: if both cancel, single indices are small and the group
+    has all of it.
+    """
     radius = sensor.mirror.radius_mm
     tilt = np.degrees(0.2 / radius)
     errors = {"mirror.decentre_x_mm": 0.2, "mirror.tilt_y_deg": float(tilt), "imager.shift_y_px": 0.3}

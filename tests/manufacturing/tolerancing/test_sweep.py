@@ -1,4 +1,4 @@
-"""Sweeps that are stopped, killed, cut into parts and given to a cluster count what one run in memory counts."""
+"""Interrupted, killed, divided and distributed sweeps agree with a run in memory."""
 
 import errno
 import json
@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def plan():
-    """Few objects: what is asked here is not what trials say, but that none is lost or counted twice."""
+    """Plan with few objects, as only the number of trials matters here."""
     sensor = om.load_sensor("paper-spherical")
     errors = {name: om.Tolerance(0.05) for name in ("mirror.decentre_x_mm", "mirror.tilt_y_deg", "lens.k1")}
     return om.TolerancePlan(om.Tolerances(sensor, errors), LIMITS, objects={"angles": 1, "azimuths": 3})
@@ -112,7 +112,7 @@ def of_another_number(path):
 
 
 def of_other_trials(path):
-    """The trial numbers of two rows are exchanged, and nothing else."""
+    """Exchange the trial numbers of two rows."""
     table = pq.read_table(path)
     numbers = table["trial"].to_numpy().copy()
     numbers[[3, 4]] = numbers[[4, 3]]
@@ -205,7 +205,7 @@ def gates(tmp_path, monkeypatch):
 
 @contextmanager
 def process(*words):
-    """Killed at the end, whatever happens."""
+    """Start a process that is killed at the end."""
     run = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield run
@@ -217,7 +217,7 @@ def process(*words):
 @pytest.mark.full
 @pytest.mark.long
 def test_killed_run_continues(plan, expected, tmp_path, gates):
-    """Killed in the middle of a shard, others being done: nothing is lost, doubled, or left lying about."""
+    """A run killed within a shard loses and repeats nothing and leaves no temporary files."""
     folder = tmp_path / "trials"
     (tmp_path / "plan").write_bytes(pickle.dumps(plan))
     (gates / "shut-2").touch()
@@ -241,7 +241,7 @@ def dask(what, *words):
 
 
 def scheduler(stack, file):
-    """The process, and the address where it answers."""
+    """Start a scheduler and return its process and address."""
     run = stack.enter_context(dask("scheduler", "--port", "0", "--scheduler-file", file))
     wait_for(lambda: file.exists() and file.read_text().strip().endswith("}"))
     return run, json.loads(file.read_text())["address"]

@@ -1,4 +1,4 @@
-"""Sensors that are to be expected, as files."""
+"""Typical sensors as files."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Trials against sensors that are traced otherwise, finite rays, and a calibration that is fitted in full."""
+"""Vectorised trials against other tracers, finite rays, and a full calibration fit."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ LENS |= {"lens.entrance_pupil_mm": 1.5, "lens.f_number": 0.1}
 
 
 def errors(sensor, seed=0, size=0.2):
-    """A case that has some of everything that a sensor file can hold."""
+    """Case with errors of all kinds in a sensor file."""
     rng = np.random.default_rng(seed)
     shape = {"mirror.vertex_radius_mm": 0.1, "mirror.conic": 0.01, "mirror.coefficients[1]": 1e-3}
     sizes = dict.fromkeys(POSE, size) | LENS | {name: v for name, v in shape.items() if name in error_sources(sensor)}
@@ -48,7 +48,7 @@ def sensor(request):
 
 @pytest.mark.parametrize("distance", [np.inf, 400.0])
 def test_trial_matches_the_perturbed_sensor(sensor, distance):
-    """Sensor.project searches the mirror point by its own rule and knows nothing of trials."""
+    """``Sensor.project`` finds the mirror point by an independent method."""
     field, values = field_of(sensor, object_distance_mm=distance), errors(sensor)
     built = perturbed(sensor, values)
     targets = world(built, field.targets)
@@ -70,7 +70,9 @@ def test_nominal_blur_matches_the_evaluation(sensor):
 
 
 def test_blur_matches_finite_rays(sensor):
-    """Rays from an object through points of a small aperture, by Sensor's forward projection of points."""
+    """Trace rays from an object through points of a small aperture by the forward projection of
+    ``Sensor``.
+    """
     values = errors(sensor, seed=3, size=0.5)
     small = 200.0  # of the F-number: the ellipse of a small aperture is free of aberrations
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=small))
@@ -92,7 +94,7 @@ def test_blur_matches_finite_rays(sensor):
 
 
 def test_form_error_obeys_the_law_of_reflection():
-    """The law of reflection with the normal of a surface that is summed from Zernike's own formulas, by differences."""
+    """Normals of the surface from Zernike's formulas by differences."""
     sensor = om.load_sensor("paper-hyperboloidal")
     values = {"mirror.zernike_5_um": 40.0, "mirror.zernike_8_um": 30.0, "mirror.zernike_25_um": 20.0}
     field = field_of(sensor)
@@ -124,7 +126,7 @@ def test_form_error_obeys_the_law_of_reflection():
 
 
 def test_imager_pose_is_a_plane_intersection():
-    """The chief ray cut with the plane in three dimensions."""
+    """Intersect the chief ray with the imager plane in three dimensions."""
     sensor = om.load_sensor("paper-spherical")
     field = field_of(sensor)
     names = ("imager.shift_x_px", "imager.shift_y_px", "imager.rotation_deg", "imager.tilt_x_deg", "imager.tilt_y_deg")
@@ -146,7 +148,7 @@ def test_imager_pose_is_a_plane_intersection():
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 def test_pose_residual_matches_a_full_fit(name):
-    """A calibration of pose and affine terms, every ray traced at every step of the fit."""
+    """Fit pose and affine terms with exact rays in every step."""
     sensor = om.load_sensor(name)
     evaluator = TrialEvaluator.of(sensor, angles=5, azimuths=8)
     values = {
@@ -200,7 +202,7 @@ def test_compiled_kernel_matches_numpy(sensor, refocus, distance):
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_all_mirrors_are_supported(kind):
-    """Any mirror that a sensor can have, pointed ones too."""
+    """All mirror types, including pointed ones."""
     sensor = sensor_of(kind)
     low, high = sensor.field_deg
     field = field_of(sensor, field_deg=(low + 0.05 * (high - low), high - 0.05 * (high - low)), angles=4, azimuths=5)
