@@ -75,7 +75,7 @@ def test_random_figure_amplitudes_and_spectrum():
 
 
 def test_figure_table_defines_zernike_errors():
-    text = '[[error]]\nname = "lens.k1"\ntolerance = 0.01\n[[figure]]\nrms_um = 0.3\norders = [7, 9]\nprice = 2.0\n'
+    text = '[[error]]\nname = "lens.k1"\ntolerance = 0.01\n[[figure]]\nrms_um = 0.3\norders = [7, 9]\ncost = 2.0\n'
     plan = parse_tolerances(text, SENSOR)
     assert len(plan.tolerances.errors) == 1 + 8 + 9 + 10
     drawn = plan.tolerances.drawn(seed=1, block=0)

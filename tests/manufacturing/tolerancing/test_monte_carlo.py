@@ -281,12 +281,15 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
     [
         (["paper-spherical"], "tolerance init paper-spherical"),
         (["paper-spherical", "nothing.toml"], "no tolerance file 'nothing.toml'"),
-        (["init"], "a sensor is missing"),
+        (["init"], "SENSOR is missing"),
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
         # before as many are built
         (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
-        (["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"], "yield of 1"),
+        (
+            ["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"],
+            "target_yield must be between 0 and 1; got 1",
+        ),
     ],
 )
 def test_invalid_command_prints_one_message(tmp_path, monkeypatch, words, sentence):
