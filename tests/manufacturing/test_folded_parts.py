@@ -172,4 +172,4 @@ def test_secondary_thickness_requires_a_secondary(tmp_path, capsys):
     options = ["--formats", "csv", "--secondary-thickness-mm", "3"]
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", str(tmp_path / "out"), *options])
-    assert "has no secondary" in capsys.readouterr().err
+    assert "which has one mirror" in capsys.readouterr().err

@@ -130,7 +130,7 @@ def test_allocated_tolerances_are_read_from_toml_and_json(tmp_path):
 def test_command_lists_missing_entries(tmp_path):
     run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", cwd=tmp_path)
     words = " ".join(run.stdout.split())
-    assert "A shop will ask for what the drawing does not say: number, owner, approved_by, mirror.material" in words
+    assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in words
     (tmp_path / "w.toml").write_text(
         "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n"
         "[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n"
@@ -205,4 +205,4 @@ def test_command_warns_of_conflicting_tolerances(tmp_path):
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    assert "tolerances contradict each other: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())
+    assert "inconsistent tolerances: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())

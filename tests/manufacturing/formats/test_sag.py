@@ -72,10 +72,10 @@ def test_rim_row_is_not_repeated():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"step_mm": 0.0}, "valid above 0"),
-        ({"step_deg": -1.0}, "valid above 0"),
-        ({"step_mm": 1e-9}, "choose a larger one"),
-        ({"step_mm": 1.0, "step_deg": 1.0}, "not both"),
+        ({"step_mm": 0.0}, "must be positive"),
+        ({"step_deg": -1.0}, "must be positive"),
+        ({"step_mm": 1e-9}, "use a larger value"),
+        ({"step_mm": 1.0, "step_deg": 1.0}, "must not be given together"),
     ],
 )
 def test_invalid_step_is_rejected(options, sentence):

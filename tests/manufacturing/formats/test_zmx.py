@@ -281,4 +281,4 @@ def test_notes_list_angles_and_omissions(sensor):
     bare = replace(sensor, housing=Housing())
     if sensor.secondary is None:  # the file has no cover
         np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9)
-    assert any("left out" in note for note in notes) == (sensor.housing.shell is not None)
+    assert any("is not included" in note for note in notes) == (sensor.housing.shell is not None)

@@ -64,7 +64,7 @@ def test_command_prints_the_asphere(tmp_path):
     np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")
     done = omnimirror("form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json")
     assert done.returncode == 0, done.stderr
-    assert "an asphere of Forbes (Qbfs): R = " in done.stdout
+    assert "Forbes asphere (Qbfs): R = " in done.stdout
     told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
     asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
     x = np.linspace(0, mirror.rim_radius_mm, 50)
