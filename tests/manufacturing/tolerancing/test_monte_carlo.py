@@ -19,8 +19,8 @@ from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.monte_carlo import (
     YieldStatistics,
     clopper_pearson,
-    monte_carlo,
     satisfies_limit,
+    simulate_trials,
 )
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
@@ -48,7 +48,7 @@ def of(sensor, errors, correlations=None, distribution="normal"):
 
 def test_yield_of_shifts_is_a_rayleigh_distribution(sensor, evaluator):
     """Two normal shifts with one sigma: the motion is their hypotenuse."""
-    statistics = monte_carlo(
+    statistics = simulate_trials(
         evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, trials=20_000, seed=3
     )
     exact = 1 - np.exp(-2.0)
@@ -61,7 +61,7 @@ def test_yield_of_a_single_error(sensor, evaluator):
     tolerances = of(sensor, {"lens.focal_length_mm": 0.2})
     limit = {"direction_error_deg": 1.0}
     (row,) = sensitivities(evaluator, tolerances, limit)
-    statistics = monte_carlo(evaluator, tolerances, limit, trials=8000, seed=1)
+    statistics = simulate_trials(evaluator, tolerances, limit, trials=8000, seed=1)
     sides = [
         brentq(
             lambda e: evaluator.evaluate({"lens.focal_length_mm": np.array([e])})[0, _at("direction_error_deg")] - 1,
@@ -81,7 +81,7 @@ def test_pose_calibration_compensates_decentre_of_a_sphere(sensor, evaluator):
     """Decentre and tilt of a sphere are a decentre, which a pose calibration compensates."""
     names = ("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.tilt_x_deg", "mirror.tilt_y_deg")
     limits = {"motion_px": 0.5, "motion_px after pose": 0.01}
-    statistics = monte_carlo(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
+    statistics = simulate_trials(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
     assert statistics.passed_each["motion_px"] < 100
     assert statistics.passed_each["motion_px after pose"] == 2000
 
@@ -209,9 +209,9 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
         (lambda s, j: of(s, {"lens.k9": 0.1}), "did you mean lens.k"),
         (lambda s, j: of(s, {}), "at least one error"),
         (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] table"),
