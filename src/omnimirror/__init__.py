@@ -111,8 +111,8 @@ if TYPE_CHECKING:
     from .manufacturing import Body as Body
     from .manufacturing import export as export
     from .manufacturing import register_format as register_format
-    from .manufacturing.metrology.form_error import FormError as FormError
-    from .manufacturing.metrology.form_error import form_error as form_error
+    from .manufacturing.metrology.form_errors import FormError as FormError
+    from .manufacturing.metrology.form_errors import form_error as form_error
     from .manufacturing.metrology.readers import read_points as read_points
     from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
@@ -289,8 +289,8 @@ _HOMES = {
     "write_image": "media",
     "as_built": "manufacturing.tolerancing.mirror_form",
     "form_effect": "manufacturing.tolerancing.mirror_form",
-    "form_error": "manufacturing.metrology.form_error",
-    "FormError": "manufacturing.metrology.form_error",
+    "form_error": "manufacturing.metrology.form_errors",
+    "FormError": "manufacturing.metrology.form_errors",
     "read_points": "manufacturing.metrology.readers",
     "register_mirror": "mirrors",
     "write_calibration_figures": "report.calibration",

@@ -1,4 +1,4 @@
-"""Export as a whole, from Python and from the command line."""
+"""Export from Python and from the command line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NAMES = ["-drawing.pdf", "-sag.csv", ".3mf", ".dat", ".dxf", ".step", ".stl", ".
 
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "slope-spline"))
-def test_every_mirror_is_written_in_every_format(kind, tmp_path):
+def test_all_mirrors_export_to_all_formats(kind, tmp_path):
     files = om.export(sensor_of(kind), tmp_path / "out", grid_points=33, chord_tolerance_um=50.0)
     assert sorted(f.path.name for f in files) == [f"{kind}{name}" for name in NAMES]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{kind}{name}" for name in NAMES]
@@ -58,7 +58,7 @@ SENSORS = {name: om.load_sensor(name) for name in bundled_sensors()} | {s.name: 
         ("paraboloid-telecentric", "gcode"),
     ),
 )
-def test_every_sensor_is_written_in_every_format(name, kind, tmp_path):
+def test_all_sensors_export_to_all_formats(name, kind, tmp_path):
     files = om.export(SENSORS[name], tmp_path, formats=[kind], grid_points=33, chord_tolerance_um=50.0)
     assert {f.path for f in files} == set(tmp_path.iterdir())
     for file in files:
@@ -68,8 +68,8 @@ def test_every_sensor_is_written_in_every_format(name, kind, tmp_path):
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_sensor_is_exported_as_it_is_evaluated(name):
-    """Bodies by the sensor's own rims change nothing of it."""
+def test_default_bodies_do_not_change_the_sensor(name):
+    """Bodies from the rims of the housing do not change the evaluated sensor."""
     sensor = SENSORS[name]
     assert sensor_changes(sensor, with_housing(parts_of(sensor))) == []
 
@@ -84,7 +84,7 @@ def test_a_sensor_is_exported_as_it_is_evaluated(name):
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),
     ],
 )
-def test_options_that_change_the_evaluated_sensor_stop_the_export(name, options, words, tmp_path):
+def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, tmp_path):
     fitted = replace(SENSORS["paper-spherical"], housing=Housing(shell=Dome(material="polycarbonate")))
     sensor = SENSORS.get(name, fitted)
     if name == "in-dome":  # the dome has no room for such a flange
@@ -100,19 +100,19 @@ def test_options_that_change_the_evaluated_sensor_stop_the_export(name, options,
 
 
 @pytest.mark.parametrize("body", [Body(thickness_mm=9.0), Body(thread="M6", bore_depth_mm=12.0)])
-def test_bodies_that_nothing_sees_are_no_change(body, tmp_path):
+def test_invisible_bodies_are_not_changes(body, tmp_path):
     assert om.export(om.load_sensor("paper-spherical"), tmp_path / "a.csv", body=body)
 
 
 @pytest.mark.parametrize("suffix", few([".stp", ".STEP", ".svg", ".png", ".dat", ".csv"], ".STEP", ".svg", ".dat"))
-def test_one_file_is_named_by_its_suffix(suffix, tmp_path):
+def test_suffix_selects_the_format(suffix, tmp_path):
     file, *others = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
     assert file.path == tmp_path / f"mirror{suffix}"
     assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (suffix in (".svg", ".png"))
     assert all(f.path.exists() for f in (file, *others))
 
 
-def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
+def test_sensor_names_are_converted_to_file_names(tmp_path):
     sensor = replace(om.load_sensor("paper-spherical"), name="../my sensor: no 1/2")
     (file,) = om.export(sensor, tmp_path, formats=["csv"])
     assert file.path == tmp_path / "my-sensor-no-1-2-sag.csv"
@@ -126,13 +126,13 @@ def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
         ("mirror.step", ["stl"], "a folder for the formats stl; got the step file"),
     ],
 )
-def test_what_cannot_be_written_is_refused(path, formats, sentence, tmp_path):
+def test_invalid_formats_are_rejected(path, formats, sentence, tmp_path):
     with pytest.raises(InvalidParameter, match=sentence):
         om.export(om.load_sensor("paper-spherical"), tmp_path / path, formats=formats)
     assert not list(tmp_path.iterdir())
 
 
-def test_an_error_half_way_leaves_everything_as_it_was(tmp_path):
+def test_failed_export_leaves_existing_files_unchanged(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "paper-spherical-sag.csv").write_text("precious")
     with pytest.raises(InvalidParameter, match="got a hole"):
@@ -141,7 +141,7 @@ def test_an_error_half_way_leaves_everything_as_it_was(tmp_path):
     assert (tmp_path / "paper-spherical-sag.csv").read_text() == "precious"
 
 
-def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, monkeypatch):
+def test_missing_package_message(tmp_path, monkeypatch):
     module = sys.modules[FORMATS["zmx"].write.__module__]
     monkeypatch.setattr(module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object())
     sensor = om.load_sensor("paper-spherical")
@@ -157,8 +157,8 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
 
 
 @pytest.mark.full
-def test_formats_that_need_no_package_import_none():
-    """The core alone writes lens files, tables and drawings."""
+def test_core_formats_import_no_optional_package():
+    """Lens files, tables and drawings require only core packages."""
     code = (
         "import sys, tempfile, omnimirror as om\n"
         "with tempfile.TemporaryDirectory() as folder:\n"
@@ -173,7 +173,7 @@ def test_formats_that_need_no_package_import_none():
 # -- the command -----------------------------------------------------------------------------------------
 
 
-def test_the_command_prints_each_file_and_its_deviation(tmp_path):
+def test_command_prints_files_and_deviations(tmp_path):
     run = omnimirror("export", "exact-equidistant", "-o", "out", "--thread", "M6", "--grid-points", "65", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
@@ -186,7 +186,7 @@ def test_the_command_prints_each_file_and_its_deviation(tmp_path):
     assert "M6" in (tmp_path / "out" / "exact-equidistant.step").read_text()
 
 
-def test_options_reach_the_files(tmp_path, monkeypatch):
+def test_options_affect_the_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def write(name, *options):
@@ -217,7 +217,7 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
         (["--digits", "40"], "digits = 40"),
     ],
 )
-def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp_path, monkeypatch, capsys):
+def test_invalid_options_print_one_message_and_write_no_file(options, sentence, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", "out", *options])
@@ -229,7 +229,7 @@ def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp
 
 @pytest.mark.long
 @pytest.mark.parametrize("suffix", few([".step", ".dxf"], ".dxf"))
-def test_a_full_disk_is_one_sentence_and_loses_nothing(suffix, tmp_path):
+def test_full_disk_prints_one_message_and_keeps_files(suffix, tmp_path):
     path = tmp_path / f"out{suffix}"
     path.write_text("precious")
     run = subprocess.run(
@@ -247,15 +247,17 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(suffix, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_every_format_is_documented():
+def test_all_formats_are_documented():
     page = (Path(__file__).parents[2] / "docs" / "manufacture.md").read_text()
     for name, entry in FORMATS.items():
         assert f"`{name}`" in page
         assert all(f"`{suffix}`" in page for suffix in entry.suffixes)
 
 
-def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
-    """A free form whose slope waves faster than sixteen terms can: the angle is that between the reflected rays."""
+def test_inaccurate_lens_file_prints_a_warning(tmp_path):
+    """A freeform profile exceeds sixteen terms; the reported angle is that between the reflected
+    rays.
+    """
     sphere = om.load_sensor("paper-spherical")
     x = np.linspace(0, sphere.mirror.rim_radius_mm, 41)
     slopes = sphere.mirror.slope(x) * (1 + 2e-3 * np.sin(x))
@@ -272,7 +274,7 @@ def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
     save_sensor(wavy, tmp_path / "wavy.toml")
     said = omnimirror("export", tmp_path / "wavy.toml", "-o", tmp_path / "lens", "--formats", "zmx,gridsag").stdout
     assert f"{file.ray_deg:.2g}" in said
-    assert "wavy.zmx does not follow the mirror" in said
+    assert "wavy.zmx is not accurate" in said
     assert "grid sag" in said
 
 

@@ -1,4 +1,4 @@
-"""Exports of folded sensors: both mirrors, the way of light through the lens file, and what the drawing counts."""
+"""Export of folded sensors: both mirrors, lens files, and values on the drawing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 
 
 @pytest.mark.parametrize("kind", few(["flat", "aspheric", "telecentric"], "flat"))
-def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path):
+def test_both_mirrors_are_exported(kind, tmp_path):
     files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
     assert sorted(names) == [
@@ -43,7 +43,7 @@ def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path)
     assert all(file.path.stat().st_size > 500 for file in files)
 
 
-def test_one_file_of_a_mirror_has_the_other_beside_it(tmp_path):
+def test_single_file_export_writes_both_mirrors(tmp_path):
     files = om.export(FOLDED, tmp_path / "part.step", secondary_body=Body(3.0))
     assert [file.path.name for file in files] == ["part.step", "part-secondary.step"]
     primary, secondary = (read(file.path) for file in files)
@@ -57,8 +57,10 @@ def test_one_file_of_a_mirror_has_the_other_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["folded-spherical", "folded-hyperboloidal"])
-def test_a_camera_looks_through_the_counterbore(name):
-    """Chief rays from the second mirror to the lens, and a lens of its size, pass the solid; and wall is left."""
+def test_counterbore_clears_lens_and_rays(name):
+    """Chief rays from the secondary mirror and the lens clear the body, and the minimum wall
+    remains.
+    """
     sensor = om.load_sensor(name)
     body, mirror = parts_of(sensor)[0].body, sensor.mirror
     corners = body.outline(mirror)
@@ -77,7 +79,7 @@ def test_a_camera_looks_through_the_counterbore(name):
             assert (at < radius).all()
 
 
-def test_the_section_of_a_flat_mirror_has_no_length_of_nothing(tmp_path):
+def test_plane_mirror_section_has_no_zero_dimension(tmp_path):
     from ezdxf.filemanagement import readfile
 
     om.export(FOLDED, tmp_path / "part.dxf")
@@ -88,8 +90,8 @@ def test_the_section_of_a_flat_mirror_has_no_length_of_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("kind", sorted(SENSORS))
-def test_chief_rays_of_the_lens_file_leave_both_mirrors_at_the_field_angles(kind, tmp_path):
-    """From each field point by reflection in the surfaces as they stand in the file, in the file's own frame."""
+def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
+    """Trace from each field point by reflection at the surfaces of the file."""
     sensor = SENSORS[kind]
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -114,8 +116,8 @@ def test_chief_rays_of_the_lens_file_leave_both_mirrors_at_the_field_angles(kind
 
 
 @pytest.mark.parametrize("kind", ["concave", "two-hyperboloids"])
-def test_field_angles_of_a_table_are_those_of_pixels(kind):
-    """A point of the secondary under its viewing angle in the picture, against the pixel's own ray."""
+def test_table_field_angles_match_pixel_rays(kind):
+    """Compare points of the secondary with the ray of the pixel at the same viewing angle."""
     sensor = SENSORS[kind]
     x = np.linspace(0.0, sensor.secondary.mirror.rim_radius_mm, 23)
     table = sag_table(sensor, x, secondary=True)
@@ -130,10 +132,10 @@ def test_field_angles_of_a_table_are_those_of_pixels(kind):
     np.testing.assert_allclose(table["omega_deg"][valid], omega, atol=1e-9)
 
 
-def test_moving_a_flat_mirror_counts_twice():
-    """Against the unfolded sensor: the lens and the mirror change the way once, the fold by both legs.
+def test_fold_displacement_counts_twice():
+    """Compare with the unfolded sensor: lens and mirror change one path, the fold both.
 
-    The worst angle of either table is the last of its own steps, short of the rim.
+    The field angle of the maximum is the last of the steps before the rim.
     """
     alone = {s.name: s.px_per_unit for s in image_shifts(UNFOLDED)}["mirror distance"]
     folded = {s.name: s.px_per_unit for s in image_shifts(FOLDED)}
@@ -142,7 +144,7 @@ def test_moving_a_flat_mirror_counts_twice():
     assert folded["secondary distance"] == pytest.approx(2 * folded["lens distance"], rel=1e-6)
 
 
-def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_see():
+def test_central_obscuration_matches_invalid_pixels():
     (ring,) = FOLDED.obscured
     assert ring.omega_deg == (0.0, pytest.approx(FOLDED.field_deg[0]))
     u, v = np.meshgrid(np.arange(0.5, 1024, 4), np.arange(0.5, 1024, 4))
@@ -160,14 +162,14 @@ def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_se
         ({"housing": Housing(CameraBody(20.0), shell=Tube())}, "the camera's front is its bore_radius_mm"),
     ],
 )
-def test_what_does_not_fit_two_mirrors_is_refused(options, sentence, tmp_path):
+def test_invalid_folded_parts_are_rejected(options, sentence, tmp_path):
     with pytest.raises(InvalidParameter, match=sentence):
         om.export(FOLDED, tmp_path, formats=["svg"], **options)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_thickness_of_a_second_mirror_that_is_not_there_is_refused(tmp_path, capsys):
+def test_secondary_thickness_requires_a_secondary(tmp_path, capsys):
     options = ["--formats", "csv", "--secondary-thickness-mm", "3"]
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", str(tmp_path / "out"), *options])
-    assert "has no secondary" in capsys.readouterr().err
+    assert "which has one mirror" in capsys.readouterr().err

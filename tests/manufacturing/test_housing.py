@@ -1,4 +1,4 @@
-"""What the drawing says is hidden, against rays marched point by point; what errors do, against other formulas."""
+"""Obscurations on drawings against rays traced point by point; image shifts against other formulas."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPH = om.load_sensor("paper-spherical")
 
 
 def drawn(sensor, housing, body=None):
-    """The sensor as its drawing shows it."""
+    """Return the sensor as drawn."""
     return with_housing(parts_of(sensor, body), housing)
 
 
@@ -39,7 +39,9 @@ def percent(sensor):
 
 
 def marched(sensor, solid, count=1500):
-    """Hidden field angles (deg) and share of the picture (%): both legs of each chief ray in steps of 0.05 mm."""
+    """Return obscured field angles (deg) and image fraction (%) by marching chief rays in steps of
+    0.05 mm.
+    """
     x = np.linspace(1e-6, sensor.mirror.rim_radius_mm, count)
     rays = sensor.meridian.trace(x)
     lens = lens_height(sensor)
@@ -61,7 +63,7 @@ def marched(sensor, solid, count=1500):
     [SPH, om.load_sensor("paper-hyperboloidal"), om.load_sensor("paraboloid-telecentric")],
     ids=lambda s: s.name,
 )
-def test_a_rod_hides_the_middle(sensor):
+def test_rod_obscures_the_centre(sensor):
     (ring,) = drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
     foot = lens_height(sensor) + 30.0
     omega, share = marched(sensor, lambda x, z: (np.abs(x) < 2.0) & (z > foot) & (z < 0))
@@ -72,7 +74,7 @@ def test_a_rod_hides_the_middle(sensor):
 
 
 @pytest.mark.parametrize("diameter", [100.0, 130.0])
-def test_a_tube_hides_at_its_ends(diameter):
+def test_tube_obscures_at_its_ends(diameter):
     body = Body(thickness_mm=5.0)
     sensor = drawn(SPH, Housing(shell=Tube(diameter)), body)
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
@@ -93,7 +95,7 @@ def test_a_tube_hides_at_its_ends(diameter):
         assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(high, abs=0.3)
 
 
-def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims_ray():
+def test_default_tube_clears_the_rim_ray():
     sensor = drawn(SPH, Housing(shell=Tube()))
     tube = sensor.obstructions.housing.shell
     assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
@@ -103,7 +105,7 @@ def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims
     assert shell_end_mm(SPH, tube, Body().back_mm(SPH.mirror)) == pytest.approx(exit_height)
 
 
-def test_a_flange_in_the_way_is_reported():
+def test_flange_obscuration_is_reported():
     flat = Body(thickness_mm=5.0, flange_width_mm=10.0, flange_thickness_mm=5.0)
     (ring,) = drawn(SPH, Housing(), flat).obscurations
     assert ring.part == "rim"
@@ -112,7 +114,7 @@ def test_a_flange_in_the_way_is_reported():
     assert drawn(SPH, Housing(), set_back).obscurations == ()
 
 
-def test_the_rim_of_a_housing_is_the_flange_of_the_body_and_back():
+def test_rim_and_flange_are_equivalent():
     for body in (Body(), Body(8.0, flange_width_mm=4.0, flange_thickness_mm=3.0)):
         rim = body.rim(SPH.mirror)
         assert astuple(Body.of(rim, SPH.mirror).rim(SPH.mirror)) == pytest.approx(astuple(rim))
@@ -121,7 +123,7 @@ def test_the_rim_of_a_housing_is_the_flange_of_the_body_and_back():
         assert drawn(sensor, None).obscured == sensor.obscured
 
 
-def test_rings_that_overlap_count_once():
+def test_overlapping_obscurations_count_once():
     both = drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
     parts = {r.part: r.picture_percent for r in both.obscurations}
     assert set(parts) == {"rod", "camera"}
@@ -130,7 +132,7 @@ def test_rings_that_overlap_count_once():
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_every_mirror_can_be_supported(kind):
+def test_all_mirrors_can_be_supported(kind):
     sensor = sensor_of(kind)
     for housing in (Housing(shell=Tube()), Housing(rod=Rod()), Housing()):
         for ring in drawn(sensor, housing).obscurations:
@@ -153,13 +155,13 @@ def test_every_mirror_can_be_supported(kind):
         (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
     ],
 )
-def test_a_support_that_cannot_be_is_refused(part, entries, sentence):
+def test_invalid_support_is_rejected(part, entries, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         drawn(SPH, Housing(**{"rod" if part is Rod else "shell": part(**entries)})).obscurations  # noqa: B018
 
 
-def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
-    """There only the other one is reflected, by the square of (n^2 - 1)/(n^2 + 1)."""
+def test_transmission_at_brewsters_angle():
+    """Only one polarisation is reflected, by the square of (n^2 - 1)/(n^2 + 1)."""
     n = 1.5
     brewster = 90.0 - np.degrees(np.arctan(n))
     r = ((n**2 - 1) / (n**2 + 1)) ** 2
@@ -168,8 +170,10 @@ def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
     )
 
 
-def test_the_sheet_says_what_a_wall_does_to_rays():
-    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named material."""
+def test_sheet_states_shift_and_transmission():
+    """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named
+    material.
+    """
     sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
     *_, (word, shift, passed) = hidden_rows(sensor)
     i = np.radians(45.0)
@@ -188,7 +192,7 @@ def found(sensor):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
-def test_the_distance_moves_the_picture_as_a_sensor_built_so_shows_it(name):
+def test_distance_shift_matches_a_perturbed_sensor(name):
     sensor = om.load_sensor(name)
     step = 0.01
     omega = np.radians(np.linspace(2.0, 0.985 * sensor.field_deg[1], 301))
@@ -220,8 +224,8 @@ BEFORE_WINDOW = om.Sensor(
 
 
 @pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)
-def test_errors_behind_a_cover_move_the_picture_as_a_sensor_built_so_shows_it(sensor):
-    """At field angles outside the cover, by the meridian of a mirror that stands elsewhere in the same cover."""
+def test_shift_behind_a_cover_matches_a_perturbed_sensor(sensor):
+    """At field angles outside the cover, by the meridian of a displaced mirror in the same cover."""
     step = 0.01
     low, high = sensor.field_deg
     omega = np.radians(np.linspace(low + 0.02 * (high - low), high - 0.02 * (high - low), 301))
@@ -233,26 +237,26 @@ def test_errors_behind_a_cover_move_the_picture_as_a_sensor_built_so_shows_it(se
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
 
 
-def test_a_middle_that_the_tube_hides_is_not_blamed_on_a_second_mirror():
+def test_tube_obscuration_is_not_attributed_to_the_secondary():
     assert {ring.part for ring in IN_WATER.obscurations} == {"tube's base"}
     folded = om.load_sensor("folded-spherical")
     assert "secondary, bore" in {ring.part for ring in folded.obscurations}
 
 
-def test_a_slope_error_turns_the_ray_twice():
+def test_slope_error_doubles_in_reflection():
     omega = np.linspace(2.0, 134.0, 300)
     rate = om.evaluate(SPH, omega).dh_domega_px_per_deg
     assert found(SPH)["surface slope"].px_per_unit == pytest.approx(2 * rate.max() * np.degrees(1e-3), rel=1e-3)
 
 
-def test_tilting_a_sphere_about_its_vertex_moves_its_centre():
-    """By R times the angle across the axis, and nothing else to first order."""
+def test_sphere_tilt_is_equivalent_to_decentre():
+    """A tilt moves the centre by R times the angle, to first order."""
     errors = found(SPH)
     moved = SPH.mirror.radius_mm * np.radians(1.0)
     assert errors["mirror tilt"].px_per_unit == pytest.approx(moved * errors["mirror decentre"].px_per_unit, rel=1e-3)
 
 
-def test_a_form_error_is_its_slope_times_the_sensitivity_to_slope():
+def test_form_shift_is_slope_times_slope_sensitivity():
     errors = found(SPH)
     slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # of a bump of 1 um
     assert errors["surface form"].px_per_unit == pytest.approx(
@@ -260,7 +264,7 @@ def test_a_form_error_is_its_slope_times_the_sensitivity_to_slope():
     )
 
 
-def test_a_telecentric_picture_and_that_of_a_cone_do_not_feel_the_distance():
+def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
     assert "mirror distance" not in found(om.load_sensor("paraboloid-telecentric"))
     assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
 
@@ -269,8 +273,8 @@ def test_a_telecentric_picture_and_that_of_a_cone_do_not_feel_the_distance():
 @pytest.mark.parametrize(
     ("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)]
 )
-def test_decentre_and_tilt_move_the_picture_as_rays_in_space_do(name, error, field, step):
-    """Over all azimuths: so the meridian is where they move it most."""
+def test_decentre_and_tilt_match_skew_rays(name, error, field, step):
+    """The meridian is the azimuth of maximum effect."""
     sensor = om.load_sensor(name)
     omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
     azimuth = np.radians(np.arange(0, 181, 15))
@@ -284,7 +288,7 @@ def test_decentre_and_tilt_move_the_picture_as_rays_in_space_do(name, error, fie
     assert found(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
 
 
-def test_a_displaced_mirror_is_drawn_where_it_is_and_a_tilted_one_refused():
+def test_displaced_mirror_is_drawn_and_tilted_mirror_rejected():
     displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=2.0))
     assembly = Assembly.of(drawn(displaced, Housing(shell=Dome(centre_mm=-80.0))), Body())
     assert (assembly.lens, assembly.base) == pytest.approx((-182.429, -182.429))

@@ -1,4 +1,4 @@
-"""The workshop file: what it says comes onto the sheets, what is wrong is said in a sentence."""
+"""Workshop files: entries on the sheets, and messages for invalid entries."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ BODIES = {
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("kind", ["hyperboloid", "cone", "slope-spline"])
-def test_the_volume_is_that_of_shells(kind, body):
-    """Added up ring by ring, by an integrator that knows no outline."""
+def test_volume_matches_integration_by_shells(kind, body):
+    """Integrate ring by ring, independent of the outline."""
     mirror, _ = MIRRORS[kind]
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
     shells = quad(
@@ -52,7 +52,7 @@ def test_the_volume_is_that_of_shells(kind, body):
     assert body.volume_mm3(mirror) == pytest.approx(shells, rel=1e-6)
 
 
-def test_every_material_has_a_density():
+def test_all_materials_have_a_density():
     assert set(DENSITIES_G_PER_CM3) == set(EXPANSIONS_PPM)
     assert PartSpecification(material="stainless steel 1.4301").density == DENSITIES_G_PER_CM3["stainless_steel"]
     assert PartSpecification(material="brass", density_g_per_cm3=8.4).density == 8.4
@@ -71,12 +71,12 @@ def test_every_material_has_a_density():
         ("[mirror", "workshop file"),
     ],
 )
-def test_wrong_files_are_refused_with_their_line(text, sentence):
+def test_invalid_files_are_rejected_with_line(text, sentence):
     with pytest.raises(SpecError, match=sentence.replace("[", r"\[")):
         parse_workshop(text)
 
 
-def test_a_tolerance_below_0_is_refused():
+def test_negative_tolerance_is_rejected():
     with pytest.raises(InvalidParameter, match=r"tolerance of mirror\.conic"):
         Workshop(tolerances={"mirror.conic": -1.0})
 
@@ -91,12 +91,12 @@ def test_a_tolerance_below_0_is_refused():
         ),
     ],
 )
-def test_a_counterbore_needs_its_bore(options, sentence):
+def test_counterbore_requires_a_through_bore(options, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         Body(**options)
 
 
-def test_a_counterbore_that_is_too_deep_names_the_depth_that_can_be_made():
+def test_excessive_counterbore_message_states_a_valid_depth():
     mirror, _ = MIRRORS["hyperboloid"]
     bore = {"bore_diameter_mm": 6.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 14.0}
     with pytest.raises(InvalidParameter, match=r"a depth of at most 52\.\d+") as refused:
@@ -106,7 +106,7 @@ def test_a_counterbore_that_is_too_deep_names_the_depth_that_can_be_made():
     assert floor - float(mirror.sag(7.0)) == pytest.approx(1.0, abs=0.011)
 
 
-def test_tolerances_are_those_of_the_file_or_those_that_were_allocated(tmp_path):
+def test_allocated_tolerances_are_read_from_toml_and_json(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "t.toml").write_text(tolerance_template(sensor))
     asked = load_allocated_tolerances(tmp_path / "t.toml", sensor)
@@ -127,10 +127,10 @@ def test_tolerances_are_those_of_the_file_or_those_that_were_allocated(tmp_path)
             load_allocated_tolerances(tmp_path / "t.json", sensor)
 
 
-def test_the_command_says_what_a_shop_will_ask_for(tmp_path):
+def test_command_lists_missing_entries(tmp_path):
     run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", cwd=tmp_path)
     words = " ".join(run.stdout.split())
-    assert "A shop will ask for what the drawing does not say: number, owner, approved_by, mirror.material" in words
+    assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in words
     (tmp_path / "w.toml").write_text(
         "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n"
         "[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n"
@@ -161,7 +161,7 @@ SPHERE = om.load_sensor("paper-spherical")
         ({"form_um": 1.0}, {"mirror.conic": 0.005}, r"mirror.conic ± 0.005 departs by .* P-V"),
     ],
 )
-def test_tolerances_that_contradict_each_other_are_named(making, tolerances, sentence):
+def test_conflicting_tolerances_are_listed(making, tolerances, sentence):
     (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances))
     assert re.search(sentence, found), found
 
@@ -176,12 +176,12 @@ def test_tolerances_that_contradict_each_other_are_named(making, tolerances, sen
         ({"form_um": 0.2}, {"mirror.zernike_4_um": 0.3, "mirror.vertex_radius_mm": 1e-4}),
     ],
 )
-def test_tolerances_that_agree_raise_no_conflict(making, tolerances):
+def test_consistent_tolerances_have_no_conflict(making, tolerances):
     assert om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)) == []
 
 
-def test_a_radius_that_is_off_departs_by_the_zone_that_holds_both_spheres():
-    """Along the normal of the nominal sphere, in steps of a brute search for the shift along the axis."""
+def test_radius_error_zone_matches_brute_force():
+    """Search the axial shift in steps, with distances along the nominal normal."""
     told = {"mirror.vertex_radius_mm": 0.05}
     (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told))
     r, R = np.linspace(0, 43.905, 2001), 49.9582
@@ -190,7 +190,7 @@ def test_a_radius_that_is_off_departs_by_the_zone_that_holds_both_spheres():
     assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(min(zones), rel=0.01)
 
 
-def test_the_command_warns_of_tolerances_that_contradict_each_other(tmp_path):
+def test_command_warns_of_conflicting_tolerances(tmp_path):
     (tmp_path / "shop.toml").write_text("[mirror]\ncentring_deg = 0.5\n")
     (tmp_path / "tolerances.toml").write_text('[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n')
     done = omnimirror(
@@ -205,4 +205,4 @@ def test_the_command_warns_of_tolerances_that_contradict_each_other(tmp_path):
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    assert "tolerances contradict each other: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())
+    assert "inconsistent tolerances: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())

@@ -96,10 +96,10 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
 @pytest.mark.parametrize(
     ("path", "body", "words"),
     [
-        ("built", {"values": {"mirror.nonsense": 1.0}, "refocus": "none"}, "no error that this sensor can have"),
+        ("built", {"values": {"mirror.nonsense": 1.0}, "refocus": "none"}, "not an error source of this sensor"),
         ("yield", {"merit": "nonsense"}, "not a merit of trials"),
-        ("yield", {"limit": -1.0}, "valid above 0"),
-        ("yield", {"errors": []}, "no error in the tolerances"),
+        ("yield", {"limit": -1.0}, "must be positive"),
+        ("yield", {"errors": []}, "must contain at least one error"),
         ("errors", {"tables": {}}, "mirror"),
     ],
 )

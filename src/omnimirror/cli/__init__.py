@@ -19,39 +19,39 @@ from .process import Terminated, process_state, stopped_code
 from .streams import be_quiet, forget_output
 
 COMMANDS = {
-    "sensors": "List the sensors that come with omnimirror.",
-    "init": "Write a commented sensor file to start from.",
-    "design": "Design a sensor from requirements, optimise it, and say what conflicts.",
-    "judge": "Compare a sensor with requirements, and say the margins.",
-    "mappings": "List the mappings that a mirror can be generated for.",
+    "sensors": "List the bundled sensors.",
+    "init": "Write a commented sensor file as a template.",
+    "design": "Design a sensor from requirements; report margins and relaxations.",
+    "judge": "Check a sensor against requirements and report the margins.",
+    "mappings": "List the mappings that a mirror can be designed for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
-    "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
+    "export": "Export CAD files, lens files, tables and drawings of a sensor.",
     "rays": "Write a ray table for Blender, Mitsuba and other renderers.",
     "maps": "Write a view map for compositors, OpenCV, FFmpeg, shaders and boards.",
     "colmap": "Dewarp images to a COLMAP project with rig and masks.",
-    "spots": "Spot diagrams by real rays through the whole aperture.",
-    "psf": "Point-spread functions and encircled energy.",
-    "mtf": "Tangential and sagittal MTF over the field.",
-    "illumination": "Relative illumination over the field.",
-    "form": "Say what a mirror became, from points measured on it.",
-    "compare": "Put up to six sensors side by side.",
-    "simulate": "Take the pictures that a sensor would take of a scene.",
-    "dewarp": "Straighten pictures and videos taken with a mirror or fisheye.",
-    "view": "Look around in a picture, video or stream, in the browser.",
-    "studio": "Look through a sensor, and design one, in the browser.",
+    "spots": "Compute spot diagrams with real rays through the whole aperture.",
+    "psf": "Compute point-spread functions and encircled energy.",
+    "mtf": "Compute the tangential and sagittal MTF over the field.",
+    "illumination": "Compute the relative illumination over the field.",
+    "form": "Analyse the form error of a manufactured mirror from measured points.",
+    "compare": "Compare up to six sensors.",
+    "simulate": "Render the images that a sensor would capture of a scene.",
+    "dewarp": "Dewarp (undistort) images and videos of a mirror or fisheye camera.",
+    "view": "View an image, video or stream in the browser.",
+    "studio": "Start the studio: view images and design sensors in the browser.",
     "serve": "Serve views of a camera or stream as network cameras.",
-    "board": "Write a calibration board to print.",
-    "calibrate": "Find out what camera took pictures of a board.",
-    "rim": "Find the mirror's rim in its pictures.",
-    "lines": "Refine and level a camera by straight edges, without a target.",
+    "board": "Write a calibration target for printing.",
+    "calibrate": "Calibrate a camera from images of a target.",
+    "rim": "Detect the outline of the mirror in images.",
+    "lines": "Refine and level a camera from straight edges, without a target.",
     "uncertainty": "Estimate the uncertainty of directions measured with a calibrated camera.",
-    "convert": "Take a camera from one program's file to another's.",
-    "apertures": "Find the F-number and focus with the least blur and diffraction.",
-    "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
-    "tolerance": "Say how well a sensor must be built, and how many will be good.",
-    "parts": "Choose a lens and an imager that can be bought.",
-    "reproduce": "Redraw the paper's figures and check its numbers.",
-    "demo": "Evaluate, simulate and straighten, and write a report.",
+    "convert": "Convert a camera model between file formats.",
+    "apertures": "Find the F-number and focus with minimum blur and diffraction.",
+    "bracket": "Plan a focus bracket, and merge its images.",
+    "tolerance": "Run a tolerance analysis and predict the manufacturing yield.",
+    "parts": "Select off-the-shelf lenses and imagers for a mirror.",
+    "reproduce": "Reproduce the figures and numbers of the paper.",
+    "demo": "Evaluate, simulate and dewarp a sensor, and write a report.",
 }
 """Every command with its one line of help."""
 ROOMS = {
@@ -104,11 +104,11 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
 @click.option("--quiet", is_flag=True, expose_value=False, callback=be_quiet, is_eager=True,
-              help="Say nothing but what went wrong; with any command, as those below.")  # fmt: skip
-@click.option("--verbose", is_flag=True, expose_value=False, help="Say what the run took, and by what it was done.")
-@click.option("--debug", is_flag=True, expose_value=False, help="Show where an error comes from.")
+              help="Print warnings and errors only; valid for all commands, as the options below.")  # fmt: skip
+@click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
+@click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
-    """Omnidirectional mirror sensors: design, evaluate, simulate and calibrate them, and straighten their pictures."""
+    """Design, evaluate, simulate and calibrate omnidirectional mirror sensors, and dewarp their images."""
 
 
 def main(args: list[str] | None = None) -> None:

@@ -28,7 +28,7 @@ from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words
 from .drawings.tables import DataFile, sag_text
 from .formats.sag import table_points, write_grid_sag
-from .formats.tool_path import Tool, write_tool_path
+from .formats.tool_paths import Tool, write_tool_path
 from .formats.zmx import write_zmx
 from .workshop import Workshop
 

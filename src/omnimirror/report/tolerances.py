@@ -19,10 +19,10 @@ from ..manufacturing.tolerancing.monte_carlo import (
     YieldStatistics,
     format_limit,
     format_motion,
-    monte_carlo,
+    simulate_trials,
 )
 from ..manufacturing.tolerancing.perturbation import MEASURED, error_sources, group_of
-from ..manufacturing.tolerancing.requirement_merits import requirement_merits
+from ..manufacturing.tolerancing.requirement_merits import select_requirement_merits
 from ..manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivities
 from ..manufacturing.tolerancing.tolerance_analysis import ToleranceReport
 from ..manufacturing.tolerancing.tolerances import Tolerances
@@ -59,8 +59,10 @@ class _Order:
             for name, bound in plan.tolerances.errors.items()
         }
         chosen = replace(plan.tolerances, errors=errors)
-        evaluator = TrialEvaluator.of(report.sensor, plan.refocus, requirement_merits(plan.limits), **plan.objects)
-        statistics = monte_carlo(evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2)
+        evaluator = TrialEvaluator.of(
+            report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects
+        )
+        statistics = simulate_trials(evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2)
         return cls(report, chosen, statistics, sensitivities(evaluator, chosen, plan.limits), found.confirmed_yield)
 
     def cost(self, name: str) -> float:

@@ -1,4 +1,4 @@
-"""The drawing: true to scale on paper, every number the sensor's, nothing on top of anything else."""
+"""Drawings: true scale on paper, values of the sensor, and labels without overlap."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ TAPPED = Body(thread="M6", bore_depth_mm=12.0)
 
 
 def pdf_streams(data):
-    """What a PDF file draws, page by page, as text."""
+    """Return the drawing commands of a PDF file, page by page."""
     for start in re.finditer(rb"/FlateDecode >>\s*stream\r?\n", data):
         yield zlib.decompressobj().decompress(data[start.end() :]).decode("latin-1")
 
 
 def pdf_paths(data):
-    """Size of the page and all polylines (n, 2) of a PDF file, in points."""
+    """Return page size and polylines (n, 2) of a PDF file, in points."""
     box = [float(v) for v in re.search(rb"/MediaBox \[ ?([\d. ]+)\]", data)[1].split()]
     paths = []
     for text in pdf_streams(data):
@@ -48,7 +48,7 @@ def pdf_paths(data):
 
 @pytest.mark.parametrize(("size", "scale"), few([("A3", None), ("A3", 0.5), ("A4", None)], ("A3", 0.5)))
 @pytest.mark.parametrize("name", few(["paper-spherical", "paper-hyperboloidal"], "paper-spherical"))
-def test_lengths_on_paper_are_true_to_the_scale(name, size, scale):
+def test_paper_lengths_match_the_scale(name, size, scale):
     sensor = om.load_sensor(name)
     drawing = draw_sheets(sensor, sheet=size, scale=scale)
     page, paths = pdf_paths(drawing.render("pdf"))
@@ -71,8 +71,8 @@ def test_lengths_on_paper_are_true_to_the_scale(name, size, scale):
         assert sensor_scale == scale
 
 
-def test_rays_on_paper_have_their_angles():
-    """Chief rays of the view from the world to the mirror, measured on the paper."""
+def test_drawn_rays_have_their_field_angles():
+    """Measure the object-side chief rays of the sensor view on paper."""
     _, paths = pdf_paths(draw_sheets(om.load_sensor("paper-spherical")).render("pdf"))
     inner = [p for p in paths if len(p) == 4]  # world, mirror, lens, imager
     found = set()
@@ -84,7 +84,7 @@ def test_rays_on_paper_have_their_angles():
 
 
 def texts(figure):
-    """Every text with its box (x0, y0, x1, y1) in mm."""
+    """Return every text with its box (x0, y0, x1, y1) in mm."""
     figure.dpi = 300  # hinting widens small letters
     canvas = FigureCanvasAgg(figure)
     renderer = canvas.get_renderer()
@@ -94,13 +94,13 @@ def texts(figure):
 
 
 def segments(figure):
-    """Ends (n, 2, 2) in mm of all that lines of a sheet are made of."""
+    """Return the end points (n, 2, 2) in mm of all line segments of a sheet."""
     lines = [np.stack([line.get_xdata(), line.get_ydata()], axis=-1) for line in figure.axes[0].lines]
     return np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
 
 
 def crosses(segments, box):
-    """Which segments (n, 2, 2) run through the inside of a box (x0, y0, x1, y1)."""
+    """Return which segments (n, 2, 2) cross the interior of a box (x0, y0, x1, y1)."""
     low, high = box[:2], box[2:]
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -166,8 +166,8 @@ SIMILAR_CASES = [
     [*CASES, *(pytest.param(case, marks=pytest.mark.full) for case in SIMILAR_CASES)],
     ids=[f"{c[0].name[:30]}-{c[3]}-{i}" for i, c in enumerate([*CASES, *SIMILAR_CASES])],
 )
-def test_no_words_touch_and_all_lie_inside_the_frame(case):
-    """Of every sheet: no words touch others, no line runs through them, none is smaller than ISO 3098 has them."""
+def test_labels_do_not_overlap_and_are_inside_the_frame(case):
+    """No label overlaps another one or a line, and all conform to ISO 3098."""
     sensor, body, housing, size = case
     width, height = SHEETS[size]
     drawing = draw_sheets(sensor, body, housing, size, workshop=WORKSHOP)
@@ -186,8 +186,8 @@ def test_no_words_touch_and_all_lie_inside_the_frame(case):
 
 
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
-def test_letters_are_as_large_on_paper_as_the_standard_asks(size):
-    """Sizes of fonts in the files: capitals of DejaVu Sans are .729 of them high."""
+def test_letter_heights_conform_to_iso_3098(size):
+    """Check font sizes in the files; capitals of DejaVu Sans have 0.729 of the font size."""
     drawing = draw_sheets(om.load_sensor("folded-hyperboloidal"), sheet=size, workshop=WORKSHOP)
     for sheet in range(3):
         svg = drawing.render("svg", sheet).decode()
@@ -205,7 +205,7 @@ def shown(drawing, sheet):
     return set(re.findall(r">([^<>]+)</text>", drawing.render("svg", sheet).decode()))
 
 
-def test_the_mirror_sheet_says_what_a_shop_asks_for():
+def test_part_sheet_contains_manufacturing_data():
     sensor = om.load_sensor("paper-hyperboloidal")
     body = Body(thread="M6", bore_depth_mm=12.0)
     words = shown(draw_sheets(sensor, body, workshop=WORKSHOP), 1)
@@ -242,14 +242,16 @@ def test_the_mirror_sheet_says_what_a_shop_asks_for():
     }
 
 
-def test_what_is_not_said_falls_under_general_tolerances_and_the_sheet_says_so():
+def test_unspecified_entries_refer_to_general_tolerances():
     words = shown(draw_sheets(om.load_sensor("paper-spherical")), 1)
     assert words >= {"3/ ISO 10110-11", "4/ ISO 10110-11", "5/ ISO 10110-11", "as agreed", "ISO 2768-mK", "Ø87.81"}
     assert not any("±" in word for word in words)
 
 
 def test_allocated_tolerances_are_on_the_sheets():
-    """Places as zones of ISO 1101 about the lens's axis, spacing as a dimension, shape on the mirror's own sheet."""
+    """Position as ISO 1101 zones about the lens axis, spacing as a dimension, shape on the part
+    sheet.
+    """
     sensor = om.load_sensor("paper-spherical")
     allocated = Workshop(tolerances={**WORKSHOP.tolerances, "mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4})
     drawing = draw_sheets(sensor, workshop=allocated)
@@ -258,7 +260,7 @@ def test_allocated_tolerances_are_on_the_sheets():
     assert shown(drawing, 1) >= {"49.9582 ± 0.05 mm", "0 ± 0.005", "3/- RMSt &lt; 289 nm", "4/3' (0.02 mm)"}
 
 
-def test_the_data_file_is_the_one_that_is_named(tmp_path):
+def test_data_file_matches_its_checksum(tmp_path):
     files = om.export(om.load_sensor("folded-spherical"), tmp_path, formats=["csv", "svg"], step_mm=2.0, digits=4)
     tables = {f.path.name: f.path for f in files if f.path.suffix == ".csv"}
     for name, mark in zip(sorted(tables), ("-mirror", "-secondary"), strict=True):
@@ -268,7 +270,7 @@ def test_the_data_file_is_the_one_that_is_named(tmp_path):
         assert "".join(words[at + 2 : at + 6]) == sha256(tables[name].read_bytes()).hexdigest()
 
 
-def test_the_sheet_says_what_the_sensor_is():
+def test_assembly_sheet_describes_the_sensor():
     drawing = draw_sheets(om.load_sensor("paper-spherical"), TAPPED, Housing(rod=Rod(4.0)))
     assert shown(drawing, 0) >= {"paper-spherical", "180.429", "12.271", "4.35 %", "1:1"}
     assert shown(drawing, 1) >= {"Ø87.81", "(26.122)", "M6, 12 deep", "drill Ø5"}
@@ -284,17 +286,17 @@ def test_the_sheet_says_what_the_sensor_is():
         (Dome(material="fused_silica", medium_index=1.2), "fused silica, n = 1.45846, in a medium of n = 1.2"),
     ],
 )
-def test_a_cover_is_drawn_with_the_material_that_rays_pass(shell, words):
+def test_cover_label_states_the_material(shell, words):
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell))
     assert words in shown(draw_sheets(sensor), 0)
     assert sensor.meridian.cover.shell.index == pytest.approx(float(re.search(r"n = ([\d.]+\d)", words)[1]))
 
 
-def test_nothing_is_drawn_around_a_sensor_without_a_housing():
+def test_sensor_without_housing_has_no_housing_lines():
     assert not any("tube" in word for word in shown(draw_sheets(om.load_sensor("paper-spherical")), 0))
 
 
-def test_a_sheet_names_no_data_file_that_is_not_written(tmp_path):
+def test_sheet_references_only_written_data_files(tmp_path):
     sensor = om.load_sensor("exact-equidistant")
     for formats, is_named in ((["svg"], False), (["svg", "csv"], True), (["dxf"], False)):
         folder = tmp_path / "-".join(formats)
@@ -306,7 +308,7 @@ def test_a_sheet_names_no_data_file_that_is_not_written(tmp_path):
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_every_symbol_of_a_formula_is_a_row_of_its_table(kind):
+def test_table_defines_all_formula_symbols(kind):
     for mirror in {sensor_of(kind).mirror, one_millimetre(sensor_of(kind).mirror)}:
         rows = mirror_rows(mirror)
         formula = " ".join(row[1] for row in rows if row[0] == "form" or not row[0])
@@ -317,29 +319,29 @@ def test_every_symbol_of_a_formula_is_a_row_of_its_table(kind):
 
 
 def one_millimetre(mirror):
-    """The mirror with N = 1 mm, where it has one."""
+    """Return the mirror with N = 1 mm, if it has a normalization radius."""
     is_normalised = "normalization_radius_mm" in mirror.PARAMETERS
     return EvenPolynomial((0.012, 2e-6), 30.0) if is_normalised and mirror.KIND == "even-polynomial" else mirror
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_zero_has_no_sign(kind):
+def test_zero_is_formatted_without_sign(kind):
     part = Part(sensor_of(kind), Body())
     assert not any(re.fullmatch(r"-0(\.0*)?", word) for row in sag_rows(part, 14) for word in row)
     assert fixed_words(-1e-12, 4) == "0.0000"
 
 
-def test_a_pdf_holds_all_sheets():
+def test_pdf_contains_all_sheets():
     data = draw_sheets(om.load_sensor("folded-spherical"), sheet="A4").render("pdf")
     assert len(re.findall(rb"/Type /Page\b", data)) == 3
 
 
-def test_the_same_sensor_gives_the_same_file():
+def test_drawing_files_are_reproducible():
     sensor = om.load_sensor("paper-hyperboloidal")
     assert draw_sheets(sensor).render("pdf") == draw_sheets(sensor).render("pdf")
 
 
-def test_scales_are_standard_ones():
+def test_scales_are_standard():
     for size in (3.0, 44.0, 230.0, 5000.0):
         scale = fitting_scale(size, size, 100.0, 100.0)
         assert size * scale <= 100.0 < size * scale * 2.6
@@ -347,12 +349,12 @@ def test_scales_are_standard_ones():
 
 
 @pytest.mark.parametrize("options", [{"sheet": "A5"}, {"scale": 1e-9}, {"scale": 1e6}])
-def test_paper_that_there_is_not_is_refused(options):
+def test_unknown_paper_is_rejected(options):
     with pytest.raises(InvalidParameter, match=r"A5|scale must"):
         draw_sheets(sensor_of("sphere"), **options)
 
 
-def test_words_are_as_wide_as_measured():
+def test_text_widths_match_matplotlib():
     sheet = Sheet("A3")
     sheet.figure.dpi = 600
     sheet.text(50, 50, "transparent tube Ø100 × 3")

@@ -1,4 +1,4 @@
-"""DXF files read back and audited by ezdxf."""
+"""DXF files, read and audited by ezdxf."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.manufacturing.formats.test_step import BODIES
 
 
 def surface_points(entity):
-    """Points (n, 2) as (z, x) along a curve of the MIRROR layer, evaluated by ezdxf."""
+    """Return points (n, 2) as (z, x) along a curve of the MIRROR layer, evaluated by ezdxf."""
     match entity.dxftype():
         case "LINE":
             start, end = entity.dxf.start, entity.dxf.end
@@ -32,7 +32,7 @@ def surface_points(entity):
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "sampled"))
-def test_the_section_is_the_mirror_and_the_file_is_clean(kind, body, tmp_path):
+def test_section_matches_the_mirror_and_passes_the_audit(kind, body, tmp_path):
     mirror, _ = MIRRORS[kind]
     curve = write_dxf(tmp_path / "mirror.dxf", Part(sensor_of(kind), body))
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
@@ -55,7 +55,7 @@ def test_the_section_is_the_mirror_and_the_file_is_clean(kind, body, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "extra"), [("plain", []), ("tapped, with flange", ["5", "12", "95.8", "2"])])
-def test_dimensions_are_real_and_measure_the_part(name, extra, tmp_path):
+def test_dimensions_measure_the_part(name, extra, tmp_path):
     mirror, _ = MIRRORS["hyperboloid"]
     body = BODIES[name]
     write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("hyperboloid"), body))
@@ -68,7 +68,7 @@ def test_dimensions_are_real_and_measure_the_part(name, extra, tmp_path):
     assert {"Ø87.8", f"{edge:.3f}"} <= shown
 
 
-def test_layers_hatch_and_centre_line_are_there(tmp_path):
+def test_layers_hatch_and_centre_line(tmp_path):
     mirror, _ = MIRRORS["even-polynomial"]
     write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("even-polynomial"), BODIES["tapped, with flange"]))
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
@@ -91,8 +91,8 @@ def test_layers_hatch_and_centre_line_are_there(tmp_path):
 
 
 @pytest.mark.parametrize("size", few(sorted(SHEETS), "A4"))
-def test_the_layout_is_the_sheet(size, tmp_path):
-    """The same words at the same places as on the sheet, as large as letters have to be; lines within the paper."""
+def test_layout_matches_the_sheet(size, tmp_path):
+    """Texts have the positions and heights of the sheet; lines are within the paper."""
     sensor, making = om.load_sensor("folded-hyperboloidal"), PartSpecification("brass", back_flatness_mm=0.005)
     workshop = Workshop(TitleBlock("OM-1"), mirror=making)
     parts = parts_of(sensor, Body())
@@ -112,7 +112,7 @@ def test_the_layout_is_the_sheet(size, tmp_path):
     assert (layout.dxf.paper_width, layout.dxf.paper_height) == SHEETS[size]
 
 
-def test_tolerances_and_a_counterbore_are_dimensions_too(tmp_path):
+def test_dimensions_include_tolerances_and_counterbore(tmp_path):
     sensor = om.load_sensor("folded-hyperboloidal")
     making = PartSpecification(diameter_tolerance_mm=0.02, thickness_tolerance_mm=0.05)
     (part, _) = parts_of(sensor)
@@ -124,8 +124,8 @@ def test_tolerances_and_a_counterbore_are_dimensions_too(tmp_path):
     assert {"Ø87.8±0.02", "5±0.05"} <= {words.replace(" ", "").replace("\n", "") for words in shown}, shown
 
 
-def test_upright_words_stand_where_the_sheet_has_them(tmp_path):
-    """Beside their dimension line, half way along it: by the extents that ezdxf measures of the turned letters."""
+def test_rotated_text_matches_the_sheet(tmp_path):
+    """Rotated texts are centred at their dimension line, by the extents that ezdxf computes."""
     from ezdxf import bbox
 
     write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("cone"), Body()))

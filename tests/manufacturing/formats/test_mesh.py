@@ -1,4 +1,6 @@
-"""STL and 3MF files read back by trimesh: closed, outward, within the chord tolerance, of the right volume."""
+"""STL and 3MF files, read by trimesh: closed, oriented, within the tolerance, with the exact
+volume.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ def load(path):
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("suffix", [".stl", ".3mf"])
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "sampled"))
-def test_the_mesh_is_closed_outward_and_as_close_as_asked(kind, suffix, body, tmp_path):
+def test_mesh_is_closed_and_within_the_tolerance(kind, suffix, body, tmp_path):
     mirror, _ = MIRRORS[kind]
     path = tmp_path / f"mirror{suffix}"
     stated, count = write_mesh(path, mirror, body, 20.0)
@@ -50,7 +52,7 @@ def test_the_mesh_is_closed_outward_and_as_close_as_asked(kind, suffix, body, tm
         assert stated > 10.0  # and no finer than asked
 
 
-def test_a_finer_tolerance_is_met_too():
+def test_finer_tolerance_is_met():
     mirror, _ = MIRRORS["hyperboloid"]
     coarse, fine = (len(mesh_of(mirror, Body(), tolerance)[1]) for tolerance in (40.0, 1.0))
     assert fine == pytest.approx(40 * coarse, rel=0.2)  # triangles go as 1/tolerance
@@ -63,7 +65,7 @@ def test_a_finer_tolerance_is_met_too():
     fourth=st.floats(-0.05, 0.05),
     tolerance=st.floats(0.1, 100.0),
 )
-def test_chords_of_any_asphere_stay_within_the_tolerance(radius, conic, fourth, tolerance):
+def test_chords_stay_within_the_tolerance(radius, conic, fourth, tolerance):
     mirror = ConicAsphere(radius, conic, 40.0, (fourth,), 40.0)
     x = chords(mirror, tolerance)
     assert x[0] == 0.0
@@ -75,6 +77,6 @@ def test_chords_of_any_asphere_stay_within_the_tolerance(radius, conic, fourth, 
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, 1e-5])
-def test_a_tolerance_that_cannot_be_met_is_refused(tolerance):
+def test_invalid_tolerance_is_rejected(tolerance):
     with pytest.raises(InvalidParameter, match="chord_tolerance_um must"):
         mesh_of(MIRRORS["sphere"][0], Body(), tolerance)

@@ -1,4 +1,4 @@
-"""The sag table and the best-fit sphere, against high precision and brute force."""
+"""Sag table and best-fit sphere against high-precision and brute-force computations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read(text):
     return head, dict(zip(names, np.array(rows, dtype=float).T, strict=True))
 
 
-def test_every_mirror_reads_back_to_the_digits_asked(any_sensor):
+def test_table_is_accurate_to_its_digits(any_sensor):
     x = table_points(any_sensor, step_mm=1.5)
     head, columns = read(format_table(any_sensor, x, digits=7))
     exact = sag_table(any_sensor, x)
@@ -40,14 +40,14 @@ def test_every_mirror_reads_back_to_the_digits_asked(any_sensor):
     assert ("vertex_radius_mm" in head) != any_sensor.mirror.is_pointed
 
 
-def test_the_head_knows_the_conic():
+def test_header_contains_conic_parameters():
     head, _ = read(format_table(sensor_of("hyperboloid"), [0.0, 1.0]))
     assert head["vertex_radius_mm"] == pytest.approx((0.7407 / 1.698) * 0.7407 * 43.9)
     assert head["conic_constant"] == pytest.approx(-1 - (0.7407 / 1.698) ** 2)
     assert "conic_constant" not in read(format_table(sensor_of("equidistant"), [0.0]))[0]
 
 
-def test_the_table_is_a_profile_that_makes_the_same_mirror(tmp_path):
+def test_table_defines_the_same_sampled_mirror(tmp_path):
     sensor = sensor_of("equidistant")
     (tmp_path / "sag.csv").write_text(format_table(sensor, table_points(sensor, step_mm=0.5), digits=9))
     again = SampledProfile.from_csv(tmp_path / "sag.csv")
@@ -55,14 +55,14 @@ def test_the_table_is_a_profile_that_makes_the_same_mirror(tmp_path):
     np.testing.assert_allclose(again.sag(x), sensor.mirror.sag(x), atol=1e-8)
 
 
-def test_rows_by_angle_are_the_field_angles():
+def test_angular_rows_have_equal_field_angle_steps():
     sensor = sensor_of("hyperboloid")
     columns = sag_table(sensor, table_points(sensor, step_deg=15))
     np.testing.assert_allclose(columns["omega_deg"][:-1], np.arange(0, 136, 15), atol=1e-9)
     assert columns["x_mm"][-1] == sensor.mirror.rim_radius_mm
 
 
-def test_a_step_that_meets_the_rim_does_not_repeat_it():
+def test_rim_row_is_not_repeated():
     sensor = om.load_sensor("prototype-spherical")  # 44 mm
     assert len(table_points(sensor, step_mm=4.4)) == 11
     assert len(table_points(sensor, step_mm=4.0)) == 12
@@ -72,19 +72,19 @@ def test_a_step_that_meets_the_rim_does_not_repeat_it():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"step_mm": 0.0}, "valid above 0"),
-        ({"step_deg": -1.0}, "valid above 0"),
-        ({"step_mm": 1e-9}, "choose a larger one"),
-        ({"step_mm": 1.0, "step_deg": 1.0}, "not both"),
+        ({"step_mm": 0.0}, "must be positive"),
+        ({"step_deg": -1.0}, "must be positive"),
+        ({"step_mm": 1e-9}, "use a larger value"),
+        ({"step_mm": 1.0, "step_deg": 1.0}, "must not be given together"),
     ],
 )
-def test_a_step_that_makes_no_table_is_refused(options, sentence):
+def test_invalid_step_is_rejected(options, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         table_points(sensor_of("sphere"), **options)
 
 
 @pytest.mark.parametrize("digits", [-1, 16, 2.5])
-def test_digits_that_no_number_has_are_refused(digits):
+def test_invalid_digits_are_rejected(digits):
     with pytest.raises(InvalidParameter, match="digits must"):
         format_table(sensor_of("sphere"), [0.0], digits)
 
@@ -92,7 +92,7 @@ def test_digits_that_no_number_has_are_refused(digits):
 # -- the best-fit sphere -----------------------------------------------------------------------------
 
 
-def test_the_best_sphere_of_a_sphere_is_itself():
+def test_best_fit_sphere_of_a_sphere():
     mirror, _ = MIRRORS["sphere"]
     for merit in ("least-squares", "min-departure"):
         sphere = best_fit_sphere(mirror, merit)
@@ -102,8 +102,8 @@ def test_the_best_sphere_of_a_sphere_is_itself():
 
 
 @pytest.mark.parametrize("kind", ["hyperboloid", "ellipsoid", "cone", "equidistant", "conic-asphere"])
-def test_no_other_sphere_is_closer(kind):
-    """Against a simplex search in both unknowns, on points of its own."""
+def test_best_fit_sphere_is_optimal(kind):
+    """Compare with a simplex search in both unknowns on independent points."""
     mirror, _ = MIRRORS[kind]
     x = mirror.rim_radius_mm * np.linspace(0, 1, 4001)
     z = mirror.sag(x)
@@ -129,8 +129,8 @@ def test_no_other_sphere_is_closer(kind):
         )
 
 
-def test_departure_is_positive_where_a_blank_has_material_to_lose():
-    """A paraboloid through the vertex of its osculating sphere lies inside it towards the rim."""
+def test_departure_is_positive_for_material_removal():
+    """A paraboloid is inside its osculating sphere at the vertex towards the rim."""
     mirror = EvenPolynomial((0.01,), 30.0)
     sphere = best_fit_sphere(mirror)
     x = np.array([5.0, 17.0, 30.0])
@@ -140,7 +140,7 @@ def test_departure_is_positive_where_a_blank_has_material_to_lose():
     np.testing.assert_allclose(off, 1e3 * (sphere.radius_mm - distance), atol=1e-9)
 
 
-def test_the_slope_departure_is_the_angle_between_the_normals():
+def test_slope_departure_is_the_angle_between_normals():
     mirror, _ = MIRRORS["hyperboloid"]
     sphere = best_fit_sphere(mirror)
     with mp.workdps(30):
@@ -155,7 +155,7 @@ def test_the_slope_departure_is_the_angle_between_the_normals():
     assert sphere.slope_mrad == pytest.approx(1e3 * max(angles), rel=1e-4)
 
 
-def test_a_hollow_mirror_is_the_convex_one_turned_over():
+def test_concave_mirror_mirrors_the_convex_one():
     convex, hollow = (best_fit_sphere(EvenPolynomial((a,), 10.0)) for a in (0.001, -0.001))
     assert (hollow.radius_mm, hollow.centre_z_mm) == (-convex.radius_mm, -convex.centre_z_mm)
     assert hollow.peak_to_valley_um == convex.peak_to_valley_um
@@ -165,7 +165,7 @@ def test_a_hollow_mirror_is_the_convex_one_turned_over():
     assert best_fit_sphere(Flat(10.0)).radius_mm == np.inf
 
 
-def test_a_nearly_flat_mirror_has_no_sphere_and_a_merit_must_be_known():
+def test_nearly_flat_mirror_and_unknown_criterion_are_rejected():
     with pytest.raises(InvalidParameter, match="nearly flat"):
         best_fit_sphere(EvenPolynomial((-1e-12,), 10.0))
     with pytest.raises(InvalidParameter, match="min-departure"):

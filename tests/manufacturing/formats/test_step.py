@@ -1,4 +1,4 @@
-"""STEP files read back by OpenCASCADE: points of the face, the volume, and what the file says of itself."""
+"""STEP files, read by OpenCASCADE: points of the face, volume, and header."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read(path):
 
 
 def faces(shape):
-    """Each face's kind of surface and points (n, 3) of it."""
+    """Return surface type and points (n, 3) of each face."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepTools import BRepTools
     from OCP.TopAbs import TopAbs_ShapeEnum
@@ -60,7 +60,7 @@ def volume(shape):
 
 
 def exact_volume(mirror, body):
-    """By shells, the drill point as a cone."""
+    """Integrate the volume by shells, with a conical drill point."""
     back = float(mirror.sag(mirror.rim_radius_mm)) + body.thickness_mm
     start, outer = body.start_mm(), mirror.rim_radius_mm + body.flange_width_mm
     shells, _ = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), start, mirror.rim_radius_mm, epsrel=1e-11)
@@ -72,7 +72,7 @@ def exact_volume(mirror, body):
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "sampled"))
-def test_the_solid_is_closed_and_its_face_is_the_mirror(kind, body, tmp_path):
+def test_solid_is_closed_and_its_face_matches_the_mirror(kind, body, tmp_path):
     from OCP.BRepCheck import BRepCheck_Analyzer
 
     mirror, _ = MIRRORS[kind]
@@ -101,7 +101,7 @@ def test_the_solid_is_closed_and_its_face_is_the_mirror(kind, body, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["hyperboloid", "paraboloid", "ellipsoid"])
-def test_a_conic_is_one_rational_curve_that_satisfies_its_equation(kind, tmp_path):
+def test_conic_arc_satisfies_its_equation(kind, tmp_path):
     mirror, _ = MIRRORS[kind]
     curve = write_step(tmp_path / "mirror.step", mirror, Body(), kind)
     assert (curve.deviation_um, curve.degree, len(curve.poles)) == (0.0, 2, 3)
@@ -112,7 +112,7 @@ def test_a_conic_is_one_rational_curve_that_satisfies_its_equation(kind, tmp_pat
     np.testing.assert_allclose(x2 - 2 * R * z + (1 + k) * z**2, 0, atol=1e-8)
 
 
-def test_the_file_says_what_it_is_and_how_far_off(tmp_path, capfd):
+def test_file_header_states_content_and_deviation(tmp_path, capfd):
     mirror, _ = MIRRORS["equidistant"]
     curve = write_step(tmp_path / "mirror.step", mirror, BODIES["tapped, with flange"], "my mirror")
     text = (tmp_path / "mirror.step").read_text()
@@ -135,11 +135,11 @@ def test_the_file_says_what_it_is_and_how_far_off(tmp_path, capfd):
         ({"thickness_mm": -1.0}, "outside"),
     ],
 )
-def test_a_body_that_cannot_be_made_is_refused_with_advice(body, advice):
+def test_invalid_body_is_rejected_with_advice(body, advice):
     mirror: Hyperboloid = MIRRORS["hyperboloid"][0]
     with pytest.raises(InvalidParameter, match=re.escape(advice)):
         Body(**body).outline(mirror)
 
 
-def test_the_deepest_bore_named_in_the_advice_can_be_made():
+def test_suggested_bore_depth_is_valid():
     Body(bore_diameter_mm=5.0, bore_depth_mm=53.19).outline(MIRRORS["hyperboloid"][0])

@@ -1,4 +1,4 @@
-"""OpticStudio files read by a reader of their own: the sag by mpmath, the chief rays by reflection."""
+"""OpticStudio files with an independent reader: sag by mpmath, chief rays by reflection."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.manufacturing.test_housing import IN_DOME, IN_WATER
 
 
 def parse_zmx(path):
-    """System lines and surfaces of a .zmx file, as a program that knows the format finds them."""
+    """Parse system lines and surfaces of a .zmx file."""
     system, surfaces = {}, []
     for line in path.read_text(encoding="utf-16").splitlines():
         key, *values = line.split()
@@ -39,9 +39,9 @@ def parse_zmx(path):
 
 
 def sag_of(surface):
-    """The textbook formula of an even or odd asphere, in 30 digits.
+    """Evaluate the textbook formula of an even or odd asphere with 30 digits.
 
-    The extended ones have the number of terms, the normalization radius and the terms in their extra data.
+    Extended aspheres have number of terms, normalization radius and terms in the extra data.
     """
     c, k = mp.mpf(surface["CURV"][0]), mp.mpf(surface["CONI"][0])
     step, extended = {
@@ -72,7 +72,7 @@ def thirty_digits():
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_the_surface_is_the_mirror_within_what_the_file_says(kind, tmp_path):
+def test_surface_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
     sensor = sensor_of(kind)
     stated = write_zmx(tmp_path / "s.zmx", sensor)[0].deviation_um
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -89,8 +89,8 @@ def test_the_surface_is_the_mirror_within_what_the_file_says(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_chief_rays_of_the_file_leave_at_the_field_angles(kind, tmp_path):
-    """From each field point through the middle of the stop, reflected at the surface as the file has it."""
+def test_chief_rays_have_the_listed_field_angles(kind, tmp_path):
+    """Trace from each field point through the centre of the stop to the reflection at the surface."""
     sensor = sensor_of(kind)
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -109,15 +109,15 @@ def test_chief_rays_of_the_file_leave_at_the_field_angles(kind, tmp_path):
         assert float(mp.degrees(2 * beta + theta)) == pytest.approx(omega, abs=within_deg)
 
 
-def test_a_convex_mirror_has_a_positive_radius_in_the_file(tmp_path):
-    """Light travels along +z from the lens, and the centre of curvature lies beyond the vertex."""
+def test_convex_mirror_has_positive_radius(tmp_path):
+    """Light travels along +z from the lens, and the centre of curvature is beyond the vertex."""
     write_zmx(tmp_path / "s.zmx", sensor_of("sphere"))
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
     assert 1 / float(surfaces[2]["CURV"][0]) == pytest.approx(49.9582)
     assert float(surfaces[1]["DISZ"][0]) > 0
 
 
-def test_a_telecentric_sensor_looks_along_the_axis(tmp_path):
+def test_telecentric_chief_rays_are_axial(tmp_path):
     sensor = sensor_of("paraboloid", "orthographic")
     write_zmx(tmp_path / "s.zmx", sensor)
     system, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -129,7 +129,7 @@ def test_a_telecentric_sensor_looks_along_the_axis(tmp_path):
         assert float(mp.degrees(2 * mp.atan(mp.diff(sag, mp.mpf(height))))) == pytest.approx(omega, abs=1e-9)
 
 
-def test_what_a_lens_distorts_is_left_out_and_said(tmp_path):
+def test_missing_lens_distortion_is_noted(tmp_path):
     sensor = sensor_of("sphere")
     bent = replace(sensor, lens=replace(sensor.lens, k1=-0.2))
     systems = []
@@ -141,8 +141,8 @@ def test_what_a_lens_distorts_is_left_out_and_said(tmp_path):
     assert said == [0, 1]
 
 
-def test_a_focus_in_the_file_is_the_sensors(tmp_path):
-    """The imager is where the lens makes a sharp image of its focus distance: 1/f = 1/b0 + 1/L0."""
+def test_focus_matches_the_sensor(tmp_path):
+    """The imager is in focus: 1/f = 1/b0 + 1/L0."""
     sensor = sensor_of("sphere")
     write_zmx(tmp_path / "s.zmx", sensor)
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
@@ -150,7 +150,7 @@ def test_a_focus_in_the_file_is_the_sensors(tmp_path):
     assert 1 / float(surfaces[0]["DISZ"][0]) + 1 / lens.focus_distance_mm == pytest.approx(1 / 11.6, rel=1e-14)
 
 
-def test_more_terms_than_a_plain_asphere_has_stay_exact_in_an_extended_one(tmp_path):
+def test_extended_asphere_represents_many_terms_exactly(tmp_path):
     sensor = sensor_of("even-polynomial")
     nine = EvenPolynomial((0.64, 0.1, 0, 0, 0, 0, 0, 0, 0.002), 40.0, 40.0)
     eight = EvenPolynomial((*nine.coefficients[:7], 0.002), 40.0, 40.0)
@@ -164,7 +164,7 @@ def test_more_terms_than_a_plain_asphere_has_stay_exact_in_an_extended_one(tmp_p
 
 
 @pytest.mark.parametrize("kind", ["rectifying", "ground-plane", "cylinder"])
-def test_what_eight_terms_do_not_follow_is_an_extended_asphere(kind, tmp_path):
+def test_insufficient_terms_select_an_extended_asphere(kind, tmp_path):
     (form,) = write_zmx(tmp_path / "s.zmx", sensor_of(kind))
     text = (tmp_path / "s.zmx").read_text(encoding="utf-16")
     assert form.is_extended
@@ -172,20 +172,20 @@ def test_what_eight_terms_do_not_follow_is_an_extended_asphere(kind, tmp_path):
     assert '  XDAT 1 16.0 0 0 1 0 0 ""' in text
 
 
-def test_the_surface_of_a_wider_field_is_followed_too():
-    """A plan of the ground to 80 degrees bends harder than any mirror above."""
+def test_wide_ground_plane_mapping_is_accurate():
+    """A ground-plane mapping up to 80 deg has the largest curvature of all mirrors."""
     form = fit_asphere(Rectifying(80.0, 12.0, 43.9))
     assert form.ray_deg < 0.005
 
 
-def test_measured_bumps_show_in_the_deviation():
+def test_deviation_includes_measured_bumps():
     x = np.linspace(0, 40, 81)
     bumps = 0.005 * np.sin(x) ** 2  # 5 um
     mirror = SampledProfile(tuple(x), tuple(50 - np.sqrt(2500 - x**2) + bumps))
     assert 1.5 < fit_asphere(mirror).deviation_um < 6
 
 
-def test_a_cone_is_an_odd_asphere_and_a_conic_asphere_keeps_its_terms():
+def test_cone_and_conic_asphere_are_exact():
     assert fit_asphere(Cone(45.0, 20.0)).kind == "odd"
     form = fit_asphere(ConicAsphere(40.0, -0.6, 30.0, (0.03, 0.01), 30.0))
     assert (form.curvature, form.conic) == (1 / 40.0, -0.6)
@@ -205,7 +205,7 @@ def read_grid(text):
 
 
 def bicubic(x, y, table, px, py):
-    """The bicubic Hermite patch of the cell that holds each point."""
+    """Evaluate the bicubic Hermite patch of the cell of each point."""
     i = np.clip(np.searchsorted(x, px) - 1, 0, len(x) - 2)
     j = np.clip(np.searchsorted(-y, -py) - 1, 0, len(y) - 2)
     hx, hy = x[1] - x[0], y[1] - y[0]
@@ -222,7 +222,7 @@ def bicubic(x, y, table, px, py):
 
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), *FEW_MIRRORS))
-def test_the_grid_is_the_mirror_within_what_is_stated(kind, tmp_path):
+def test_grid_matches_the_mirror_within_the_stated_deviation(kind, tmp_path):
     mirror, _ = MIRRORS[kind]
     stated = write_grid_sag(tmp_path / "s.dat", mirror, 65)
     x, y, table = read_grid((tmp_path / "s.dat").read_text())
@@ -243,8 +243,8 @@ def test_the_grid_is_the_mirror_within_what_is_stated(kind, tmp_path):
     assert off_um[beyond].max() <= 1.05 * stated + 1e-6
 
 
-def test_slopes_and_mixed_derivative_are_those_of_the_heights():
-    """Against central differences of the heights at neighbouring points."""
+def test_grid_derivatives_match_differences():
+    """Compare with central differences of neighbouring heights."""
     mirror, _ = MIRRORS["hyperboloid"]
     x, y, table = read_grid(format_grid_sag(mirror, 257))
     h = x[1] - x[0]
@@ -258,13 +258,13 @@ def test_slopes_and_mixed_derivative_are_those_of_the_heights():
     assert np.abs(mixed[on]).max() > 0.01
 
 
-def test_a_finer_grid_is_closer_by_the_fourth_power():
+def test_grid_deviation_decreases_with_the_fourth_power():
     mirror, _ = MIRRORS["hyperboloid"]
     assert grid_deviation_um(mirror, 65) / grid_deviation_um(mirror, 129) == pytest.approx(16, rel=0.4)
 
 
 @pytest.mark.parametrize("points", [8, 128, 7, 3001])
-def test_a_grid_without_a_point_on_the_axis_is_refused(points):
+def test_invalid_grid_size_is_rejected(points):
     with pytest.raises(InvalidParameter, match=f"grid_points must .* got {points}"):
         format_grid_sag(MIRRORS["sphere"][0], points)
 
@@ -272,7 +272,7 @@ def test_a_grid_without_a_point_on_the_axis_is_refused(points):
 @pytest.mark.parametrize(
     "sensor", [*map(om.load_sensor, ("paper-spherical", "folded-spherical")), IN_WATER, IN_DOME], ids=lambda s: s.name
 )
-def test_the_notes_of_a_lens_file_say_its_angles_and_what_it_leaves_out(sensor):
+def test_notes_list_angles_and_omissions(sensor):
     notes = [line for line in format_zmx(sensor).splitlines() if line.startswith("NOTE")]
     (angles,) = (note for note in notes if "Omega = " in note)
     assert angles.count("180 deg") == (0 if sensor.secondary else 1)
@@ -281,4 +281,4 @@ def test_the_notes_of_a_lens_file_say_its_angles_and_what_it_leaves_out(sensor):
     bare = replace(sensor, housing=Housing())
     if sensor.secondary is None:  # the file has no cover
         np.testing.assert_allclose(listed, np.degrees(bare.meridian.trace(x).omega), rtol=6e-4, atol=1e-9)
-    assert any("left out" in note for note in notes) == (sensor.housing.shell is not None)
+    assert any("is not included" in note for note in notes) == (sensor.housing.shell is not None)

@@ -1,4 +1,4 @@
-"""Mirrors with known errors of form, measured point by point in the axes of a machine."""
+"""Simulated measurements of mirrors with known form errors in machine coordinates."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ TERMS = {
 
 
 def places(rim_mm: float, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Evenly over the disk."""
+    """Return points distributed uniformly over the disk."""
     r, phi = rim_mm * np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, 2 * np.pi, count)
     return r * np.cos(phi), r * np.sin(phi)
 
 
 def height_mm(form_um: dict[int, float], x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of a form error, at places in rim radii."""
+    """Return heights of a form error at normalised coordinates."""
     return 1e-3 * sum((um * TERMS[j](x, y) for j, um in form_um.items()), np.zeros(len(x)))
 
 
 def on(mirror: Mirror, form_um: dict[int, float], noise_um: float, count: int = 6000, seed: int = 0) -> np.ndarray:
-    """Points (n, 3) mm on a mirror with a form error, scattered along its normal, in the mirror's own frame."""
+    """Return noisy points (n, 3) in mm on a mirror with a form error, in the mirror frame."""
     rng, rim = np.random.default_rng(seed), mirror.rim_radius_mm
     x, y = places(rim, count, rng)
     r = np.hypot(x, y)
@@ -42,6 +42,6 @@ def on(mirror: Mirror, form_um: dict[int, float], noise_um: float, count: int = 
 
 
 def in_machine(points: np.ndarray, above: bool = False) -> np.ndarray:
-    """As a machine sees them: tilted by .8 deg about x and -.5 deg about y, the vertex at (3, -2, 100) mm."""
+    """Convert to machine coordinates: tilts of 0.8 deg and -0.5 deg, vertex at (3, -2, 100) mm."""
     seen = points @ Rotation.from_euler("xy", [0.8, -0.5], degrees=True).as_matrix().T + [3.0, -2.0, 100.0]
     return seen * [1.0, -1.0, -1.0] if above else seen

@@ -1,4 +1,4 @@
-"""Aspheres of Forbes: orthogonal slopes, closed forms, and mirrors that are fitted by them."""
+"""Forbes aspheres: orthogonal slopes, closed forms, and fits of mirrors."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tests.commands import omnimirror
 from .clouds import on
 
 
-def test_slopes_are_orthogonal_over_the_aperture():
-    """The property that defines them: the mean over psi, u = sin(psi), by a rule that is exact for such sums."""
+def test_qbfs_slopes_are_orthogonal():
+    """Integrate over psi, u = sin(psi), by a quadrature that is exact for these sums."""
     psi = (np.arange(400) + 0.5) / 400 * np.pi / 2
     h = 1e-5
     slopes = (qbfs_values(np.sin(psi) + h, 10) - qbfs_values(np.sin(psi) - h, 10)) / (2 * h)
     np.testing.assert_allclose(slopes.T @ slopes / 400, np.eye(10), atol=1e-6)
 
 
-def test_the_first_polynomials_are_those_that_forbes_prints():
+def test_first_polynomials_match_the_publication():
     x = np.linspace(0.1, 0.9, 9)
     u, front = np.sqrt(x), x * (1 - x)
     printed = [
@@ -37,7 +37,7 @@ def test_the_first_polynomials_are_those_that_forbes_prints():
     np.testing.assert_allclose(qbfs_values(u, 4), front[:, None] * np.stack(printed, axis=1), rtol=1e-9, atol=1e-12)
 
 
-def test_a_sphere_has_no_terms_and_known_terms_come_back():
+def test_known_terms_are_recovered():
     ball = forbes_asphere(Sphere(50.0, 40.0))
     assert ball.radius_mm == pytest.approx(50.0, rel=1e-12)
     assert np.abs(ball.um).max() < 1e-6
@@ -74,7 +74,7 @@ def test_terms_end_once_so_little_is_left():
 
 
 @pytest.mark.parametrize("mirror", [Cone(30.0, 20.0), Sphere(50.0, 49.99999)])
-def test_what_is_no_such_asphere_is_refused(mirror):
+def test_unsupported_mirror_is_rejected(mirror):
     if mirror.is_pointed:
         with pytest.raises(InvalidParameter, match="pointed apex"):
             forbes_asphere(mirror)
@@ -82,13 +82,13 @@ def test_what_is_no_such_asphere_is_refused(mirror):
         assert forbes_asphere(mirror).radius_mm == pytest.approx(50.0)
 
 
-def test_the_command_tells_it(tmp_path):
-    """Of an error about the axis: the sag of its asphere is that of the mirror with the error."""
+def test_command_prints_the_asphere(tmp_path):
+    """The sag of the printed asphere is that of the mirror with a symmetric form error."""
     mirror = om.load_sensor("paper-spherical").mirror
     np.savetxt(tmp_path / "cmm.csv", on(mirror, {11: 2.0}, 0.02, count=3000), delimiter=",")
     done = omnimirror("form", "paper-spherical", tmp_path / "cmm.csv", "--json", tmp_path / "form.json")
     assert done.returncode == 0, done.stderr
-    assert "an asphere of Forbes (Qbfs): R = " in done.stdout
+    assert "Forbes asphere (Qbfs): R = " in done.stdout
     told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
     asphere = ForbesAsphere(told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"])
     x = np.linspace(0, mirror.rim_radius_mm, 50)

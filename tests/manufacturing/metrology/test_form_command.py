@@ -1,4 +1,4 @@
-"""``omnimirror form``: from the points of a measuring machine to a sensor as it was made."""
+"""``omnimirror form``: from measured points to the as-built sensor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.commands import omnimirror
 from .clouds import in_machine, on
 
 
-def test_points_become_numbers_a_figure_and_a_sensor(tmp_path):
+def test_command_writes_numbers_figure_and_sensor(tmp_path):
     mirror = om.load_sensor("paper-hyperboloidal").mirror
     points = in_machine(on(mirror, {6: 1.0, 11: 0.5}, 0.1, count=3000), above=True)
     np.savetxt(tmp_path / "cmm.csv", 1e3 * points, delimiter=",", header="x,y,z", fmt="%.4f")
@@ -44,8 +44,10 @@ def test_points_become_numbers_a_figure_and_a_sensor(tmp_path):
     assert 1e3 * abs(sag) > 0.1
 
 
-def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
-    """The picture of the sensor that comes back is that of the one with the truth, within 5 % of what the form does."""
+def test_asymmetric_terms_are_written_on_request(tmp_path):
+    """Projections of the written sensor agree with the true sensor within 5 % of the effect of the
+    form.
+    """
     from dataclasses import replace
 
     from omnimirror.mirrors.form import MirrorForm
@@ -89,7 +91,7 @@ def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
     )
 
 
-def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
+def test_telecentric_sensors_are_supported(tmp_path):
     mirror = om.load_sensor("paraboloid-telecentric").mirror
     np.savetxt(tmp_path / "cmm.xyz", on(mirror, {6: 1.0}, 0.1, count=2000))
     done = omnimirror("form", "paraboloid-telecentric", tmp_path / "cmm.xyz", "--json", tmp_path / "form.json")
@@ -108,7 +110,7 @@ def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
         (("few.csv", "--order", "1"), "order = 1 is"),
     ],
 )
-def test_bad_input_is_one_sentence_and_writes_nothing(words, sentence, tmp_path):
+def test_invalid_input_prints_one_message_and_writes_no_file(words, sentence, tmp_path):
     (tmp_path / "few.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
     done = omnimirror("form", "paper-spherical", tmp_path / words[0], *words[1:], "-o", tmp_path / "made.toml")
     assert done.returncode not in (0, 70)

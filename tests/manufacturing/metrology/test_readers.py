@@ -1,4 +1,4 @@
-"""Files of machines: text of any unit, OpticStudio grids, and what SurfaceTopography reads where it is installed."""
+"""Measurement files: text in any unit, OpticStudio grids, and instrument formats if installed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ POINTS = np.array([[1.5, 2.0, -0.25], [3.0, -4.5, 0.125]])
 
 @pytest.mark.parametrize(("unit", "mm"), [("mm", 1.0), ("um", 1e-3), ("m", 1e3), ("inch", 25.4)])
 @pytest.mark.parametrize(("suffix", "between"), [(".csv", ","), (".xyz", " "), (".tsv", "\t")])
-def test_points_by_the_line(suffix, between, unit, mm, tmp_path):
+def test_point_lists(suffix, between, unit, mm, tmp_path):
     lines = "\n".join(between.join(str(v) for v in point) for point in POINTS)
     path = tmp_path / f"a{suffix}"
     path.write_text(f"# probe 3\nx{between}y{between}z\n{lines}\n")
@@ -31,7 +31,7 @@ ROWS = [(1.5, 2.25, -0.0125), (-3.0, 4.5, 0.75), (0.5, -6.0, 1e-3), (12.0, 7.125
 
 
 def joined(between: str, row: str = "{}", number: str = "{:.6f}", header: str = "") -> str:
-    """Rows as a machine may write them; ``row`` takes the numbers of a row, and its own number as i."""
+    """Format rows; ``row`` formats the numbers of a row and its index i."""
     lines = [row.format(between.join(number.format(v) for v in r), i=i) for i, r in enumerate(ROWS, start=1)]
     return "\n".join([*([header] if header else []), *lines])
 
@@ -64,20 +64,20 @@ def decimal_commas(text: str) -> str:
     }.items(),
     ids=lambda case: case[0].replace(" ", "-"),
 )
-def test_rows_of_any_machine(text, tmp_path):
+def test_row_formats(text, tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(text[1])
     np.testing.assert_allclose(om.read_points(path), ROWS, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("start", "header"), [("", ""), ("{i}\t", ""), ("", "x\tz"), ("P{i}\t", "")])
-def test_a_profile_has_two_columns(start, header, tmp_path):
+def test_profile_with_two_columns(start, header, tmp_path):
     lines = [f"{start.format(i=i)}{x}\t{z}" for i, (x, _, z) in enumerate(ROWS)]
     (tmp_path / "a.txt").write_text("\n".join([*([header] if header else []), *lines]))
     np.testing.assert_allclose(om.read_points(tmp_path / "a.txt"), np.array(ROWS)[:, [0, 2]])
 
 
-def test_a_grid_sag_file_is_text(tmp_path):
+def test_grid_sag_file(tmp_path):
     path = tmp_path / "a.dat"
     path.write_text(format_grid_sag(Sphere(50.0, 20.0), 33))
     points = om.read_points(path)
@@ -99,14 +99,14 @@ def test_a_grid_sag_file_is_text(tmp_path):
         ("a.csv", b"probe\nA. Meier", "holds no rows of numbers"),
     ],
 )
-def test_what_is_no_cloud_is_one_sentence(name, content, sentence, tmp_path):
+def test_invalid_files_are_rejected(name, content, sentence, tmp_path):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(OmnimirrorError, match=sentence):
         om.read_points(tmp_path / name)
 
 
-def test_a_machines_file_without_its_package_says_what_to_install(tmp_path, monkeypatch):
+def test_missing_package_message(tmp_path, monkeypatch):
     monkeypatch.setattr(readers, "find_spec", lambda name: None)
     (tmp_path / "a.dat").write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
     with pytest.raises(
@@ -116,7 +116,7 @@ def test_a_machines_file_without_its_package_says_what_to_install(tmp_path, monk
         om.read_points(tmp_path / "a.dat")
 
 
-def test_a_packed_file_with_too_much_content_is_rejected_unread(tmp_path, monkeypatch):
+def test_oversized_archive_is_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(readers, "MAX_MACHINE_FILE_BYTES", 1 << 20)
     with zipfile.ZipFile(tmp_path / "a.x3p", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("bindata/data.bin", bytes(3 << 20))
@@ -246,7 +246,7 @@ X3P = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 @pytest.mark.full
-def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path, monkeypatch):
+def test_instrument_file_is_converted_to_valid_points_in_mm(tmp_path, monkeypatch):
     pytest.importorskip("SurfaceTopography", reason="pip install 'omnimirror[metrology]'")
     heights = np.arange(12.0).reshape(4, 3) * 1e-6  # m
     heights[0, 0] = np.nan

@@ -1,7 +1,7 @@
-"""A worker that loads this stops in the middle of a shard whose gate is shut, and says which process it is.
+"""Worker plug-in that pauses in a shard with a closed gate and writes the process id.
 
-``shut-3`` in the folder of the environment variable SWEEP_GATES shuts that of shard 3; ``at-3`` then holds the process.
-Whoever loads it without that variable, as the collection of doctests does, goes through.
+``shut-3`` in the folder of the environment variable SWEEP_GATES closes the gate of shard 3; ``at-3``
+then identifies the process. Without the variable, for example in doctests, there are no gates.
 """
 
 import os

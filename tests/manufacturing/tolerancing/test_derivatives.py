@@ -1,9 +1,9 @@
-"""Derivatives of every merit by every error against finite real rays: a tracer that knows nothing of trials.
+"""Derivatives of all merits by all errors against finite real rays of an independent tracer.
 
-A ray starts at a point of the entrance pupil, meets the mirror with all its errors (its height summed from formulas of
-their own, its normal by differences), is reflected, and is turned until it comes from the object. Lens and imager are
-planes in space. Pictures are taken at errors of several sizes; polynomials through them, and through their merits, tell
-derivatives at 0.
+A ray starts at a point of the entrance pupil, meets the perturbed mirror (height from independent
+formulas, normal by differences), is reflected, and is iterated until it comes from the object. Lens and
+imager are planes in space. Polynomials through images at several error sizes, and through their
+merits, yield derivatives at 0.
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ def zernike(j, x, y):
 
 
 class Rays:
-    """A sensor with one error, its sizes along the first axis, pupil points along the second, objects third."""
+    """Sensor with one error: error sizes, pupil points and objects along the array axes."""
 
     def __init__(self, sensor, name, sizes):
         self.sensor, self.name, self.sizes = sensor, name, sizes[:, None, None]
@@ -86,7 +86,7 @@ class Rays:
         return about_y.reshape(*a.shape, 3, 3) @ about_x.reshape(*a.shape, 3, 3)
 
     def reflected(self, tangents):
-        """Directions (.., 3) from which rays of tangents (.., 2) at the pupil come."""
+        """Return object directions (..., 3) of rays with tangents (..., 2) at the pupil."""
         turn = self.tilted("mirror")
         names = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
         shift = np.stack([self.of(f"mirror.{n}") for n in names], -1)
@@ -110,7 +110,7 @@ class Rays:
         return np.einsum("...ij,...j->...i", turn, away)
 
     def tangents(self, targets, start):
-        """Of rays that come from distant objects."""
+        """Return tangents of rays from distant objects."""
         side = np.cross(targets, [0.3, 0.5, 0.8])
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         sides = np.stack([side, np.cross(targets, side)], -2)
@@ -129,7 +129,7 @@ class Rays:
         return t
 
     def imaged(self, t, vergence):
-        """Pixels from the axis, of rays through the pupil with the imager where that vergence is sharp."""
+        """Return pixels relative to the axis of rays through the pupil, with the imager in focus."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         x, y = np.moveaxis(t + PUPIL[:, None, :] * vergence[..., None], -1, 0)
         k1, k2, k3, p1, p2 = (
@@ -163,7 +163,9 @@ class Rays:
         return pixels + np.stack([self.of("imager.shift_x_px"), self.of("imager.shift_y_px")], -1)
 
     def on_leaning(self, t):
-        """The same on an imager that leans: rays, ``b (t + p/f) - p`` at a depth b, meet its plane."""
+        """Return the same for a tilted imager: rays ``b (t + p/f) - p`` at depth b intersect its
+        plane.
+        """
         lens, axes = self.sensor.lens, self.tilted("imager")
         pupil = np.broadcast_to(PUPIL[:, None, :], t.shape)
         slope = t + pupil / lens.focal_length_mm
@@ -173,7 +175,7 @@ class Rays:
         return np.linalg.solve(system, right[..., None])[..., 0] / self.sensor.imager.pitch_mm
 
     def shown(self, targets, start):
-        """Pixels (k, n, 2), and blurs (k, n, 2, 2) per diameter of the aperture, px."""
+        """Return pixels (k, n, 2) and blurs (k, n, 2, 2) per aperture diameter, px."""
         lens = self.sensor.lens
         focus = self.of("lens.focus_distance_mm", lens.focus_distance_mm)
         vergence = 1 / (focus - self.of("lens.entrance_pupil_mm", lens.entrance_pupil_mm))
@@ -186,7 +188,7 @@ class Rays:
 
 
 def merits_of(evaluator, rays):
-    """As finite rays tell them: by name, values (k,) and how many steps lie between them."""
+    """Return merits of finite rays by name: values (k,) and the number of steps between them."""
     field = evaluator.field
     start = field.offsets_px * evaluator.field.sensor.imager.pitch_mm / evaluator.field.sensor.lens.principal_distance
     pixels, blur = rays.shown(field.targets, start)
@@ -225,7 +227,7 @@ def merits_of(evaluator, rays):
         *(pytest.param(f"paper-{n}", 6, marks=pytest.mark.full) for n in ("spherical", "hyperboloidal", "equidistant")),
     ],
 )
-def test_derivatives_of_every_merit_by_every_error_are_those_of_finite_rays(name, order):
+def test_derivatives_match_finite_rays(name, order):
     sensor = om.load_sensor(name)
     evaluator = TrialEvaluator.of(sensor, angles=2, azimuths=7)
     for error, kind in error_sources(sensor).items():

@@ -1,4 +1,4 @@
-"""What a form error does to the picture, beside sensors whose mirror is given as a profile, projected through."""
+"""Effect of form errors on the image against sensors with sampled profiles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.manufacturing.metrology.clouds import on
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "exact-equidistant"])
-def test_the_picture_moves_as_that_of_a_mirror_with_this_profile(name):
+def test_motion_matches_a_sampled_profile(name):
     sensor = om.load_sensor(name)
     form = om.form_error(sensor.mirror, on(sensor.mirror, {11: 4.0, 22: -2.0}, 0.0, count=4000), order=2)
     effect, made = om.form_effect(sensor, form), om.as_built(sensor, form)
@@ -25,7 +25,7 @@ def test_the_picture_moves_as_that_of_a_mirror_with_this_profile(name):
     assert effect.lost_rays == 0
 
 
-def test_a_radial_calibration_takes_back_what_is_about_the_axis_and_none_what_is_not():
+def test_radial_calibration_compensates_symmetric_form_only():
     sensor = om.load_sensor("paper-hyperboloidal")
     left = {}
     for term in (11, 6):
@@ -35,7 +35,7 @@ def test_a_radial_calibration_takes_back_what_is_about_the_axis_and_none_what_is
     assert left[6] > 0.2
 
 
-def test_terms_too_fine_to_be_traced_are_said():
+def test_untraced_terms_are_reported():
     sensor = om.load_sensor("paper-spherical")
     points = on(sensor.mirror, {}, 0.0, count=6000)
     r = np.hypot(points[:, 0], points[:, 1]) / sensor.mirror.rim_radius_mm
@@ -46,7 +46,7 @@ def test_terms_too_fine_to_be_traced_are_said():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "folded-spherical", "paraboloid-telecentric"])
-def test_the_sensor_as_made_is_a_sensor_as_any_other(name, tmp_path):
+def test_as_built_sensor_is_saved_and_loaded(name, tmp_path):
     sensor = om.load_sensor(name)
     made = om.as_built(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {11: 3.0}, 0.1)))
     om.save_sensor(made, tmp_path / "made.toml")
@@ -56,7 +56,7 @@ def test_the_sensor_as_made_is_a_sensor_as_any_other(name, tmp_path):
     assert np.abs(radii[1] - radii[0]).max() > 0.02
 
 
-def test_another_mirror_is_refused():
+def test_form_error_of_another_mirror_is_rejected():
     sensor, other = om.load_sensor("paper-spherical"), om.load_sensor("paper-hyperboloidal")
     form = om.form_error(other.mirror, on(other.mirror, {}, 0.1))
     for use in (om.form_effect, om.as_built):

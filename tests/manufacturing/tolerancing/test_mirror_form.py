@@ -1,4 +1,4 @@
-"""Form errors that were measured and that a spectrum foretells, as errors of trials."""
+"""Measured and random form errors as error sources of trials."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def height(form, xy):
 
 @pytest.fixture
 def measured_points(tmp_path):
-    """A mirror with astigmatism and a term of order 10, from a machine with noise."""
+    """Return noisy points of a mirror with astigmatism and a term of order 10."""
     form = MirrorForm((6, 64), (2.0, -0.5))
     rng = np.random.default_rng(3)
     r, phi = RIM * np.sqrt(rng.uniform(0, 1, 9000)), rng.uniform(0, 2 * np.pi, 9000)
@@ -35,7 +35,7 @@ def measured_points(tmp_path):
     return form
 
 
-def test_a_measured_form_is_an_error_that_every_sensor_has(measured_points, tmp_path):
+def test_measured_form_is_a_constant_error(measured_points, tmp_path):
     (tmp_path / "t.toml").write_text('[[measured]]\nname = "lathe"\nfile = "cmm.csv"\n')
     plan = load_tolerances(tmp_path / "t.toml", SENSOR)
     drawn = plan.tolerances.drawn(seed=0, block=0, count=50)
@@ -51,7 +51,7 @@ def test_a_measured_form_is_an_error_that_every_sensor_has(measured_points, tmp_
     assert report.sensitivities[0].rates["motion_px"].first == pytest.approx(expected[0, MOTION], rel=0.02)
 
 
-def test_a_random_figure_has_its_rms_its_peak_to_valley_its_slope_and_its_spectrum():
+def test_random_figure_amplitudes_and_spectrum():
     grid = np.linspace(-1, 1, 61)
     xy = RIM * np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     xy = xy[np.hypot(*xy.T) <= RIM]
@@ -74,8 +74,8 @@ def test_a_random_figure_has_its_rms_its_peak_to_valley_its_slope_and_its_spectr
         assert mean == pytest.approx(size, rel=0.08)
 
 
-def test_the_figure_of_a_file_becomes_errors_of_its_terms():
-    text = '[[error]]\nname = "lens.k1"\ntolerance = 0.01\n[[figure]]\nrms_um = 0.3\norders = [7, 9]\nprice = 2.0\n'
+def test_figure_table_defines_zernike_errors():
+    text = '[[error]]\nname = "lens.k1"\ntolerance = 0.01\n[[figure]]\nrms_um = 0.3\norders = [7, 9]\ncost = 2.0\n'
     plan = parse_tolerances(text, SENSOR)
     assert len(plan.tolerances.errors) == 1 + 8 + 9 + 10
     drawn = plan.tolerances.drawn(seed=1, block=0)
@@ -97,12 +97,12 @@ def test_the_figure_of_a_file_becomes_errors_of_its_terms():
         ('[[measured]]\nname = "a"\nfile = "/etc/passwd"', "not supported in text without a folder"),
     ],
 )
-def test_tables_that_are_none_are_refused(text, words):
+def test_invalid_tables_are_rejected(text, words):
     with pytest.raises(SpecError, match=words):
         parse_tolerances(text, SENSOR)
 
 
-def test_measurements_that_are_none_are_refused(tmp_path):
+def test_invalid_measurements_are_rejected(tmp_path):
     (tmp_path / "t.toml").write_text('[[measured]]\nname = "a"\nfile = "none.csv"\n')
     with pytest.raises(SpecError, match=r"none\.csv"):
         load_tolerances(tmp_path / "t.toml", SENSOR)

@@ -1,4 +1,4 @@
-"""Yields, what errors do alone and allocations against laws that can be written down."""
+"""Yields, single-error tolerances and allocations against analytic results."""
 
 import json
 import math
@@ -19,8 +19,8 @@ from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.monte_carlo import (
     YieldStatistics,
     clopper_pearson,
-    monte_carlo,
     satisfies_limit,
+    simulate_trials,
 )
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
@@ -37,7 +37,7 @@ def sensor():
 
 @pytest.fixture(scope="module")
 def evaluator(sensor):
-    """Of few objects: the laws below hold for any."""
+    """Evaluator with few objects, for which the analytic results also hold."""
     return TrialEvaluator.of(sensor, angles=2, azimuths=3)
 
 
@@ -46,9 +46,9 @@ def of(sensor, errors, correlations=None, distribution="normal"):
     return om.Tolerances(sensor, bounds, correlations or {})
 
 
-def test_the_yield_of_shifts_is_rayleighs(sensor, evaluator):
-    """Two normal shifts of one sigma: the motion is their hypotenuse."""
-    statistics = monte_carlo(
+def test_yield_of_shifts_is_a_rayleigh_distribution(sensor, evaluator):
+    """Two normal shifts with one sigma: the motion is their hypotenuse."""
+    statistics = simulate_trials(
         evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, trials=20_000, seed=3
     )
     exact = 1 - np.exp(-2.0)
@@ -57,11 +57,11 @@ def test_the_yield_of_shifts_is_rayleighs(sensor, evaluator):
     assert statistics.quantile("motion_px", 0.5) == pytest.approx(np.sqrt(2 * np.log(2)), rel=0.02)
 
 
-def test_the_yield_of_one_error_is_the_share_within_what_it_may_be_alone(sensor, evaluator):
+def test_yield_of_a_single_error(sensor, evaluator):
     tolerances = of(sensor, {"lens.focal_length_mm": 0.2})
     limit = {"direction_error_deg": 1.0}
     (row,) = sensitivities(evaluator, tolerances, limit)
-    statistics = monte_carlo(evaluator, tolerances, limit, trials=8000, seed=1)
+    statistics = simulate_trials(evaluator, tolerances, limit, trials=8000, seed=1)
     sides = [
         brentq(
             lambda e: evaluator.evaluate({"lens.focal_length_mm": np.array([e])})[0, _at("direction_error_deg")] - 1,
@@ -77,16 +77,16 @@ def _at(name):
     return merit_names().index(name)
 
 
-def test_a_decentred_sphere_is_good_once_calibrated(sensor, evaluator):
-    """What decentre and tilt do to a sphere is a decentre, and a calibration of the pose takes it away."""
+def test_pose_calibration_compensates_decentre_of_a_sphere(sensor, evaluator):
+    """Decentre and tilt of a sphere are a decentre, which a pose calibration compensates."""
     names = ("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.tilt_x_deg", "mirror.tilt_y_deg")
     limits = {"motion_px": 0.5, "motion_px after pose": 0.01}
-    statistics = monte_carlo(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
+    statistics = simulate_trials(evaluator, of(sensor, dict.fromkeys(names, 0.3)), limits, trials=2000)
     assert statistics.passed_each["motion_px"] < 100
     assert statistics.passed_each["motion_px after pose"] == 2000
 
 
-def test_the_same_seed_builds_the_same_sensors_whoever_draws_them(sensor):
+def test_trials_are_reproducible(sensor):
     tolerances = of(sensor, {"mirror.tilt_x_deg": 0.1, "lens.k1": 0.01})
     first, again = tolerances.drawn(5, 7, 100), tolerances.drawn(5, 7, BLOCK)
     other = tolerances.drawn(5, 8, 100)
@@ -96,7 +96,7 @@ def test_the_same_seed_builds_the_same_sensors_whoever_draws_them(sensor):
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
-def test_errors_are_spread_as_their_law_says(name):
+def test_quantiles_of_distributions(name):
     laws = {
         "uniform": stats.uniform(-1, 2),
         "normal": stats.norm(scale=0.5),
@@ -110,14 +110,14 @@ def test_errors_are_spread_as_their_law_says(name):
     np.testing.assert_allclose(drawn(name, share), laws[name].ppf(share), atol=1e-12)
 
 
-def test_errors_come_together_as_said(sensor):
+def test_correlations(sensor):
     pair = ("mirror.tilt_x_deg", "mirror.decentre_y_mm")
     values = of(sensor, dict.fromkeys(pair, 1.0), {pair: -0.7}).drawn(0, 0)
     found = np.corrcoef(values[pair[0]], values[pair[1]])[0, 1]
     assert found == pytest.approx(-0.7, abs=0.02)
 
 
-def test_quantiles_are_those_of_all_values():
+def test_histogram_quantiles():
     rng = np.random.default_rng(0)
     merits = np.tile(rng.lognormal(size=(5000, 1)), (1, len(merit_names())))
     merits[:, -1] = 0
@@ -132,11 +132,11 @@ def test_quantiles_are_those_of_all_values():
 
 
 @pytest.mark.parametrize(("name", "kept"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])])
-def test_a_limit_itself_is_kept(name, kept):
+def test_limit_is_inclusive(name, kept):
     assert satisfies_limit(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
 
 
-def test_what_is_beyond_all_bins_counts_in_the_last():
+def test_values_beyond_the_histogram_range():
     merits = np.zeros((4, len(merit_names())))
     merits[:, 0] = 1e30
     statistics = YieldStatistics({})
@@ -144,7 +144,7 @@ def test_what_is_beyond_all_bins_counts_in_the_last():
     assert statistics.quantile(merit_names()[0], 0.5) == pytest.approx(1e9, rel=0.01)
 
 
-def test_without_trials_or_with_lost_ones_alone_there_is_no_curve():
+def test_curve_without_valid_trials_is_empty():
     lost = np.ones((3, len(merit_names())))
     for merits in (lost[:0], lost):
         statistics = YieldStatistics({})
@@ -159,16 +159,16 @@ def test_without_trials_or_with_lost_ones_alone_there_is_no_curve():
     assert statistics.quantile("min aspect", 0.5) == 0.0
 
 
-def test_confidence_covers_the_truth():
-    """Of 400 experiments of 200 trials each, at least .95 less three sigma."""
+def test_confidence_interval_coverage():
+    """Of 400 experiments with 200 trials, at least 0.95 minus three sigma cover the truth."""
     passed = np.random.default_rng(1).binomial(200, 0.9, size=400)
     covered = [clopper_pearson(int(k), 200) for k in passed]
     assert np.mean([s.low <= 0.9 <= s.high for s in covered]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
 
 
 @pytest.mark.full
-def test_the_cheapest_shifts_are_those_of_the_integral(sensor, evaluator):
-    """Shifts with prices 8 and 1: the yield is an integral, and the cheapest set a minimum over one ratio."""
+def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
+    """Shifts with costs 8 and 1: the yield is an integral, and the minimum depends on one ratio."""
     costs = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
     found = allocate(evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs)
 
@@ -192,8 +192,10 @@ def test_the_cheapest_shifts_are_those_of_the_integral(sensor, evaluator):
 
 
 @pytest.mark.full
-def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, evaluator):
-    """Distortion of this size does nothing to the limit: it stays at what a coarse shop holds, or at what is said."""
+def test_allocation_respects_maximum_tolerances(sensor, evaluator):
+    """Small distortions do not affect the limit: their tolerances are the maximum of the coarse
+    grade or of the file.
+    """
     errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
     found = allocate(
         evaluator, of(sensor, errors), {"motion_px": 2.0}, 0.9, max_tolerances={"lens.k2": 3e-4}, trials=2000
@@ -207,9 +209,9 @@ def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, evaluat
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
-        (lambda s, j: monte_carlo(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blur_px": 0.0}), "must be positive; got 0"),
+        (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {}, trials=0), "trials must be between 1 and"),
         (lambda s, j: of(s, {"lens.k9": 0.1}), "did you mean lens.k"),
         (lambda s, j: of(s, {}), "at least one error"),
         (lambda s, j: of(s, {"temperature.warmer_k": 1.0}), r"it has no \[thermal\] table"),
@@ -225,7 +227,7 @@ def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, evaluat
         (lambda s, j: perturbed(s, {"mirror.zernike_500_um": 1.0}), "is not an error source of this sensor"),
     ],
 )
-def test_what_is_none_is_refused(sensor, evaluator, call, words):
+def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
     with pytest.raises(InvalidParameter, match=words):
         call(sensor, evaluator)
 
@@ -249,12 +251,12 @@ def test_what_is_none_is_refused(sensor, evaluator, call, words):
         ("", "at least one error"),
     ],
 )
-def test_files_that_are_wrong_name_the_line(sensor, text, words):
+def test_invalid_files_are_rejected_with_line(sensor, text, words):
     with pytest.raises(SpecError, match=words):
         parse_tolerances(text, sensor)
 
 
-def test_the_command_says_what_python_says(tmp_path, monkeypatch):
+def test_command_and_python_agree(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke
     assert run(app, ["tolerance", "init", "paper-hyperboloidal"], catch_exceptions=False).exit_code == 0
@@ -279,15 +281,18 @@ def test_the_command_says_what_python_says(tmp_path, monkeypatch):
     [
         (["paper-spherical"], "tolerance init paper-spherical"),
         (["paper-spherical", "nothing.toml"], "no tolerance file 'nothing.toml'"),
-        (["init"], "a sensor is missing"),
+        (["init"], "SENSOR is missing"),
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
         # before as many are built
         (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
-        (["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"], "yield of 1"),
+        (
+            ["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"],
+            "target_yield must be between 0 and 1; got 1",
+        ),
     ],
 )
-def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, words, sentence):
+def test_invalid_command_prints_one_message(tmp_path, monkeypatch, words, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text("[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n")
     result = CliRunner().invoke(app, ["tolerance", *words])

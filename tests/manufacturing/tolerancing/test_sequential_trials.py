@@ -1,4 +1,4 @@
-"""Sensors of every kind with every error they can have: as files, and traced one by one against many at once."""
+"""Sensors of all types with all errors: as files, and sequential against vectorised trials."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def warm(name):
 
 
 def drawn(sensor, count, seed=0, share=1.0):
-    """Errors of every kind that it can have, of the medium grade; of the Zernike terms one in five."""
+    """Draw all errors of a sensor at the medium grade, with every fifth Zernike term."""
     rng, known = np.random.default_rng(seed), error_sources(sensor)
     kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
     return {name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"] for name in kept}
@@ -50,7 +50,7 @@ def one(values, k=0):
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_the_file_of_a_trial_holds_every_error_and_shows_what_the_trial_shows(name, tmp_path):
+def test_saved_trial_reproduces_its_images(name, tmp_path):
     sensor = warm(name)
     values = drawn(sensor, 1, seed=3)
     assert {"imager.tilt_x_deg", "imager.rotation_deg", "temperature.warmer_k"} < set(values)
@@ -68,8 +68,10 @@ def test_the_file_of_a_trial_holds_every_error_and_shows_what_the_trial_shows(na
 
 @pytest.mark.parametrize("refocus", REFOCUS)
 @pytest.mark.parametrize("name", SENSORS)
-def test_trials_traced_one_by_one_are_those_traced_together(name, refocus):
-    """By rays through the aperture and the sensor's own search, and by second derivatives of the path of light."""
+def test_sequential_and_vectorised_trials_agree(name, refocus):
+    """Sequential trials use rays through the aperture, vectorised ones second derivatives of the
+    path.
+    """
     sensor = warm(name)
     values = drawn(sensor, 2, seed=2)
     if refocus != "none":  # then places of a leaning imager are focused together with its middle, to .02 px
@@ -88,8 +90,8 @@ def test_trials_traced_one_by_one_are_those_traced_together(name, refocus):
     np.testing.assert_allclose(focus_again, focus, rtol=1e-6 if refocus != "worst" else 1e-5)
 
 
-def test_the_blur_on_a_leaning_imager_is_that_of_rays_through_a_thin_lens():
-    """Geometry alone: a ray through p with slope a lies at ``b (a + p/f) - p`` at a depth b behind a thin lens."""
+def test_blur_on_a_tilted_imager_matches_a_thin_lens():
+    """A ray through p with slope a is at ``b (a + p/f) - p`` at depth b behind a thin lens."""
     values = {"imager.tilt_x_deg": np.array([1.5]), "imager.tilt_y_deg": np.array([-0.7])}
     field, lens = field_of(SPH, angles=4, azimuths=5), SPH.lens
     blur = field.picture(values).blur_px[0]
@@ -111,7 +113,7 @@ def test_the_blur_on_a_leaning_imager_is_that_of_rays_through_a_thin_lens():
 
 
 @pytest.mark.parametrize("kind", OTHERS)
-def test_sensors_of_other_kinds_are_built_and_asked_for_each_object(kind):
+def test_other_sensors_match_forward_projection(kind):
     sensor = OTHERS[kind]
     assert not is_vectorised(sensor)
     values = drawn(sensor, 1, seed=5, share=0.5)
@@ -134,7 +136,7 @@ def test_sensors_of_other_kinds_are_built_and_asked_for_each_object(kind):
 @pytest.mark.parametrize(
     "kind", ["telecentric", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("dome", "two mirrors"))]
 )
-def test_tolerances_of_other_kinds_are_computed(kind):
+def test_tolerance_analysis_of_other_sensors(kind):
     sensor = OTHERS[kind]
     known = error_sources(sensor)
     names = [name for name in known if "zernike" not in name and "tilt" not in name][::6]
@@ -145,7 +147,7 @@ def test_tolerances_of_other_kinds_are_computed(kind):
     assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile("motion_px after affine", 0.95)
 
 
-def test_a_cover_that_the_mirror_does_not_fit_in_is_a_bad_sensor():
+def test_intersecting_cover_is_a_reject():
     merits = TrialEvaluator.of(OTHERS["tube"], angles=2, azimuths=3).evaluate(
         {"cover.decentre_x_mm": np.array([0.0, 40.0])}
     )
@@ -154,8 +156,8 @@ def test_a_cover_that_the_mirror_does_not_fit_in_is_a_bad_sensor():
     assert np.isnan(merits[1, 0])
 
 
-def test_two_mirrors_out_of_place_lose_their_rim_and_not_the_field():
-    """A fold that was made to show the whole mirror shows less of it, as the sensor's own proof says."""
+def test_perturbed_folded_sensor_keeps_the_field():
+    """A perturbed secondary mirror vignettes the rim of the primary mirror."""
     sensor = OTHERS["two mirrors"]
     values = {"mirror.displacement_mm": [-0.25], "secondary.displacement_mm": [-0.25], "mirror.conic": [-0.02]}
     values = {name: np.array(of) for name, of in values.items()}
@@ -167,7 +169,7 @@ def test_two_mirrors_out_of_place_lose_their_rim_and_not_the_field():
     assert 0.5 < np.abs(shown.offsets_px[0] - field.offsets_px).max() < 20.0
 
 
-def test_warmth_moves_pictures_as_the_sensor_at_that_temperature_says():
+def test_temperature_matches_thermal_model():
     sensor = warm("paper-hyperboloidal")
     evaluator = TrialEvaluator.of(sensor, azimuths=3)
     merits = evaluator.evaluate({"temperature.warmer_k": np.array([40.0])})[0]
@@ -191,6 +193,6 @@ def test_warmth_moves_pictures_as_the_sensor_at_that_temperature_says():
         (lambda: om.SensorModel(replace(SPH, imager_pose=ImagerPose(1.0))), r"without \[mirror_form\]"),
     ],
 )
-def test_what_is_not_valid_is_refused(make, words):
+def test_unsupported_perturbations_are_rejected(make, words):
     with pytest.raises(InvalidParameter, match=words):
         make()

@@ -1,4 +1,4 @@
-"""Shares of variance against those that can be written down."""
+"""Sobol indices against analytic results."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ VARIANCES = {"uniform": 1 / 3, "normal": 1 / 4, "arcsine": 1 / 2}
 
 
 class Formula:
-    """A judge of which a formula of the errors' values says the motion."""
+    """Evaluator whose motion is a formula of the errors."""
 
     names = merit_names()
 
@@ -39,8 +39,8 @@ def shares_of(sensor, formula, bounds, correlations=None, **more):
     return found.groups, found.indices["motion_px"]
 
 
-def test_a_straight_merits_shares_are_those_of_its_squares(sensor):
-    """sum a_i e_i: first order and total are both a_i^2 var_i."""
+def test_indices_of_a_linear_merit(sensor):
+    """sum a_i e_i: first-order and total indices are both proportional to a_i^2 var_i."""
     laws, rates = ("uniform", "normal", "arcsine", "uniform"), np.array([3.0, -2.0, 1.0, 0.0])
     bounds = [om.Tolerance(1.0, law) for law in laws]
     groups, found = shares_of(sensor, lambda *e: 7 + sum(a * v for a, v in zip(rates, e, strict=True)), bounds)
@@ -53,8 +53,8 @@ def test_a_straight_merits_shares_are_those_of_its_squares(sensor):
     assert found["position of the mirror"].total == pytest.approx(exact[:2].sum(), abs=0.01)
 
 
-def test_shares_of_what_works_together_are_those_of_ishigami(sensor):
-    """sin x + 7 sin^2 y + .1 z^4 sin x over the cube of +- pi (Ishigami and Homma, 1990)."""
+def test_indices_of_the_ishigami_function(sensor):
+    """sin x + 7 sin^2 y + 0.1 z^4 sin x on the cube of +- pi (Ishigami and Homma, 1990)."""
     a, b, pi = 7.0, 0.1, np.pi
     variance = a**2 / 8 + b * pi**4 / 5 + b**2 * pi**8 / 18 + 0.5
     x, y, xz = 0.5 * (1 + b * pi**4 / 5) ** 2, a**2 / 8, b**2 * pi**8 * (1 / 18 - 1 / 50)
@@ -68,7 +68,7 @@ def test_shares_of_what_works_together_are_those_of_ishigami(sensor):
         assert found[name].total == pytest.approx(total / variance, abs=max(0.01, 4 * found[name].total_error))
 
 
-def test_errors_that_come_together_have_one_share(sensor):
+def test_correlated_errors_have_one_index(sensor):
     bounds = [om.Tolerance(1.0, "normal")] * 3
     pair = {(NAMES[0], NAMES[2]): 0.8}
     groups, found = shares_of(sensor, lambda x, y, z: x + y + z, bounds, pair)
@@ -79,9 +79,10 @@ def test_errors_that_come_together_have_one_share(sensor):
     assert found[NAMES[1]].total == pytest.approx(1 / 4.6, abs=0.01)
 
 
-def test_decentre_and_tilt_of_a_sphere_are_one_error(sensor):
-    """Turned about its vertex a sphere moves as its centre does: so far that both cancel, each has next to nothing
-    without the other, and nothing else is in the group."""
+def test_decentre_and_tilt_of_a_sphere_form_one_group(sensor):
+    """A tilted sphere is a decentred sphere: if both cancel, single indices are small and the group
+    has all of it.
+    """
     radius = sensor.mirror.radius_mm
     tilt = np.degrees(0.2 / radius)
     errors = {"mirror.decentre_x_mm": 0.2, "mirror.tilt_y_deg": float(tilt), "imager.shift_y_px": 0.3}
@@ -93,7 +94,7 @@ def test_decentre_and_tilt_of_a_sphere_are_one_error(sensor):
     assert decentre.total + turn.total > 1.3 * group.total
 
 
-def test_what_is_none_is_refused(sensor):
+def test_invalid_arguments_are_rejected(sensor):
     tolerances = om.Tolerances(sensor, {"lens.k1": om.Tolerance(0.1)})
     with pytest.raises(InvalidParameter, match="got 'blur'"):
         sobol_indices(TrialEvaluator.of(sensor), tolerances, ("blur",))

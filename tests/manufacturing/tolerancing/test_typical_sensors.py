@@ -1,4 +1,4 @@
-"""Sensors that are to be expected, as files."""
+"""Typical sensors as files."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def plan_of(sensor, **sizes):
     return om.TolerancePlan(om.Tolerances(sensor, names))
 
 
-def test_a_share_of_all_trials_is_no_worse(sensor):
+def test_quantile_of_trials(sensor):
     plan = plan_of(sensor, mirror__decentre_x_mm=0.1, imager__shift_y_px=2.0, imager__rotation_deg=0.2)
     merits = TrialEvaluator.of(sensor).evaluate(plan.tolerances.drawn(3, 0, 2000))[:, merit_names().index("motion_px")]
     for found in om.typical_sensors(sensor, plan, quantiles=(0.05, 0.5, 0.95), trials=2000, seed=3):
@@ -29,7 +29,7 @@ def test_a_share_of_all_trials_is_no_worse(sensor):
         assert merits[found.trial] == pytest.approx(found.merit)
 
 
-def test_the_file_of_a_sensor_shows_objects_as_far_away_as_its_merit_says(sensor, tmp_path):
+def test_typical_sensor_has_its_merit(sensor, tmp_path):
     parts = {"mirror__decentre_x_mm": 0.1, "mirror__tilt_y_deg": 0.1, "mirror__zernike_8_um": 20.0, "lens__k1": 0.01}
     plan = plan_of(sensor, **parts, imager__rotation_deg=0.2, imager__tilt_y_deg=0.5)
     (worst,) = om.typical_sensors(sensor, plan, quantiles=(0.95,), trials=500)
@@ -48,12 +48,12 @@ def test_the_file_of_a_sensor_shows_objects_as_far_away_as_its_merit_says(sensor
         ({"quantiles": (1.0,)}, "at the quantile 1 lose rays"),
     ],
 )
-def test_what_is_none_is_refused(sensor, more, words):
+def test_invalid_arguments_are_rejected(sensor, more, words):
     with pytest.raises(InvalidParameter, match=words):
         om.typical_sensors(sensor, plan_of(sensor, mirror__decentre_x_mm=1000.0), trials=200, **more)
 
 
-def test_the_command_writes_sensors_and_pictures(tmp_path, monkeypatch):
+def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = om.load_sensor("paper-spherical")
     text = om.specs.format_sensor(small).replace("1024", "128").replace("5.2", "41.6")

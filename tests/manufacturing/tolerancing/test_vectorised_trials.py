@@ -1,4 +1,4 @@
-"""Trials against sensors that are traced otherwise, finite rays, and a calibration that is fitted in full."""
+"""Vectorised trials against other tracers, finite rays, and a full calibration fit."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ LENS |= {"lens.entrance_pupil_mm": 1.5, "lens.f_number": 0.1}
 
 
 def errors(sensor, seed=0, size=0.2):
-    """A case that has some of everything that a sensor file can hold."""
+    """Case with errors of all kinds in a sensor file."""
     rng = np.random.default_rng(seed)
     shape = {"mirror.vertex_radius_mm": 0.1, "mirror.conic": 0.01, "mirror.coefficients[1]": 1e-3}
     sizes = dict.fromkeys(POSE, size) | LENS | {name: v for name, v in shape.items() if name in error_sources(sensor)}
@@ -47,8 +47,8 @@ def sensor(request):
 
 
 @pytest.mark.parametrize("distance", [np.inf, 400.0])
-def test_a_trial_shows_what_the_sensor_from_its_file_shows(sensor, distance):
-    """Sensor.project searches the mirror point by its own rule and knows nothing of trials."""
+def test_trial_matches_the_perturbed_sensor(sensor, distance):
+    """``Sensor.project`` finds the mirror point by an independent method."""
     field, values = field_of(sensor, object_distance_mm=distance), errors(sensor)
     built = perturbed(sensor, values)
     targets = world(built, field.targets)
@@ -59,7 +59,7 @@ def test_a_trial_shows_what_the_sensor_from_its_file_shows(sensor, distance):
     np.testing.assert_allclose(shown[found.valid], offsets[found.valid], atol=1e-8)
 
 
-def test_without_errors_blurs_are_those_of_the_evaluation(sensor):
+def test_nominal_blur_matches_the_evaluation(sensor):
     field = field_of(sensor, azimuths=3)
     blur = field.picture({}, count=1).blur_px[0]
     first = field.azimuth_deg == 0
@@ -69,8 +69,10 @@ def test_without_errors_blurs_are_those_of_the_evaluation(sensor):
     np.testing.assert_allclose(np.linalg.det(blur[first]), table.blur_t_px * table.blur_s_px, rtol=1e-6, atol=1e-6)
 
 
-def test_blurs_are_those_of_finite_rays(sensor):
-    """Rays from an object through points of a small aperture, by Sensor's forward projection of points."""
+def test_blur_matches_finite_rays(sensor):
+    """Trace rays from an object through points of a small aperture by the forward projection of
+    ``Sensor``.
+    """
     values = errors(sensor, seed=3, size=0.5)
     small = 200.0  # of the F-number: the ellipse of a small aperture is free of aberrations
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=small))
@@ -91,8 +93,8 @@ def test_blurs_are_those_of_finite_rays(sensor):
         assert np.abs(spread - expected).max() < 0.02 * np.abs(expected).max() + 1e-6
 
 
-def test_a_form_error_reflects_as_its_surface_does():
-    """The law of reflection with the normal of a surface that is summed from Zernike's own formulas, by differences."""
+def test_form_error_obeys_the_law_of_reflection():
+    """Normals of the surface from Zernike's formulas by differences."""
     sensor = om.load_sensor("paper-hyperboloidal")
     values = {"mirror.zernike_5_um": 40.0, "mirror.zernike_8_um": 30.0, "mirror.zernike_25_um": 20.0}
     field = field_of(sensor)
@@ -123,8 +125,8 @@ def test_a_form_error_reflects_as_its_surface_does():
     assert np.abs(shown.mirror_points[0] - field.start).max() > 1e-3
 
 
-def test_an_imager_leans_turns_and_moves_as_a_plane_does():
-    """The chief ray cut with the plane in three dimensions."""
+def test_imager_pose_is_a_plane_intersection():
+    """Intersect the chief ray with the imager plane in three dimensions."""
     sensor = om.load_sensor("paper-spherical")
     field = field_of(sensor)
     names = ("imager.shift_x_px", "imager.shift_y_px", "imager.rotation_deg", "imager.tilt_x_deg", "imager.tilt_y_deg")
@@ -145,8 +147,8 @@ def test_an_imager_leans_turns_and_moves_as_a_plane_does():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
-def test_what_a_pose_leaves_is_what_a_fit_in_full_leaves(name):
-    """A calibration of pose and affine terms, every ray traced at every step of the fit."""
+def test_pose_residual_matches_a_full_fit(name):
+    """Fit pose and affine terms with exact rays in every step."""
     sensor = om.load_sensor(name)
     evaluator = TrialEvaluator.of(sensor, angles=5, azimuths=8)
     values = {
@@ -172,7 +174,7 @@ def test_what_a_pose_leaves_is_what_a_fit_in_full_leaves(name):
     assert found < 0.3 * merits[0, merit_names().index(after("motion_rms_px", "affine"))]
 
 
-def test_deeper_calibrations_leave_less(sensor):
+def test_residuals_decrease_with_calibration_depth(sensor):
     rng = np.random.default_rng(1)
     values = {name: rng.normal(size=50) * 0.1 for name in POSE}
     values |= {f"mirror.zernike_{j}_um": rng.normal(size=50) for j in range(4, 16)}
@@ -184,7 +186,7 @@ def test_deeper_calibrations_leave_less(sensor):
 @pytest.mark.parametrize("refocus", REFOCUS)
 @pytest.mark.parametrize("distance", few([np.inf, 300.0], 300.0))
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
-def test_kernels_judge_as_numpy_does(sensor, refocus, distance):
+def test_compiled_kernel_matches_numpy(sensor, refocus, distance):
     evaluator = TrialEvaluator.of(sensor, refocus, object_distance_mm=distance)
     rng = np.random.default_rng(2)
     for more in ([], [4, 9], [5, 26], [8, 60, 91]):
@@ -199,8 +201,8 @@ def test_kernels_judge_as_numpy_does(sensor, refocus, distance):
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_mirrors_of_every_shape_have_trials(kind):
-    """Any mirror that a sensor can have, pointed ones too."""
+def test_all_mirrors_are_supported(kind):
+    """All mirror types, including pointed ones."""
     sensor = sensor_of(kind)
     low, high = sensor.field_deg
     field = field_of(sensor, field_deg=(low + 0.05 * (high - low), high - 0.05 * (high - low)), angles=4, azimuths=5)
@@ -212,7 +214,7 @@ def test_mirrors_of_every_shape_have_trials(kind):
     assert np.abs(shown - offsets)[found.valid].max() < 1e-6
 
 
-def test_what_is_lost_is_counted():  # a decentre takes the rim away from what was seen at it
+def test_lost_rays_are_counted():  # a decentre takes the rim away from what was seen at it
     sensor = om.load_sensor("paper-spherical")
     evaluator = TrialEvaluator.of(sensor, field_deg=(10.0, sensor.field_deg[1]))
     merits = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.0, 0.5])})
@@ -222,7 +224,7 @@ def test_what_is_lost_is_counted():  # a decentre takes the rim away from what w
     assert np.isnan(merits[1, :-1]).all()
 
 
-def test_what_is_no_sensor_sees_nothing():
+def test_impossible_sensors_lose_all_rays():
     evaluator = TrialEvaluator.of(om.load_sensor("paper-spherical"))
     n = len(evaluator.field)
     for name, value in (
@@ -243,19 +245,19 @@ def test_what_is_no_sensor_sees_nothing():
         ({"object_distance_mm": -1.0}, "object_distance_mm"),
     ],
 )
-def test_a_field_that_is_none_is_refused(options, words):
+def test_invalid_field_is_rejected(options, words):
     with pytest.raises(InvalidParameter, match=words):
         field_of(om.load_sensor("paper-spherical"), **options)
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-50, 1e6])
-def test_tolerances_at_the_ends_of_their_range_have_sensitivities(sensor, value):
+def test_extreme_tolerances_have_sensitivities(sensor, value):
     tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": Tolerance(value)})
     (row,) = sensitivities(TrialEvaluator.of(sensor), tolerances, {"motion_px": 1.0})
     assert row.name == "mirror.decentre_x_mm"
 
 
 @pytest.mark.parametrize("value", [-1e-50, 9e-51, 5e-324, 1.1e6, 1e308])
-def test_tolerances_out_of_range_are_refused(value):
+def test_out_of_range_tolerances_are_rejected(value):
     with pytest.raises(InvalidParameter, match=r"tolerance must be 0, or between 1e-50 and 1e\+06; got "):
         Tolerance(value)

@@ -2,6 +2,6 @@
 
 from .ball import mirror_ball_model
 from .sensor_model import SensorModel
-from .tolerances import Tolerance
+from .tolerances import ParameterPrior
 
-__all__ = ["SensorModel", "Tolerance", "mirror_ball_model"]
+__all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]

@@ -21,7 +21,7 @@ from .covered_image import image_through_cover
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
 from .starting import RIM_TO_DISTANCE, fitted, radial_law, shaped_like, unknown_sensor
-from .tolerances import USUAL, Tolerance, checked_priors, free_names, group_names, guessed_priors, usual_priors
+from .tolerances import USUAL, ParameterPrior, checked_priors, free_names, group_names, guessed_priors, usual_priors
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class SensorModel(CameraModel):
 
     sensor: Sensor
     free: tuple[str, ...] = None  # type: ignore[assignment]  # None only until they are chosen
-    priors: tuple[Tolerance, ...] = None  # type: ignore[assignment]  # None only until they are made
+    priors: tuple[ParameterPrior, ...] = None  # type: ignore[assignment]  # None only until they are made
 
     KIND: ClassVar[str] = "sensor"
 
@@ -80,7 +80,7 @@ class SensorModel(CameraModel):
         known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
         free = asked if asked is not None else USUAL if known is None else known.names
         object.__setattr__(self, "free", free_names(self.sensor, free))
-        given: tuple[Tolerance, ...] | None = self.priors
+        given: tuple[ParameterPrior, ...] | None = self.priors
         priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
         object.__setattr__(self, "priors", priors)
 
@@ -157,7 +157,7 @@ class SensorModel(CameraModel):
         sensor: Sensor | None = None,
         *,
         free: Iterable[str] | None = None,
-        priors: Iterable[Tolerance] | None = None,
+        priors: Iterable[ParameterPrior] | None = None,
         omega_max_deg: float = 170.0,
         rim_radius_mm: float = 40.0,
         distance_mm: float | None = None,

@@ -24,7 +24,7 @@ from ...sensor import Sensor
 from ...tracing.meridian import trace_chief_rays
 from .names import NamedNumber, changed, place_of, shape_names, value_of
 from .shape_rates import profile_rates
-from .tolerances import Tolerance
+from .tolerances import ParameterPrior
 
 Array = NDArray[np.float64]
 Model = TypeVar("Model", bound=CameraModel)
@@ -226,7 +226,7 @@ def _least_slopes(sensor: Sensor, places: tuple[NamedNumber, ...], x: Array, slo
     return state[0]
 
 
-def fitted(model: Model, central: CameraModel, priors: tuple[Tolerance, ...], omega_max_deg: float) -> Model:
+def fitted(model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...], omega_max_deg: float) -> Model:
     """The model whose free parameters show distant things as a central one does, within what is known of them."""
     directions = ring_directions(central, omega_max_deg)[0]
     wanted = central.image(directions, distant=True)

@@ -23,7 +23,7 @@ OFF_AXIS = 0.05
 ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: of a conic constant; of its terms' sag at the rim, in rim radii
 
 
-class Tolerance(NamedTuple):
+class ParameterPrior(NamedTuple):
     """What is known of a parameter beforehand, from a drawing and its tolerance."""
 
     name: str
@@ -79,7 +79,7 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
+def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """Tolerances of an ordinary workshop for those parameters that pictures alone hardly tell apart.
 
     Focal length and distance 5 %, the optical axis 1 % of the picture's width, the mirror's place 3 % of its radius
@@ -93,11 +93,11 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
         if name in names:
             sigma[name] = 0.05 * value_of(sensor, place_of(sensor, name))
     return tuple(
-        Tolerance(name, value_of(sensor, place_of(sensor, name)), sigma[name]) for name in names if name in sigma
+        ParameterPrior(name, value_of(sensor, place_of(sensor, name)), sigma[name]) for name in names if name in sigma
     )
 
 
-def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
+def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """What is known of a mirror of which nothing is: that it sits as usual, but not how far away, nor by which lens.
 
     Its focal length and its distance were made up to begin somewhere. What pictures do not say of them has to show as
@@ -111,18 +111,18 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...
     sigma |= {f"imager.centre_px[{i}]": OFF_AXIS * sensor.imager.width_px for i in (0, 1)}
     sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
     mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
-    made_up = (Tolerance(n, value_of(sensor, place_of(sensor, n)), sigma[n]) for n in names if n in sigma)
+    made_up = (ParameterPrior(n, value_of(sensor, place_of(sensor, n)), sigma[n]) for n in names if n in sigma)
     return (*made_up, *mounted)
 
 
 @checked
-def checked_priors(names: tuple[str, ...], priors: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
+def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> tuple[ParameterPrior, ...]:
     """Priors of free parameters, each with a tolerance above 0."""
     given = tuple(priors)
     for prior in given:
-        if not (isinstance(prior, tuple) and len(prior) == len(Tolerance._fields)):
+        if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
             raise WrongKind(f"{shown(prior)} among the priors is not a name, a value and its standard deviation")
-    checked = tuple(Tolerance(*prior) for prior in given)
+    checked = tuple(ParameterPrior(*prior) for prior in given)
     for prior in checked:
         if prior.name not in names:
             raise InvalidParameter(f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}")

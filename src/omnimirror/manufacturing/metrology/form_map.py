@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from ...numerics.zernike import noll
-from .form_error import FormError
+from .form_errors import FormError
 
 Array = NDArray[np.float64]
 

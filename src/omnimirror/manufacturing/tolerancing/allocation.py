@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...errors import InvalidParameter
 from ...sensor import Sensor
 from .evaluator import TrialEvaluator
-from .monte_carlo import YieldEstimate, check_limits, format_limit, monte_carlo
+from .monte_carlo import YieldEstimate, check_limits, format_limit, simulate_trials
 from .perturbation import GRADES, error_sources
 from .requirement_merits import is_lower_limit
 from .tolerances import BLOCK, Tolerances
@@ -135,7 +135,7 @@ def allocate(
         sizes = equal
     sizes = replace(case, seed=seed + 1, draws=BLOCK).scaled(sizes, target_yield)  # independent trials
     chosen = dict(zip(case.names, (float(v) for v in sizes), strict=True))
-    confirmed = monte_carlo(evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
+    confirmed = simulate_trials(evaluator, case.with_sizes(sizes), limits, trials=trials, seed=seed + 2)
     return Allocation(
         chosen,
         float((cost * requested / sizes).sum()),

@@ -22,7 +22,7 @@ from ...mirrors import Mirror
 from ...mirrors.form import LARGEST_ORDER, TERMS, MirrorForm
 from ...numerics.zernike import noll, terms_of, zernike_values
 from ...sensor import Sensor
-from ..metrology.form_error import FormError, form_error
+from ..metrology.form_errors import FormError, form_error
 from ..metrology.readers import Unit, read_points
 from .compensation import merit_names
 from .evaluator import TrialEvaluator

@@ -204,7 +204,7 @@ class YieldStatistics:
         return float(self.sums[self.names.index(merit)] / kept) if kept else np.nan
 
 
-def monte_carlo(
+def simulate_trials(
     evaluator: TrialEvaluator,
     tolerances: Tolerances,
     limits: Mapping[str, float],

@@ -157,7 +157,7 @@ def is_requirement_merit(name: str) -> bool:
     return name not in merit_names()
 
 
-def requirement_merits(names: Iterable[str]) -> tuple[str, ...]:
+def select_requirement_merits(names: Iterable[str]) -> tuple[str, ...]:
     """Return the merits that are evaluated only if a limit requires them."""
     return tuple(name for name in dict.fromkeys(names) if is_requirement_merit(name))
 

@@ -17,9 +17,9 @@ from ...errors import InvalidParameter
 from ...sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield
 from .evaluator import TrialEvaluator
-from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials, monte_carlo
+from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials, simulate_trials
 from .perturbation import perturbed
-from .requirement_merits import is_lower_limit, merit_limits, requirement_merits
+from .requirement_merits import is_lower_limit, merit_limits, select_requirement_merits
 from .sensitivity import ErrorSensitivity, VarianceDecomposition, sensitivities, sobol_indices
 from .sweep import Sweep, SweepPlan, run_sweep
 from .tolerance_file import TolerancePlan
@@ -209,10 +209,10 @@ def tolerance(
     if target_yield is not None:  # before the simulation
         check_target_yield(target_yield, plan.limits)
     begin = time.perf_counter()
-    required = requirement_merits(plan.limits)
+    required = select_requirement_merits(plan.limits)
     evaluator = TrialEvaluator.of(sensor, plan.refocus, required, **plan.objects)
     if sweep is None:
-        statistics = monte_carlo(
+        statistics = simulate_trials(
             evaluator, plan.tolerances, plan.limits, trials=trials, seed=seed, on_progress=on_progress
         )
     else:
@@ -399,7 +399,7 @@ def typical_sensors(
     check_limits({merit: 1.0})
     check_trials(trials)
     seed = whole("seed", seed)
-    evaluator = TrialEvaluator.of(sensor, plan.refocus, requirement_merits([merit]), **plan.objects)
+    evaluator = TrialEvaluator.of(sensor, plan.refocus, select_requirement_merits([merit]), **plan.objects)
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
     merits = evaluator.evaluate(drawn)[:, evaluator.names.index(merit)]
     ranked = np.argsort(-merits if is_lower_limit(merit) else merits)  # NaN last

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ...errors import OmnimirrorError
 from ...manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ...manufacturing.tolerancing.evaluator import TrialEvaluator
-from ...manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, monte_carlo
+from ...manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
 from ...manufacturing.tolerancing.perturbation import check_error_names, error_sources, group_of, perturbed
 from ...manufacturing.tolerancing.perturbed_states import is_vectorised
-from ...manufacturing.tolerancing.requirement_merits import is_lower_limit, requirement_merits
+from ...manufacturing.tolerancing.requirement_merits import is_lower_limit, select_requirement_merits
 from ...manufacturing.tolerancing.tolerances import Tolerance, Tolerances
 from ...manufacturing.tolerancing.trial_images import Refocus
 from ...sensor import Sensor
@@ -102,9 +102,9 @@ def yielded(ask: YieldAsk) -> YieldOf:
     sensor = in_place(sensor_on_bench(ask.tables))
     errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
     tolerances = Tolerances(sensor, errors)
-    evaluator = _judge(_told(ask.tables), ask.refocus, requirement_merits([ask.merit]))
+    evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
     trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
-    statistics = monte_carlo(evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed)
+    statistics = simulate_trials(evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed)
     return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
 
 

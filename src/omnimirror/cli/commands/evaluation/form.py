@@ -13,7 +13,7 @@ from rich.console import Console
 from ....errors import InvalidParameter
 from ....files import write_json
 from ....manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
-from ....manufacturing.metrology.form_error import FormError, form_error
+from ....manufacturing.metrology.form_errors import FormError, form_error
 from ....manufacturing.metrology.readers import MM, Unit, read_points
 from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ....manufacturing.tolerancing.mirror_form import FormEffect, as_built, form_effect

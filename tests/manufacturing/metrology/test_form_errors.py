@@ -1,4 +1,4 @@
-"""Form errors that were put in come back, apart from place, noise and wrong points."""
+"""Recovery of known form errors, separated from alignment, noise and outliers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def amounts(form) -> dict[int, float]:
     return {term.noll: term.um for term in form.terms}
 
 
-def test_the_terms_are_those_of_the_textbook():
+def test_terms_match_textbook_formulas():
     x, y = places(1.0, 200, np.random.default_rng(3))
     for j, formula in TERMS.items():
         np.testing.assert_allclose(zernike_values(x, y, [j])[:, 0], formula(x, y), atol=1e-12)
@@ -33,7 +33,7 @@ def test_the_terms_are_those_of_the_textbook():
 @pytest.mark.parametrize("above", [False, True])
 @pytest.mark.parametrize("term", few([6, 11, 14, 22], 11))
 @pytest.mark.parametrize("name", MIRRORS)
-def test_a_micrometre_comes_back_within_five_percent(name, term, above):
+def test_amplitudes_are_recovered_within_five_percent(name, term, above):
     form = om.form_error(MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above))
     found = amounts(form)
     assert found[term] == pytest.approx(1.0, abs=0.05)
@@ -44,7 +44,7 @@ def test_a_micrometre_comes_back_within_five_percent(name, term, above):
     assert form.outliers <= 2
 
 
-def test_the_place_in_the_machine_is_found_and_a_ball_is_centred_by_its_outline():
+def test_alignment_is_recovered_and_spheres_use_their_outline():
     for mirror, vertex, tilt in ((HYPERBOLOID, 2e-4, 2e-4), (BALL, 0.1, 0.1)):
         place = om.form_error(mirror, in_machine(on(mirror, {9: 0.5}, 0.1))).place
         np.testing.assert_allclose(place.vertex_mm, [3.0, -2.0, 100.0], atol=vertex)
@@ -52,7 +52,7 @@ def test_the_place_in_the_machine_is_found_and_a_ball_is_centred_by_its_outline(
         assert len(place.free) == (2 if mirror is BALL else 0)
 
 
-def test_what_is_stated_is_as_uncertain_as_stated():
+def test_uncertainties_are_realistic():
     truth = {5: 0.4, 9: -0.3, 11: 0.5}
     off = []
     for seed in range(25):
@@ -65,7 +65,7 @@ def test_what_is_stated_is_as_uncertain_as_stated():
     assert 0.7 < np.std(off) < 1.3
 
 
-def test_noise_is_told_from_form_that_the_terms_do_not_hold():
+def test_noise_and_unexplained_form_are_separated():
     points = on(HYPERBOLOID, {6: 1.0}, noise_um=0.1, count=20000)
     ripple = 0.3e-3 * np.sin(2 * np.pi * points[:, 0] / 4.0)  # 4 mm
     form = om.form_error(HYPERBOLOID, in_machine(points + ripple[:, None] * [0.0, 0.0, 1.0]))
@@ -78,7 +78,7 @@ def test_noise_is_told_from_form_that_the_terms_do_not_hold():
     assert amounts(form)[6] == pytest.approx(1.0, abs=0.05)
 
 
-def test_wrong_points_are_left_out_and_counted():
+def test_outliers_are_rejected_and_counted():
     points = on(HYPERBOLOID, {11: 0.5}, 0.1)
     points[::500, 2] += 0.02
     form = om.form_error(HYPERBOLOID, in_machine(points))
@@ -86,7 +86,7 @@ def test_wrong_points_are_left_out_and_counted():
     assert amounts(form)[11] == pytest.approx(0.5, abs=0.02)
 
 
-def test_departures_of_a_null_test_say_the_same():
+def test_null_test_departures_are_equivalent():
     truth = {6: 0.8, 11: -0.4}
     points = on(HYPERBOLOID, {}, 0.0)
     r = np.hypot(points[:, 0], points[:, 1])
@@ -97,7 +97,7 @@ def test_departures_of_a_null_test_say_the_same():
     assert found[11] == pytest.approx(-0.4, abs=0.04)
 
 
-def test_the_corrected_mirror_has_the_part_about_the_axis():
+def test_corrected_mirror_contains_symmetric_terms():
     truth = {4: 0.5, 6: 1.0, 11: -0.6, 22: 0.3}
     made = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.05, count=12000))).corrected()
     x = np.linspace(0.5, 43.5, 200)
@@ -106,7 +106,7 @@ def test_the_corrected_mirror_has_the_part_about_the_axis():
     assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the mirror's place takes what it can
 
 
-def test_figures_of_the_whole_are_those_of_the_surface():
+def test_summary_values_match_the_surface():
     form = om.form_error(BALL, on(BALL, {6: 0.5, 11: 0.2}, 0.0))
     assert form.rms_um == pytest.approx(np.hypot(0.5, 0.2), rel=0.02)
     assert form.rotational_rms_um == pytest.approx(0.2, rel=0.05)
@@ -114,7 +114,7 @@ def test_figures_of_the_whole_are_those_of_the_surface():
     assert form.peak_to_valley_um == pytest.approx(1e3 * np.ptp(height_mm({6: 0.5, 11: 0.2}, x, y)), rel=0.03)
 
 
-def test_a_half_measured_mirror_has_fewer_terms_or_none():
+def test_partial_coverage_reduces_the_order():
     points = on(HYPERBOLOID, {6: 1.0}, 0.1)
     half = points[points[:, 0] > 12.0]
     with pytest.raises(OmnimirrorError, match=r"the points do not determine terms up to order 8"):
@@ -138,24 +138,28 @@ def test_a_half_measured_mirror_has_fewer_terms_or_none():
         (np.zeros((300, 3)), "."),
     ],
 )
-def test_points_that_are_no_mirror_are_refused_by_a_sentence(points, sentence):
+def test_invalid_points_are_rejected(points, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         om.form_error(HYPERBOLOID, points)
 
 
-def test_an_order_out_of_range_is_refused():
+def test_invalid_order_is_rejected():
     with pytest.raises(InvalidParameter, match="order = 40 is"):
         om.form_error(HYPERBOLOID, on(HYPERBOLOID, {}, 0.1), order=40)
 
 
 def profile_error_um(form, truth) -> float:
-    """Largest departure of the mirror as built from the true one, both from their vertices."""
+    """Return the maximum departure of the corrected mirror from the true one, relative to the
+    vertices.
+    """
     x = np.linspace(0, 0.999 * truth.rim_radius_mm, 300)
     return float(1e3 * np.abs(form.corrected().sag(x) - truth.sag(x)).max())
 
 
 def posed(points: np.ndarray, seed: int) -> np.ndarray:
-    """Points in a machine with a random place, tilts of a degree, and either direction of z."""
+    """Return points in a machine with random position, tilt of about 1 deg, and either direction of
+    z.
+    """
     rng = np.random.default_rng(seed)
     turn = Rotation.from_euler("xyz", [*rng.normal(size=2), rng.uniform(0, 360)], degrees=True)
     seen = points @ turn.as_matrix().T + 30 * rng.normal(size=3)
@@ -168,8 +172,8 @@ def in_place(points: np.ndarray, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("place", [in_place, posed])
 @pytest.mark.parametrize("factor", few([1.0, 1.002, 0.998, 0.98, 1.02], 1.002, 0.98))
-def test_a_sphere_of_another_radius_keeps_its_vertex_and_its_axis(factor, place):
-    """The radius is the only error: no tilt, no form across the axis, no points lost."""
+def test_radius_error_causes_no_tilt_or_shift(factor, place):
+    """The radius is the only error: no tilt, no asymmetric form, no rejected points."""
     nominal = om.load_sensor("paper-spherical").mirror
     truth = replace(nominal, radius_mm=factor * nominal.radius_mm)
     form = om.form_error(nominal, place(on(truth, {}, 0.3, count=4000, seed=101), 3))
@@ -185,14 +189,14 @@ def test_a_sphere_of_another_radius_keeps_its_vertex_and_its_axis(factor, place)
         assert not form.place.is_centred_by_outline
 
 
-def test_a_sphere_of_quite_another_radius_is_another_mirror():
+def test_sphere_of_another_mirror_is_rejected():
     with pytest.raises(OmnimirrorError, match=r"sphere of radius 60 mm, and the mirror has 50 mm; check that"):
         om.form_error(BALL, on(Sphere(60.0, 44.0), {}, 0.1))
 
 
 @pytest.mark.parametrize("seed", few(range(6), 0, 1))
 @pytest.mark.parametrize("name", [*MIRRORS, "cone"])
-def test_two_percent_of_points_are_three_millimetres_off(name, seed):
+def test_two_percent_gross_outliers(name, seed):
     mirror = {**MIRRORS, "cone": Cone(45.0, 30.0)}[name]
     points, rng = on(mirror, {}, 0.3, count=4000, seed=seed), np.random.default_rng(seed)
     wrong = rng.choice(4000, 80, replace=False)
@@ -204,7 +208,7 @@ def test_two_percent_of_points_are_three_millimetres_off(name, seed):
 
 
 def ball_centres(mirror, radius: float, points: np.ndarray) -> np.ndarray:
-    """Centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
+    """Return centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
     r = np.hypot(points[:, 0], points[:, 1])
     slope = mirror.slope(r)
     normal = np.stack([-slope * points[:, 0] / r, -slope * points[:, 1] / r, np.ones(len(r))], axis=1)
@@ -213,7 +217,7 @@ def ball_centres(mirror, radius: float, points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("radius", few([0.5, 2.0, 4.0], 2.0))
 @pytest.mark.parametrize("name", [*MIRRORS, "ball of another radius"])
-def test_the_radius_of_the_probe_is_taken_away(name, radius):
+def test_probe_radius_is_compensated(name, radius):
     nominal = MIRRORS.get(name, BALL)
     truth = nominal if name in MIRRORS else replace(BALL, radius_mm=50.5)
     centres = ball_centres(truth, radius, on(truth, {}, 0.1, count=3000))
@@ -226,7 +230,7 @@ def test_the_radius_of_the_probe_is_taken_away(name, radius):
 
 @pytest.mark.parametrize("columns", [2, 3])
 @pytest.mark.parametrize("name", [*MIRRORS, "ball of another radius"])
-def test_a_profile_through_the_axis_gives_the_form_about_it(name, columns):
+def test_profile_determines_symmetric_form(name, columns):
     nominal = MIRRORS.get(name, BALL)
     truth = nominal if name in MIRRORS else replace(BALL, radius_mm=50.5)
     x, rng = np.linspace(-0.99, 0.99, 801) * truth.rim_radius_mm, np.random.default_rng(2)
@@ -265,6 +269,6 @@ def test_a_profile_through_the_axis_gives_the_form_about_it(name, columns):
         (on(BALL, {}, 0.1), {"probe_radius_mm": 1.0, "are_departures": True}, "of the surface itself"),
     ],
 )
-def test_what_no_profile_and_no_probe_can_tell_is_refused(points, options, sentence):
+def test_invalid_profiles_and_probes_are_rejected(points, options, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         om.form_error(BALL, points, **options)

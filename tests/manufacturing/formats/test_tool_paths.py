@@ -1,4 +1,4 @@
-"""Paths of a lathe's tool: what they cut is the mirror, by how far its points are from the lines that are driven."""
+"""Tool paths: the cut surface against the mirror, by distances of its points from the driven lines."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ NUMBER = r"(-?\d+\.\d+)"
 
 
 def driven(program: str) -> np.ndarray:
-    """X and Z (n, 2) of the straight cuts in a program, as a machine reads them."""
+    """Return X and Z (n, 2) of the cuts in a program."""
     return np.array([[float(v) for v in m] for m in re.findall(rf"^G1 X{NUMBER} Z{NUMBER}$", program, re.MULTILINE)])
 
 
 def nearest(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 2) from the nearest of the lines between ends (m, 2)."""
+    """Return distances of points (n, 2) from the nearest line between points (m, 2)."""
     from scipy.spatial import KDTree
 
     near = KDTree(ends).query(points, k=4)[1]
@@ -37,7 +37,7 @@ def nearest(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_what_is_cut_is_the_mirror(kind):
+def test_cut_surface_matches_the_mirror(kind):
     mirror, tool = sensor_of(kind).mirror, Tool(0.4, tolerance_nm=8.0)
     path = tool_path(mirror, tool)
     centres = driven(format_gcode(path, kind)) + np.array([0.0, tool.radius_mm])
@@ -50,7 +50,7 @@ def test_what_is_cut_is_the_mirror(kind):
     assert (np.diff(centres[:, 0]) < 0).all()
 
 
-def test_a_ball_is_turned_by_arcs_about_its_centre_and_half_the_tolerance_takes_more_points():
+def test_path_of_a_sphere_is_an_arc_with_tolerance_dependent_spacing():
     coarse, fine = (tool_path(Sphere(30.0, 20.0), Tool(1.0, tolerance_nm=nm), digits=8) for nm in (40.0, 10.0))
     for path in (coarse, fine):
         assert np.abs(np.hypot(path.x_mm, path.z_mm + 31.0) - 31.0).max() * 1e6 < 0.05
@@ -61,7 +61,7 @@ def test_a_ball_is_turned_by_arcs_about_its_centre_and_half_the_tolerance_takes_
     assert fine.edge_deg == (0.0, pytest.approx(np.degrees(np.arcsin(20.0 / 30.0)), abs=0.01))
 
 
-def test_cusps_are_those_of_a_nose_stepped_along_a_ball():
+def test_cusp_height_matches_geometry():
     tool, R = Tool(0.5, feed_um=20.0), 10.0
     step = 1e-3 * tool.feed_um / R
     between = np.array([np.sin(step / 2), np.cos(step / 2)])
@@ -71,7 +71,7 @@ def test_cusps_are_those_of_a_nose_stepped_along_a_ball():
     assert tool.cusp_nm(1 / R) == pytest.approx(1e6 * crest, rel=2e-3)
 
 
-def test_a_nose_too_round_for_a_hollow_is_refused_with_what_fits():
+def test_nose_larger_than_concave_radius_is_rejected():
     hollow = EvenPolynomial((0.01, -8e-6), 24.0)  # bends back from 14.4 mm on
     x = np.linspace(0.0, 24.0, 20001)
     slope = 0.02 * x - 3.2e-5 * x**3
@@ -100,13 +100,13 @@ def test_a_nose_too_round_for_a_hollow_is_refused_with_what_fits():
         ({"x_is_diameter": 2}, "x_is_diameter = 2 is not"),
     ],
 )
-def test_a_tool_that_cannot_be_is_refused(words, sentence):
+def test_invalid_tool_is_rejected(words, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         Tool(**words)
 
 
 @pytest.mark.parametrize("bound", [0, 1])
-def test_bounds_are_valid_values(bound):
+def test_parameter_bounds_are_valid(bound):
     limits = {
         "radius_mm": (1e-3, 100.0),
         "feed_um": (1e-3, 1e3),
@@ -118,12 +118,12 @@ def test_bounds_are_valid_values(bound):
     assert {name: getattr(Tool(**values), name) for name in values} == values
 
 
-def test_decimals_too_few_for_the_tolerance_are_refused():
+def test_insufficient_digits_are_rejected():
     with pytest.raises(InvalidParameter, match=r"at least 35 for digits = 5, which rounds by up to 7.1 nm"):
         tool_path(Sphere(30.0, 20.0), digits=5)
 
 
-def test_the_list_holds_where_the_tool_touches_and_a_diameter_is_twice_a_radius():
+def test_point_list_contains_contacts_and_diameter_option_doubles_x():
     path = tool_path(Sphere(30.0, 20.0), Tool(1.0))
     text = format_points(path, "ball")
     contact, x, z = np.loadtxt(text.splitlines(), skiprows=3, delimiter="\t", unpack=True)
@@ -134,8 +134,10 @@ def test_the_list_holds_where_the_tool_touches_and_a_diameter_is_twice_a_radius(
 
 @pytest.mark.parametrize("mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"])
 @pytest.mark.parametrize("x_is_diameter", [False, True])
-def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards(mirror, x_is_diameter):
-    """Along the tangent at the rim, over which a hollow's program must rise first; X may count as a diameter."""
+def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
+    """The approach is tangential at the rim; concave mirrors require a higher retraction; X may be
+    a diameter.
+    """
     path = tool_path(mirror, Tool(1.0, x_is_diameter=x_is_diameter))
     lines = format_gcode(path, "a (ball); 50% µ\n").splitlines()
     assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"
@@ -153,7 +155,7 @@ def test_the_program_comes_in_from_beyond_the_rim_and_leaves_upwards(mirror, x_i
     assert float(quick[0].split("Z")[1]) == pytest.approx(1.0 + max(0.0, cuts[:, 1].max(), start[1]), abs=1e-6)
 
 
-def test_the_command_line_writes_program_and_list(tmp_path):
+def test_command_writes_program_and_list(tmp_path):
     done = omnimirror(
         "export",
         "folded-spherical",

@@ -203,7 +203,15 @@ class FormError:
         return float((zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0])
 
     def corrected(self) -> SampledProfile:
-        """Return the as-built mirror with its rotationally symmetric terms, as a sampled profile."""
+        """Return the as-built mirror with its rotationally symmetric terms.
+
+        Heights refer to its own vertex; :attr:`vertex_um` is the displacement from the nominal vertex.
+
+        Returns
+        -------
+        SampledProfile
+            Profile of the nominal mirror and the symmetric terms.
+        """
         mirror, about = self.mirror, [term for term in self.terms if noll(term.noll)[1] == 0]
         x = np.linspace(0.0, mirror.rim_radius_mm, PROFILE_POINTS)
         values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [t.um for t in about]
@@ -223,34 +231,33 @@ def form_error(
 ) -> FormError:
     """Estimate the form error of a mirror from measured points.
 
-    The rotation of a sphere about its centre is not determined by points: the axes of the machine are kept, or the
-    outline of the points is centred where it is off the axis. The radius of a sphere is estimated.
+    The rotation of a sphere about its centre is undetermined: the machine axes are used, or the outline of
+    the points is centred if it is decentred. The radius of a sphere is estimated.
 
     Parameters
     ----------
     mirror
         Nominal mirror.
-    points_mm : (n, 3) or (n, 2)
-        Points of its surface, in the axes of the machine; x and z of a profile through the axis. Points along a line
-        of the x-y plane are a profile too. Of a profile only the form about the axis is estimated.
+    points_mm : (n, 3), or (n, 2) for a profile
+        Points in the machine frame, at least 200, or 50 of a profile through the axis.
     order : optional
-        Largest order of the Zernike terms that are not about the axis; by default what the points ask for, by
-        Schwarz's criterion, up to 12.
+        Maximum order of the asymmetric terms; selected by the Schwarz criterion by default.
     are_departures
-        Whether the third numbers are no heights but departures from the mirror that was meant along its normal, away
-        from the lens, as an interferometer's null test gives them; the middle of the points' outline is the axis then.
+        Whether the third column is the departure from the nominal mirror along its normal.
     probe_radius_mm
-        Radius of the probe's ball, of machines that give the centres of the ball; 0 for points of the surface.
+        Radius of the probe, if the points are centres of the probe ball.
 
     Returns
     -------
     FormError
-        Terms with their uncertainties, noise, and what is left.
+        Terms with uncertainties, alignment, noise and residuals.
 
     Raises
     ------
     OmnimirrorError
-        Fewer than 200 points (50 of a profile), points of something else, or holes that leave terms undetermined.
+        If the points do not match the mirror or do not determine the terms.
+    InvalidParameter
+        If an argument is out of range.
 
     Examples
     --------
