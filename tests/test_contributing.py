@@ -34,7 +34,7 @@ runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 
 
 PROGRAM = re.compile(r"(?<![\w/.-])[\w/]+/\w+\.(?:sh|py|cpp)\b")
-NAMED_IN = ("Makefile", "README.md", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
+NAMED_IN = ("Makefile", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
 UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 
@@ -113,7 +113,7 @@ class ScaleOptions(Options):
 @click.argument("sensor")
 @takes(ScaleOptions, "size")
 def command(sensor: str, size: ScaleOptions) -> None:
-    """Say how wide the mirror of SENSOR is."""
+    """Print the diameter of the mirror of SENSOR."""
     click.echo(f"{2 * size.scale * load_sensor(sensor).mirror.rim_radius_mm:.2f} mm")
 '''
 
@@ -123,13 +123,13 @@ def test_a_command_is_a_module_and_its_name(copy):
     (cli / "commands" / "evaluation" / "girth.py").write_text(COMMAND)
     edit(
         cli / "__init__.py",
-        ('    "compare": "Put', '    "girth": "Say how wide a mirror is.",\n    "compare": "Put'),
+        ('    "compare": "Comp', '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp'),
         ('"reproduce", "sensors", "spots"}', '"girth", "reproduce", "sensors", "spots"}'),
     )
     program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
     said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)
     assert said.stdout == "175.62 mm\n", said.stderr  # twice 2 x 43.905
-    assert "Say how wide a mirror is." in run([*program, "--help"], copy, **path).stdout
+    assert "Print the diameter of a mirror." in run([*program, "--help"], copy, **path).stdout
     assert run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
 
 

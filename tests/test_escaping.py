@@ -461,7 +461,7 @@ def test_scripts_find_their_files_by_any_name(kind, stem, tmp_path):
     elif script.suffix == ".c":
         subprocess.run(["gcc", "-std=c99", "-Werror", "-fsyntax-only", script.absolute()], check=True)
     else:
-        assert code_of(script).count("float4 straightened" if kind == "obs" else "void main") == 1
+        assert code_of(script).count("float4 dewarped" if kind == "obs" else "void main") == 1
     assert not (tmp_path / CANARY).exists()
 
 

@@ -88,7 +88,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                                   "steerable": False}),
     "write_tolerances": (om.write_tolerances, {"report": REPORT, "path": "order.html"}),
     "typical_sensors": (om.typical_sensors, {"sensor": SENSOR, "plan": om.TolerancePlan(TOLERANCES),
-                                             "merit": "motion_px", "shares": (0.5,), "trials": 20, "seed": 0}),
+                                             "merit": "motion_px", "quantiles": (0.5,), "trials": 20, "seed": 0}),
     "Thermal": (om.Thermal, {"reference_c": 20.0, "mirror_material": None, "mirror_ppm_per_k": 70.0,
                              "spacer_material": "aluminium", "spacer_ppm_per_k": None, "mount_material": None,
                              "mount_ppm_per_k": None, "focal_ppm_per_k": 1.0, "imager_ppm_per_k": 2.6,

@@ -447,7 +447,7 @@ def test_schotts_own_formula():
 def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
-    assert "The lens is an ideal one of its focal length, entrance pupil and focus." in text
+    assert "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
 
 
 @pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])

@@ -311,9 +311,8 @@ def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
     clutter = np.clip(128 + 6 * (texture - 128), 0, 255).astype(np.uint8)
     assert om.find_board(clutter, BOARD).reason == "no board was found"
     assert asked == []
-    part = picture_of(9, 6)
-    part[:, 180:] = 128
-    assert om.find_board(part, BOARD).is_part
+    part = picture_of(9, 6)[:, :180]
+    assert om.find_board(np.ascontiguousarray(part), BOARD).is_part
     assert asked
 
 

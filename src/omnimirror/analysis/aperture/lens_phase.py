@@ -23,7 +23,7 @@ BOUNDARY = 2 * np.pi * np.arange(96) / 96  # azimuths at which the edge of the s
 ROUND = 2e-3  # of the radius: a cone whose section deviates less from an ellipse is integrated as one
 
 
-class Cone(NamedTuple):
+class LightCone(NamedTuple):
     """Cone of light behind a real lens: its section in direction cosines, scaled to the unit disk."""
 
     points: Array
@@ -69,7 +69,7 @@ def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
     return phase, rough
 
 
-def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> Cone:
+def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
     """Return the cone of light of one object from the rays at :data:`FITTED`.
 
     Parameters
@@ -94,4 +94,4 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> Cone:
         stop = (1 - (at_stop**2).sum(axis=1)) / 2
     points = (cosines - middle) / half
     t, s = 1 / (2 * half)
-    return Cone(points, half[0] * half[1] / area, (float(t), float(s)), stop)
+    return LightCone(points, half[0] * half[1] / area, (float(t), float(s)), stop)

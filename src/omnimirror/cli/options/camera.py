@@ -85,12 +85,6 @@ class CameraOptions(Options):
             camera = MirrorBall((u, v), radius, full_field, picture_size)
         return replace(camera, mount=self.standing(camera.mount))
 
-    def assumption(self) -> str:
-        """Return a sentence about the assumed orientation of a mirror ball; empty for other cameras."""
-        if self.ball is None or self.camera_looks is not None:
-            return ""
-        return "the camera of --ball is assumed to look up (--camera-looks forward for a horizontal camera)"
-
     def standing(self, mount: Mount) -> Mount:
         """How a camera stands, of which a mount tells what the options do not."""
         stands = {f.name: self.given[f.name] for f in fields(Mount) if f.name in self.given}

@@ -16,8 +16,8 @@ from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
 from .blur_scale import LEAST_NOISE, UNSEEN_SHARE, BlurScale
+from .edge_overshoot import MAX_OVERSHOOT, MAX_OVERSHOOT_UNCODED, overshoot
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
-from .overshoot import MAX_OVERSHOOT, MAX_OVERSHOOT_UNCODED, overshoot
 from .round_blur import RoundBlur, ToldBlur, round_blur_of
 
 Values = NDArray[np.float32]

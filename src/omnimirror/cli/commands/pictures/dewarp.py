@@ -206,12 +206,11 @@ def command(
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
         recording = replace(video.recording(kind), skip_existing=bool(pictures.skip_existing))
-        _say_found(camera.assumption())
         _video(sources[0], outputs, how, recording)
     else:
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
         restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
-        told = camera.assumption()
+        told = ""
         if auto.auto:  # once nothing of what was asked is refused
             found, told = auto.camera(sources, camera, orientation)
             how = replace(how, camera=found)
@@ -299,7 +298,7 @@ def _pictures(
 
 
 def _say_found(told: str) -> None:
-    """Report what was found or assumed of the camera."""
+    """Report the detected camera."""
     if told:
         remark(f"omnimirror: {told}")
 
