@@ -13,14 +13,14 @@ TORCH = "src/omnimirror/interop/torch"
 NEED_TORCH = ("_camera.py", "_factory.py", "_tables.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
 LONG_EXAMPLES = {
-    "omnimirror.calibrate.estimation.calibration.calibrate_camera",
-    "omnimirror.calibrate.estimation.results.Calibration",
-    "omnimirror.calibrate.targets.finding.find_board",
+    "omnimirror.calibration.estimation.calibration.calibrate_camera",
+    "omnimirror.calibration.estimation.results.Calibration",
+    "omnimirror.calibration.targets.finding.find_board",
     "omnimirror.design.optimise.optimiser.optimise",
-    "omnimirror.report.calibration.write_calibration_figures",
-    "omnimirror.report.calibration.write_calibration_report",
-    "omnimirror.report.write_demo",
-    "omnimirror.simulate.datasets.calibration_set.write_calibration_set",
+    "omnimirror.apps.reports.calibration.write_calibration_figures",
+    "omnimirror.apps.reports.calibration.write_calibration_report",
+    "omnimirror.apps.reports.write_demo",
+    "omnimirror.simulation.datasets.calibration_set.write_calibration_set",
 }
 """Examples in the sources that `make test-full` alone runs, as the tests of the same functions run every day."""
 OPTION, PROPERTY = "--cross-validation", "compared"

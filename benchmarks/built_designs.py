@@ -21,12 +21,12 @@ from circumstances import other_load, processor
 from timing import measured
 
 import omnimirror as om
-from omnimirror.batch.bases import family
-from omnimirror.batch.evaluate import Designs, evaluate_designs
-from omnimirror.files import write_text
-from omnimirror.housing import Dome, Housing
-from omnimirror.lenses import SurfaceLens
-from omnimirror.native import backend
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
+from omnimirror.optics.batch.bases import family
+from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
+from omnimirror.optics.housing import Dome, Housing
+from omnimirror.optics.lenses import SurfaceLens
 
 ANGLES, DESIGNS, RUNS = 100, 8000, 7
 TRIPLET = SurfaceLens(

@@ -25,10 +25,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from circumstances import processor
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.frames import Mount
-from omnimirror.mirrors.pose import MirrorPose
-from tests.calibrate.targets.rendering import photographed, pose
+from omnimirror.base.files import write_text
+from omnimirror.cameras.frames import Mount
+from omnimirror.optics.mirrors.pose import MirrorPose
+from tests.calibration.targets.rendering import photographed, pose
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)
 SENSORS = ("paper-spherical", "prototype-hyperboloidal")
@@ -175,8 +175,8 @@ def _deg(angle: float) -> str:
 
 def beside_boards(_: Path | None) -> str:
     """What forty edges all around add to six boards in the right half of a picture, over six sets."""
-    from tests.calibrate.estimation.test_edges import BOARD as LARGER
-    from tests.calibrate.estimation.test_edges import boards_at_the_right, edges, errors_deg
+    from tests.calibration.estimation.test_edges import BOARD as LARGER
+    from tests.calibration.estimation.test_edges import boards_at_the_right, edges, errors_deg
 
     rows = ["| | error of directions, rms | said, rms |", "|---|---|---|"]
     for words, with_edges in (("six boards in the right half", False), ("and forty edges all around", True)):

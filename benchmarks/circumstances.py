@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror.native import backend
+from omnimirror.base.native import backend
 
 
 def arguments_of(description: str, runs: int) -> argparse.Namespace:

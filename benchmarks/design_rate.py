@@ -22,10 +22,10 @@ from evaluation_time import optiland_system
 from timing import measured
 
 import omnimirror as om
-from omnimirror.batch.bases import family
-from omnimirror.batch.evaluate import Designs, evaluate_designs
-from omnimirror.files import write_text
-from omnimirror.native import backend
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
+from omnimirror.optics.batch.bases import family
+from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
 
 ANGLES, FEW, MANY, RUNS = 100, 2_000, 20_000, 15
 

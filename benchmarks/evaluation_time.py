@@ -21,7 +21,7 @@ import numpy as np
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
 
 ANGLES = 100
 RUNS = 100

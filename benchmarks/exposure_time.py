@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate.colour import srgb_from_linear
-from omnimirror.simulate.rendering.exposure import expose
-from omnimirror.simulate.scenes.environment import Environment
+from omnimirror.base.colour import srgb_from_linear
+from omnimirror.base.files import write_text
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.scenes.environment import Environment
 
 PIXELS, RAYS = 1000, 64
 SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}
@@ -40,7 +40,7 @@ MOST_RAYS = 4096  # of the picture that errors count from
 
 
 def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
-    from tests.simulate.rendering.test_mitsuba_pictures import small
+    from tests.simulation.rendering.test_mitsuba_pictures import small
 
     return small(name, pixels, MirrorPose())
 
@@ -70,7 +70,7 @@ def render_here(variant: str, name: str) -> None:
     import mitsuba as mi
 
     mi.set_variant(variant)
-    from tests.simulate.rendering import test_mitsuba_pictures as pictures
+    from tests.simulation.rendering import test_mitsuba_pictures as pictures
 
     sensor = sensor_of(name)
     _, light = pictures.maps()
@@ -113,7 +113,7 @@ def main() -> None:
     if arguments.mitsuba:
         render_here(*arguments.mitsuba)
         return
-    from tests.simulate.rendering.test_mitsuba_pictures import maps
+    from tests.simulation.rendering.test_mitsuba_pictures import maps
 
     world = Environment(maps()[0])
     lines = [

@@ -28,9 +28,9 @@ from page_load import FLAGS, served
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.frames import Mount
-from omnimirror.media import write_image
+from omnimirror.base.files import write_text
+from omnimirror.cameras.frames import Mount
+from omnimirror.io import write_image
 
 SCREENS = {"1280": (1280, 800), "360": (360, 740), "2560": (2560, 1440)}
 THEMES = ("light", "dark")

@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 
 import omnimirror as om
+from omnimirror.base.files import write_text
 from omnimirror.dewarp.screens import Screen
-from omnimirror.files import write_text
-from omnimirror.simulate.rendering.picture import pinhole_picture
+from omnimirror.simulation.rendering.picture import pinhole_picture
 
 SAMPLES = 8  # rays per pixel and side
 RAYS = 1 << 17  # traced at a time: more fall out of the cache

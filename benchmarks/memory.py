@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
 
 PROGRAM = str(Path(sys.executable).with_name("omnimirror"))
 

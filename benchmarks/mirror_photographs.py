@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.frames import pan_tilt_direction
-from omnimirror.media import read_image
-from omnimirror.simulate.rendering.picture import pinhole_picture
+from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.io import read_image
+from omnimirror.simulation.rendering.picture import pinhole_picture
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]

@@ -20,10 +20,10 @@ from mirror_photographs import Floats, Photograph, Picture, Rim, compose, covera
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.housing import CameraBody, Housing, Rod
-from omnimirror.imagers import Imager
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.optics.housing import CameraBody, Housing, Rod
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.simulation.radiometry import Radiometry
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (1280, 960))
 STANDING = (

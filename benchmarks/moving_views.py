@@ -23,10 +23,10 @@ from circumstances import arguments_of, circumstances, clock_of, photograph_of, 
 from timing import interleaved
 
 import omnimirror as om
+from omnimirror.base.files import write_text
+from omnimirror.cameras.frames import view_axes
 from omnimirror.dewarp.maps.coordinates import lattice_map_of, polar_map_of
-from omnimirror.files import write_text
-from omnimirror.frames import view_axes
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 RUNS = 7
 FRAMES = 24  # in a row: after a second of something else the first ones find caches and memory cold
@@ -58,7 +58,7 @@ class TableMap:
         self.index = np.empty((height, width), np.int32)
 
     @staticmethod
-    def _radius_over_sine(symmetry: om.cameras.AxialSymmetry) -> np.ndarray:
+    def _radius_over_sine(symmetry: om.cameras.camera.AxialSymmetry) -> np.ndarray:
         """Over sin(Omega/2), up to 1; far outside the picture beyond the field."""
         half_sine = (np.arange(ENTRIES) + 0.5) / ENTRIES
         omega = 2 * np.arcsin(half_sine)

@@ -23,8 +23,8 @@ import numpy as np
 from circumstances import other_load, processor
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from omnimirror.files import write_text
-from omnimirror.studio.pages import PAGE
+from omnimirror.apps.studio.pages import PAGE
+from omnimirror.base.files import write_text
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE = {"width": 1280, "height": 800}

@@ -18,8 +18,8 @@ import numpy as np
 from circumstances import other_load, processor
 
 import omnimirror as om
-from omnimirror.components.catalogue import Catalogue, ImagerComponent, LensComponent
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
+from omnimirror.design.catalogue.catalogue import Catalogue, ImagerComponent, LensComponent
 
 LENSES, IMAGERS = 200, 50
 

@@ -15,10 +15,10 @@ import numpy as np
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.specs import tables_of
-from omnimirror.studio.bench.files import downloaded
-from omnimirror.studio.bench.messages import Download
+from omnimirror.apps.studio.bench.files import downloaded
+from omnimirror.apps.studio.bench.messages import Download
+from omnimirror.base.files import write_text
+from omnimirror.optics.sensor_files import tables_of
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 

@@ -33,13 +33,13 @@ from circumstances import processor
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.native import backend
-from omnimirror.simulate.colour import linear_from_srgb, srgb_from_linear
-from omnimirror.simulate.restoration.sharpening import Restorer
-from omnimirror.simulate.scenes.contract import Scene
-from omnimirror.simulate.scenes.worlds.hall import Hall
-from omnimirror.simulate.scenes.worlds.street import Street
+from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
+from omnimirror.dewarp.restoration.sharpening import Restorer
+from omnimirror.simulation.scenes.contract import Scene
+from omnimirror.simulation.scenes.worlds.hall import Hall
+from omnimirror.simulation.scenes.worlds.street import Street
 
 NOISE = 0.01
 RUNS = 3  # of which the median is told: the first waits for memory that the system gives

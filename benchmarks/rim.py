@@ -23,9 +23,9 @@ from mirror_surroundings import SURROUNDINGS, rings
 from rim_learning import learned
 
 import omnimirror as om
-from omnimirror.calibrate.rim import SURE
-from omnimirror.calibrate.rim.choice import COMMITTEE
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
+from omnimirror.calibration.rim import SURE
+from omnimirror.calibration.rim.choice import COMMITTEE
 
 FIRST, MIRRORS = 9100, 200
 RIGHT = 0.01  # of the radius

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 import omnimirror as om
-from omnimirror.calibrate.rim.candidates import rings_of
-from omnimirror.calibrate.rim.choice import FIRST, UNLISTED, Committee, Member, listed_rows
-from omnimirror.calibrate.rim.edges import at_working_size, edges_of, levels_of
-from omnimirror.calibrate.rim.ellipses import Ellipse
-from omnimirror.calibrate.rim.placing import placed
+from omnimirror.calibration.rim.candidates import rings_of
+from omnimirror.calibration.rim.choice import FIRST, UNLISTED, Committee, Member, listed_rows
+from omnimirror.calibration.rim.edges import at_working_size, edges_of, levels_of
+from omnimirror.calibration.rim.ellipses import Ellipse
+from omnimirror.calibration.rim.placing import placed
 
 Array = NDArray[np.float64]
 

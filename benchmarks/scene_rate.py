@@ -24,14 +24,14 @@ import numpy as np
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.native import backend
-from omnimirror.simulate.radiometry import Radiometry
-from omnimirror.simulate.rendering.exposure import REFLECTED, expose, trace
-from omnimirror.simulate.rendering.samples import spread
-from omnimirror.simulate.scenes.triangles import facets
-from omnimirror.simulate.scenes.worlds.hall import Hall
-from omnimirror.simulate.scenes.worlds.street import Street
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
+from omnimirror.simulation.radiometry import Radiometry
+from omnimirror.simulation.rendering.exposure import REFLECTED, expose, trace
+from omnimirror.simulation.rendering.samples import spread
+from omnimirror.simulation.scenes.triangles import facets
+from omnimirror.simulation.scenes.worlds.hall import Hall
+from omnimirror.simulation.scenes.worlds.street import Street
 
 RINGS = (36, 143, 570)  # of balls of 5 000, 82 000 and 1.3 million triangles
 TRACED, PIXELS, RAYS = 512, 1000, 16

@@ -25,15 +25,15 @@ from circumstances import circumstances
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.bench.answers import answer
+from omnimirror.apps.studio.bench.designs.sensors import changed, on_bench
+from omnimirror.apps.studio.bench.files import taken
+from omnimirror.apps.studio.bench.messages import Ask, BenchSensor, Change, PictureAsk
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
-from omnimirror.specs import tables_of
-from omnimirror.studio.app import create_app
-from omnimirror.studio.bench.answers import answer
-from omnimirror.studio.bench.designs.sensors import changed, on_bench
-from omnimirror.studio.bench.files import taken
-from omnimirror.studio.bench.messages import Ask, BenchSensor, Change, PictureAsk
-from omnimirror.studio.studio import Studio
+from omnimirror.optics.sensor_files import tables_of
 
 KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

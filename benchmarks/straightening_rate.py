@@ -21,11 +21,11 @@ from circumstances import arguments_of, circumstances, clock_of, photograph_of, 
 from timing import interleaved
 
 import omnimirror as om
+from omnimirror.base.files import write_text
 from omnimirror.dewarp.maps.pixels import PixelMap
 from omnimirror.dewarp.maps.polar import PolarMap
 from omnimirror.dewarp.sampling.samplers import remap
 from omnimirror.dewarp.screens import Cylinder, Plane
-from omnimirror.files import write_text
 
 RUNS = 15
 FRAMES = 5  # in a row, as in a video

@@ -28,9 +28,9 @@ import numpy as np
 from circumstances import other_load, processor
 
 import omnimirror as om
-from omnimirror.files import write_text
-from omnimirror.media.video.frames import frame_of_image
-from omnimirror.media.video.writer import VideoWriter
+from omnimirror.base.files import write_text
+from omnimirror.io.video.frames import frame_of_image
+from omnimirror.io.video.writer import VideoWriter
 
 SIDE, RATE, FRAMES = 1024, 25, 100
 HANDSHAKE = (

@@ -11,7 +11,7 @@ import argparse
 import re
 from pathlib import Path
 
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
 
 DOCS = Path(__file__).parents[1] / "docs"
 

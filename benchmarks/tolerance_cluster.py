@@ -22,7 +22,7 @@ from pathlib import Path
 
 from circumstances import other_load, processor
 
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
 from omnimirror.manufacturing.tolerancing.sweep import SHARD_TRIALS
 
 IDLE_S = 20.0

@@ -27,12 +27,12 @@ from circumstances import processor
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
 from omnimirror.manufacturing.tolerancing.compensation import POSE
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.trial_images import trace_objects
-from omnimirror.native import backend
 
 RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3
 SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))

@@ -20,10 +20,10 @@ import numpy as np
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
 from omnimirror.manufacturing.tolerancing.compensation import POSE
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
-from omnimirror.native import backend
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
 TRIALS, FEW, RUNS = 8192, 256, 9

@@ -23,10 +23,10 @@ import torch
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
+from omnimirror.base.native import backend
 from omnimirror.interop.torch import TorchCamera, differentiable
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.native import backend
+from omnimirror.optics.mirrors.pose import MirrorPose
 
 RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
 RATES = {"cpu": "rays/s and core", "cuda": "rays/s"}

@@ -24,7 +24,7 @@ import numpy as np
 from circumstances import circumstances
 
 import omnimirror as om
-from omnimirror.files import write_text
+from omnimirror.base.files import write_text
 
 OURS = [str(Path(sys.executable).with_name("omnimirror")), "dewarp", "--quiet"]
 SIDE, WIDE, TALL = 2160, 3840, 960

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import grimp
 
-from omnimirror.quantities import QUANTITIES
+from omnimirror.base.quantities import QUANTITIES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "omnimirror"

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 import cv2
 
-from omnimirror.media import read_image
+from omnimirror.io import read_image
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURES = ROOT / "docs" / "gallery.md", ROOT / "docs" / "images" / "gallery"

@@ -22,8 +22,8 @@ from typing import Any
 import click
 
 import omnimirror as om
-from omnimirror import studio
-from omnimirror.cli import app as program
+from omnimirror.apps import studio
+from omnimirror.apps.cli import app as program
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "out" / "site-pages"

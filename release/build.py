@@ -24,9 +24,9 @@ ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ROOT / "release" / "trial.py"
 BROUGHT_BY_VENV = {"pip", "setuptools"}  # by the interpreter, not by what is installed
 # Of each extra what does not work without it.
-COMMAND = "from omnimirror.cli import main; main({!r}.split())"
+COMMAND = "from omnimirror.apps.cli import main; main({!r}.split())"
 EXTRAS = {
-    "video": "import omnimirror.media.video, av",
+    "video": "import omnimirror.io.video, av",
     "exr": COMMAND.format("simulate paper-spherical --samples 1 -o picture.exr"),
     "design": "import omnimirror.design.optimise, pymoo, pyarrow",
     "cluster": "import omnimirror.manufacturing.tolerancing.sweep, distributed, pyarrow",
@@ -37,7 +37,7 @@ EXTRAS = {
     "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
     "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
     "differentiable(om.load_sensor('paper-spherical'))",
-    "studio": "from omnimirror.studio.app import create_app; create_app()",
+    "studio": "from omnimirror.apps.studio.app import create_app; create_app()",
 }
 
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 import omnimirror as om
-from omnimirror.native import backend
+from omnimirror.base.native import backend
 
 compiled = "--without-kernels" not in sys.argv
 if compiled == (backend.name == "opencv"):

@@ -29,7 +29,7 @@ PROGRAM = Path(sys.executable).with_name("omnimirror")
 LATER = """
 matplotlib.figure matplotlib.backends.backend_agg matplotlib.backends.backend_svg PIL.JpegImagePlugin cv2 av
 scipy.integrate scipy.interpolate scipy.ndimage scipy.optimize scipy.spatial scipy.special
-omnimirror._native omnimirror.straighten.video omnimirror.figures.aperture
+omnimirror.base._native omnimirror.dewarp.pipelines.video omnimirror.analysis.figures.aperture
 """.split()  # noqa: SIM905
 """What commands import when they come to need it."""
 
@@ -134,7 +134,7 @@ def _exactly(line: socket.socket, size: int) -> bytes:
 
 def serve(line_number: int) -> None:
     """Split off one process for each command, until nobody asks any more."""
-    from omnimirror import cli
+    from omnimirror.apps import cli
 
     for name in cli.COMMANDS:
         cli.app.get_command(None, name)  # type: ignore[arg-type]
@@ -161,7 +161,7 @@ def serve(line_number: int) -> None:
 
 def _run(asked: dict[str, Any], streams: list[int]) -> None:
     """The command, with the streams, folder and environment of who asked; its process ends here."""
-    from omnimirror.cli import main
+    from omnimirror.apps.cli import main
 
     for number, stream in enumerate(streams, 1):
         os.dup2(stream, number)

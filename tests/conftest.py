@@ -20,9 +20,10 @@ import pytest
 from hypothesis import settings
 
 import omnimirror as om
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import (
+from omnimirror.base.native import backend
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import (
     Cone,
     Conformal,
     ConicAsphere,
@@ -43,9 +44,8 @@ from omnimirror.mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from omnimirror.mirrors.generated import Mapped
-from omnimirror.native import backend
-from omnimirror.specs import bundled_sensors
+from omnimirror.optics.mirrors.generated import Mapped
+from omnimirror.optics.sensor_files import bundled_sensors
 
 # A shared machine stalls now and then, and a run must not fail for a case that the next run will not see.
 settings.register_profile("omnimirror", deadline=None, derandomize=True)
@@ -187,7 +187,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def launched():
     """Starts a browser with some flags; one Playwright for all tests in a process, which holds no two."""
-    from tests.studio.browser import FAKE_CAMERA, chromium
+    from tests.apps.studio.browser import FAKE_CAMERA, chromium
 
     sync_api = pytest.importorskip("playwright.sync_api", reason="pages are driven by Playwright, which is not here")
     executable = chromium()

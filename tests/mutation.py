@@ -28,7 +28,7 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[1]
 TABLE = CHECKOUT / "tests" / "mutation.toml"
-OUTSIDE_GIT = ("src/omnimirror/_native*",)
+OUTSIDE_GIT = ("src/omnimirror/base/_native*",)
 """Built files that a copy needs although git ignores them."""
 PRELOADED = "numpy scipy.optimize scipy.interpolate cv2 pytest hypothesis pydantic click matplotlib.pyplot"
 """Imported once; every test run is a fork of the process that holds them."""

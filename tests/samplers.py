@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from omnimirror.base.native import backend
 from omnimirror.dewarp.maps.pixels import PixelMap
 from omnimirror.dewarp.sampling.samplers import remap
-from omnimirror.native import backend
 
 
 def instructions() -> list[str]:

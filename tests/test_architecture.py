@@ -107,7 +107,7 @@ def test_tests_patch_objects_and_no_dotted_names():
 
 
 def test_files_are_read_by_the_bounded_reader():
-    """All other modules call :mod:`omnimirror.files` and :mod:`omnimirror.media.pictures.images`."""
+    """All other modules call :mod:`omnimirror.base.files` and :mod:`omnimirror.io.pictures.images`."""
     found = {
         ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): _reading_calls(path)
         for path in SOURCE.rglob("*.py")
@@ -144,14 +144,21 @@ def test_what_the_docs_show_of_the_code_is_the_code():
     assert not stale, "python docs/from_code.py makes them anew"
 
 
-@pytest.mark.parametrize("statement", ["import omnimirror", "from omnimirror.cli import main; main(['--help'])"])
+@pytest.mark.parametrize("statement", ["import omnimirror", "from omnimirror.apps.cli import main; main(['--help'])"])
 def test_importing_is_light(statement):
     """Heavy packages are imported where they are used, so that the import and --help are instant."""
     assert not imported(HEAVY, statement)
 
 
-UNUSED = ("scipy", "matplotlib", "av", "omnimirror.design", "omnimirror.calibrate.estimation", "omnimirror.figures")
-OF_SENSORS = ("pydantic", "omnimirror.sensor", "omnimirror.mirrors", "omnimirror.simulate.restoration")
+UNUSED = (
+    "scipy",
+    "matplotlib",
+    "av",
+    "omnimirror.design",
+    "omnimirror.calibration.estimation",
+    "omnimirror.analysis.figures",
+)
+OF_SENSORS = ("pydantic", "omnimirror.optics.sensor", "omnimirror.optics.mirrors", "omnimirror.dewarp.restoration")
 OF_A_BALL = ("--ball", "32,32,30,260")
 
 
@@ -166,7 +173,7 @@ def test_what_is_asked_most_waits_for_nothing_that_it_does_not_use(command, unus
     """Optimisers alone take longer to import than a picture to straighten; so do the sensors that a ball is none of."""
     om.write_image(tmp_path / "circle.png", np.zeros((64, 64, 3), np.uint8))
     words = [*command.split(), *(OF_A_BALL if "dewarp" in command else ())]
-    statement = f"import os; os.chdir({str(tmp_path)!r}); from omnimirror.cli import main; main({words})"
+    statement = f"import os; os.chdir({str(tmp_path)!r}); from omnimirror.apps.cli import main; main({words})"
     assert not imported(unused, statement)
     assert "dewarp" not in command or (tmp_path / "view.png").exists()
 

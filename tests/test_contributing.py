@@ -207,7 +207,7 @@ void twice(const double* values, std::size_t count, double* out) {
 
 }  // namespace omnimirror
 """
-MODULE = """// The part of omnimirror._native that a test calls.
+MODULE = """// The part of omnimirror.base._native that a test calls.
 #include "bindings.hpp"
 #include "twice.hpp"
 
@@ -228,7 +228,7 @@ void add_twice(nb::module_& m) {
 """
 CALLS = f"""{OF_THE_COPY}
 import numpy as np
-from omnimirror.native import backend
+from omnimirror.base.native import backend
 values, out = np.arange(5.0), np.zeros(5)
 backend.kernels.twice(values, out)
 assert (out == 2 * values).all()

@@ -19,14 +19,14 @@ import pytest
 import tomli_w
 
 import omnimirror as om
-from omnimirror.cli import app
+from omnimirror.apps.cli import app
 from omnimirror.design import parse_requirements
+from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.manufacturing.workshop import parse_workshop
-from omnimirror.media.keyframes import Keyframes
-from omnimirror.simulate.rendering.exposure import expose
-from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
-from omnimirror.specs import format_sensor, parse_sensor
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.scenes.worlds.bodies import SceneWithBodies
 from tests.commands import omnimirror
 from tests.everyday import few
 

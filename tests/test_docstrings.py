@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import omnimirror as om
-from omnimirror import arguments
+from omnimirror.base import arguments
 
 SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Notes", "Examples", "References", "See Also")
 CHECKS = {name for name, f in vars(arguments).items() if inspect.isfunction(f) and not name.startswith("_")} - {"shown"}

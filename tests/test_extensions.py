@@ -16,15 +16,15 @@ import pytest
 import tomli_w
 
 import omnimirror as om
-from omnimirror.cameras import Projection, Rays
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.parameters import Parameter
+from omnimirror.base.quantities import Quantity
+from omnimirror.cameras.camera import Projection, Rays
 from omnimirror.design import Limitable
 from omnimirror.design.criteria.limits import LIMITABLE
-from omnimirror.errors import InvalidParameter
-from omnimirror.mirrors import MIRRORS, RIM_RADIUS, Mirror
-from omnimirror.parameters import Parameter
-from omnimirror.quantities import Quantity
-from omnimirror.specs import load_sensor, save_sensor, tables_of
-from omnimirror.testing import check_mirror
+from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, Mirror
+from omnimirror.optics.sensor_files import load_sensor, save_sensor, tables_of
+from omnimirror.optics.testing import check_mirror
 from tests.commands import Forks
 
 PACKAGE = '''
@@ -34,11 +34,11 @@ from typing import ClassVar
 import numpy as np
 from omnimirror.design import Limitable
 import omnimirror as om
-from omnimirror.calibrate.formats import CameraFormat, Layout, Stored
+from omnimirror.calibration.formats import CameraFormat, Layout, Stored
 from omnimirror.manufacturing import Content, Format
-from omnimirror.mirrors import RIM_RADIUS, Mirror
-from omnimirror.parameters import Parameter
-from omnimirror.quantities import Quantity
+from omnimirror.optics.mirrors import RIM_RADIUS, Mirror
+from omnimirror.base.parameters import Parameter
+from omnimirror.base.quantities import Quantity
 from omnimirror.screens import Cylinder
 
 @dataclass(frozen=True)
@@ -304,8 +304,10 @@ def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_p
     np.testing.assert_allclose(result.omega_deg, expected, rtol=1e-12)
     worst = np.maximum(np.abs(result.blur_t_deg), np.abs(result.blur_s_deg)).max()
     assert 0 < om.blur_bound(sensor).blur_deg <= worst
-    with pytest.raises(om.errors.OmnimirrorError, match="depth_mm = 0"):
-        om.specs.parse_sensor((tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0"))
+    with pytest.raises(om.base.errors.OmnimirrorError, match="depth_mm = 0"):
+        om.optics.sensor_files.parse_sensor(
+            (tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0")
+        )
 
 
 def test_what_is_no_mirror_is_refused(quartic):
@@ -352,7 +354,7 @@ def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environme
     assert "a mirror 'broken' of bowls (bowls:NotThere) cannot be used" in run.stderr
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
-    form = "from omnimirror.studio.bench.form import bench_start; print([m.kind for m in bench_start().mirrors])"
+    form = "from omnimirror.apps.studio.bench.form import bench_start; print([m.kind for m in bench_start().mirrors])"
     run = subprocess.run([sys.executable, "-c", form], env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "'bowl'" in run.stdout
@@ -481,6 +483,6 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
 
 def test_a_camera_format_has_a_name_of_its_own():
     with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
-        om.register_camera_format("kalibr", om.calibrate.formats.CameraFormat("mine", print, print, {}))
+        om.register_camera_format("kalibr", om.calibration.formats.CameraFormat("mine", print, print, {}))
     with pytest.raises(TypeError, match=r"no omnimirror\.calibrate\.formats\.CameraFormat"):
         om.register_camera_format("mine", print)

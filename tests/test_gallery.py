@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from omnimirror.media import read_image
+from omnimirror.io import read_image
 
 ROOT = Path(__file__).parents[1]
 GALLERY = runpy.run_path(str(ROOT / "docs" / "gallery.py"))

@@ -51,7 +51,7 @@ def walks() -> dict[str, list[str]]:
 
 
 def sensor_file_to_table() -> None:
-    from omnimirror.cli import app
+    from omnimirror.apps.cli import app
 
     run = CliRunner().invoke(app, ["evaluate", "paper-spherical", "--omega-deg", "0:135:45"])
     assert run.exit_code == 0, run.output
@@ -73,9 +73,9 @@ def scene_to_picture() -> None:
 
 
 def slider_to_plot() -> None:
-    from omnimirror.studio.bench.answers import answer
-    from omnimirror.studio.bench.designs.sensors import on_bench
-    from omnimirror.studio.bench.messages import Ask
+    from omnimirror.apps.studio.bench.answers import answer
+    from omnimirror.apps.studio.bench.designs.sensors import on_bench
+    from omnimirror.apps.studio.bench.messages import Ask
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(

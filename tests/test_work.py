@@ -12,20 +12,20 @@ import pytest
 
 import omnimirror as om
 from omnimirror.analysis.meridional.focus_merits import FocusFunction
-from omnimirror.batch.bases import family
-from omnimirror.batch.evaluate import Designs, evaluate_designs
-from omnimirror.calibrate.lines import edge_chains
+from omnimirror.base.colour import srgb_bytes
+from omnimirror.base.native import backend
+from omnimirror.calibration.lines import edge_chains
 from omnimirror.design.construct.built import LensAndCover
 from omnimirror.design.construct.rim import RimRay
-from omnimirror.housing import Dome, Housing
-from omnimirror.lenses import Perspective
-from omnimirror.mirrors import TabulatedMapping
-from omnimirror.mirrors.base import Mirror
-from omnimirror.native import backend
-from omnimirror.simulate.colour import srgb_bytes
-from omnimirror.simulate.rendering.exposure import exposed
-from omnimirror.simulate.rendering.readout import Readout
-from omnimirror.tracing.meridian import Meridian
+from omnimirror.optics.batch.bases import family
+from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
+from omnimirror.optics.housing import Dome, Housing
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import TabulatedMapping
+from omnimirror.optics.mirrors.base import Mirror
+from omnimirror.optics.tracing.meridian import Meridian
+from omnimirror.simulation.rendering.exposure import exposed
+from omnimirror.simulation.rendering.readout import Readout
 
 
 @pytest.fixture

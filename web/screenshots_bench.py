@@ -19,10 +19,10 @@ import uvicorn
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
-from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod
-from omnimirror.specs import save_sensor
-from omnimirror.studio.app import create_app
-from omnimirror.studio.studio import Studio
+from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod
+from omnimirror.optics.sensor_files import save_sensor
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SETTLING_MS = 3500

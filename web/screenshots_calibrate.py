@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, sync_playwright
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from screenshots import FLAGS, IMAGES, SCHEMES, save, served, sheet
 
-from tests.studio.boards import ASKED, PLACES, png
+from tests.apps.studio.boards import ASKED, PLACES, png
 
 SIZE = {"width": 1280, "height": 1640}
 

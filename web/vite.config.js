@@ -32,7 +32,7 @@ const server = {
   },
 };
 const build = {
-  outDir: "../src/omnimirror/studio/page",
+  outDir: "../src/omnimirror/apps/studio/page",
   modulePreload: false,
   cssCodeSplit: false,
   target: "es2022",

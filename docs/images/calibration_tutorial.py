@@ -20,7 +20,7 @@ from pages import GAP, side_by_side
 from PIL import Image
 
 import omnimirror as om
-from omnimirror.media import read_image
+from omnimirror.io import read_image
 
 IMAGES = Path(__file__).parent
 PAGE = IMAGES.parent / "tutorial-calibration.md"

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import omnimirror as om
-from omnimirror.figures.style import save_figure, styled
+from omnimirror.analysis.figures.style import save_figure, styled
 from omnimirror.manufacturing.metrology.form_map import plot_form_error
 
 mirror, rng = om.load_sensor("paper-hyperboloidal").mirror, np.random.default_rng(0)

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import omnimirror as om
-from omnimirror.simulate.colour import srgb_bytes
-from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.base.colour import srgb_bytes
+from omnimirror.simulation.rendering.exposure import expose
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 def blender(python: Path, pixels: int = 480) -> None:
     """The box of the tests by the paper's sensor out of line: ours, and Blender's."""
     from tests.interop.ray_tables.box import Box
-    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     with tempfile.TemporaryDirectory() as folder:
@@ -44,7 +44,7 @@ def blender(python: Path, pixels: int = 480) -> None:
 def newton(python: Path, pixels: int = 480) -> None:
     """Depths in the same box by the table: as they are, and as Newton finds them."""
     from tests.interop.ray_tables.box import first_hits
-    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     table = om.ray_table(sensor)
@@ -108,7 +108,7 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
     from omnimirror.interop.pinholes import camera_rig
     from tests.interop.ray_tables.box import Box, colours, first_hits
     from tests.interop.view_maps.consumers import warped
-    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     view = om.views.sphere(sensor, (width, None))
@@ -130,7 +130,7 @@ def mitsuba(pixels: int = 240) -> None:
 
     from tests.interop.ray_tables.box import Box
     from tests.interop.ray_tables.test_mitsuba_sensor import taken
-    from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, small
+    from tests.simulation.rendering.test_mitsuba_pictures import MISALIGNED, small
 
     mi.set_variant("scalar_rgb")
     sensor = small("paper-spherical", pixels, MISALIGNED)
@@ -167,8 +167,8 @@ def vlc(side: int = 1024) -> None:
     """A view of a served film, ours and as VLC shows it."""
     from omnimirror.interop.gateway.live_views import Gateway
     from omnimirror.interop.gateway.routes import create_app
-    from omnimirror.media.video.frames import frame_of_image
-    from omnimirror.media.video.writer import VideoWriter
+    from omnimirror.io.video.frames import frame_of_image
+    from omnimirror.io.video.writer import VideoWriter
     from tests.interop.gateway.test_gateway import shown_by_vlc
     from tests.serving import served
 

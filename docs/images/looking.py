@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 FRAMES, SECONDS = 60, 9.0
 TALL = 300  # px

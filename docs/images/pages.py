@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from omnimirror.media import read_image, write_image
+from omnimirror.io import read_image, write_image
 
 IMAGES = Path(__file__).parent
 GAP = 10

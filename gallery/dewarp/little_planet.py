@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
 circle = om.take_picture(sensor, om.load_scene("street"), samples=4)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
 circle = om.take_picture(sensor, om.Room(), samples=8)

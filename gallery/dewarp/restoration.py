@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(320, 320, 16.64))
 sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))

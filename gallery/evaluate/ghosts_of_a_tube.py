@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import omnimirror as om
-from omnimirror.housing import Housing, Tube
+from omnimirror.optics.housing import Housing, Tube
 
 sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(120.0)))
 found = om.ghosts(sensor, np.arange(20, 131, 2.0))

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import omnimirror as om
-from omnimirror.mirrors import Sphere
+from omnimirror.optics.mirrors import Sphere
 
 rng, ball = np.random.default_rng(1), Sphere(50.0, 40.0)
 r, phi = 40 * np.sqrt(rng.uniform(0, 1, 4000)), rng.uniform(0, 2 * np.pi, 4000)

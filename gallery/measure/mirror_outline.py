@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(480, 400, 10.4, centre_px=(250.0, 190.0)))
 picture = om.take_picture(sensor, om.load_scene("street"), samples=4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-hyperboloidal"), imager=Imager(400, 400, 13.3))
 hall = om.load_scene("hall")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import omnimirror as om
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(400, 400, 13.3))
 truth = om.ground_truth(sensor, om.Room())

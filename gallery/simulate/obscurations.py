@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import omnimirror as om
-from omnimirror.housing import CameraBody, Housing, Rod
-from omnimirror.imagers import Imager
+from omnimirror.optics.housing import CameraBody, Housing, Rod
+from omnimirror.optics.image_sensor import Imager
 
 stand = Housing(camera=CameraBody(60.0), rod=Rod(diameter_mm=4.0, end_diameter_mm=8.0))
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32), housing=stand)

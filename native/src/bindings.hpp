@@ -92,11 +92,11 @@ int64_t length_of(const A& array, size_t axis) {
 }
 
 void add_sampling(nb::module_& m);     // sampling/module.cpp: omnimirror.dewarp
-void add_designs(nb::module_& m);      // designs/module.cpp: omnimirror.batch
-void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simulate.rendering
-void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulate.scenes
-void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.simulate.restoration
+void add_designs(nb::module_& m);      // designs/module.cpp: omnimirror.optics.batch
+void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simulation.rendering
+void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulation.scenes
+void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.dewarp.restoration
 void add_tolerancing(nb::module_& m);  // tolerancing/module.cpp: omnimirror.manufacturing.tolerancing
-void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.tracing, omnimirror.torch
+void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, omnimirror.torch
 
 }  // namespace omnimirror

@@ -1,4 +1,4 @@
-// omnimirror._native, as omnimirror.native opens it: what each room brings, and the threads of all.
+// omnimirror.base._native, as omnimirror.base.native opens it: what each room brings, and the threads of all.
 #include "bindings.hpp"
 #include "pool.hpp"
 
@@ -9,7 +9,7 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 16;  // one more when a name or an argument changes; omnimirror.native asks for the same
+    m.attr("INTERFACE") = 16;  // one more when a name or an argument changes; omnimirror.base.native asks for the same
     add_sampling(m);
     add_designs(m);
     add_exposure(m);

@@ -22,52 +22,57 @@ if TYPE_CHECKING:
     from .analysis.temperature import thermal_motion_px as thermal_motion_px
     from .analysis.wall_reflections import ghosts as ghosts
     from .analysis.wavelength import at_wavelength as at_wavelength
-    from .calibrate.conversion import convert as convert
-    from .calibrate.estimation import Calibration as Calibration
-    from .calibrate.estimation import Motion as Motion
-    from .calibrate.estimation import Prior as Prior
-    from .calibrate.estimation import Sighting as Sighting
-    from .calibrate.estimation import adjust as adjust
-    from .calibrate.estimation import calibrate_camera as calibrate_camera
-    from .calibrate.estimation import read_surveys as read_surveys
-    from .calibrate.estimation import simulate_detections as simulate_detections
-    from .calibrate.formats import register_camera_format as register_camera_format
-    from .calibrate.lines import LineCalibration as LineCalibration
-    from .calibrate.lines import calibrate_lines as calibrate_lines
-    from .calibrate.lines import read_lines as read_lines
-    from .calibrate.physical import SensorModel as SensorModel
-    from .calibrate.physical import mirror_ball_model as mirror_ball_model
-    from .calibrate.propagation import direction_uncertainty as direction_uncertainty
-    from .calibrate.propagation import floor_uncertainty as floor_uncertainty
-    from .calibrate.propagation import uncertainty_map as uncertainty_map
-    from .calibrate.rim import FoundRim as FoundRim
-    from .calibrate.rim import camera_from_rim as camera_from_rim
-    from .calibrate.rim import find_rim as find_rim
-    from .calibrate.rim import sensor_from_rim as sensor_from_rim
-    from .calibrate.rim import sensors_from_rim as sensors_from_rim
-    from .calibrate.targets import Board as Board
-    from .calibrate.targets import Detection as Detection
-    from .calibrate.targets import choose_frames as choose_frames
-    from .calibrate.targets import draw_board as draw_board
-    from .calibrate.targets import find_board as find_board
-    from .calibrate.targets import find_boards as find_boards
-    from .calibrate.targets import refine_corners as refine_corners
-    from .calibrate.targets import write_board as write_board
-    from .camera_models import DoubleSphere as DoubleSphere
-    from .camera_models import EnhancedUnified as EnhancedUnified
-    from .camera_models import KannalaBrandt as KannalaBrandt
-    from .camera_models import MirrorBall as MirrorBall
-    from .camera_models import OCam as OCam
-    from .camera_models import RadialSpline as RadialSpline
-    from .camera_models import RationalPinhole as RationalPinhole
-    from .camera_models import ThinPrismFisheye as ThinPrismFisheye
-    from .camera_models import Unified as Unified
-    from .camera_models import ViewpointSpline as ViewpointSpline
-    from .camera_models import load_ocam as load_ocam
-    from .components.apertures import best_apertures as best_apertures
-    from .components.catalogue import read_catalogue as read_catalogue
-    from .components.selection import choose_parts as choose_parts
-    from .components.template import sensor_template as sensor_template
+    from .apps.reports import write_demo as write_demo
+    from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
+    from .apps.reports.calibration import write_calibration_report as write_calibration_report
+    from .apps.reports.comparison import write_comparison as write_comparison
+    from .apps.reports.tolerances import write_tolerances as write_tolerances
+    from .apps.reproduction import reproduce_paper as reproduce_paper
+    from .apps.studio.notebook import LookAround as LookAround
+    from .apps.studio.notebook import show as show
+    from .base.errors import OmnimirrorError as OmnimirrorError
+    from .calibration.conversion import convert as convert
+    from .calibration.estimation import Calibration as Calibration
+    from .calibration.estimation import Motion as Motion
+    from .calibration.estimation import Prior as Prior
+    from .calibration.estimation import Sighting as Sighting
+    from .calibration.estimation import adjust as adjust
+    from .calibration.estimation import calibrate_camera as calibrate_camera
+    from .calibration.estimation import read_surveys as read_surveys
+    from .calibration.estimation import simulate_detections as simulate_detections
+    from .calibration.formats import register_camera_format as register_camera_format
+    from .calibration.lines import LineCalibration as LineCalibration
+    from .calibration.lines import calibrate_lines as calibrate_lines
+    from .calibration.lines import read_lines as read_lines
+    from .calibration.physical import SensorModel as SensorModel
+    from .calibration.physical import mirror_ball_model as mirror_ball_model
+    from .calibration.propagation import direction_uncertainty as direction_uncertainty
+    from .calibration.propagation import floor_uncertainty as floor_uncertainty
+    from .calibration.propagation import uncertainty_map as uncertainty_map
+    from .calibration.rim import FoundRim as FoundRim
+    from .calibration.rim import camera_from_rim as camera_from_rim
+    from .calibration.rim import find_rim as find_rim
+    from .calibration.rim import sensor_from_rim as sensor_from_rim
+    from .calibration.rim import sensors_from_rim as sensors_from_rim
+    from .calibration.targets import Board as Board
+    from .calibration.targets import Detection as Detection
+    from .calibration.targets import choose_frames as choose_frames
+    from .calibration.targets import draw_board as draw_board
+    from .calibration.targets import find_board as find_board
+    from .calibration.targets import find_boards as find_boards
+    from .calibration.targets import refine_corners as refine_corners
+    from .calibration.targets import write_board as write_board
+    from .cameras.models import DoubleSphere as DoubleSphere
+    from .cameras.models import EnhancedUnified as EnhancedUnified
+    from .cameras.models import KannalaBrandt as KannalaBrandt
+    from .cameras.models import MirrorBall as MirrorBall
+    from .cameras.models import OCam as OCam
+    from .cameras.models import RadialSpline as RadialSpline
+    from .cameras.models import RationalPinhole as RationalPinhole
+    from .cameras.models import ThinPrismFisheye as ThinPrismFisheye
+    from .cameras.models import Unified as Unified
+    from .cameras.models import ViewpointSpline as ViewpointSpline
+    from .cameras.models import load_ocam as load_ocam
     from .design import FieldRequirements as FieldRequirements
     from .design import Front as Front
     from .design import LensRequirements as LensRequirements
@@ -87,14 +92,25 @@ if TYPE_CHECKING:
     from .design import pareto as pareto
     from .design import register_quantity as register_quantity
     from .design import requirements_like as requirements_like
+    from .design.catalogue.apertures import best_apertures as best_apertures
+    from .design.catalogue.catalogue import read_catalogue as read_catalogue
+    from .design.catalogue.selection import choose_parts as choose_parts
+    from .design.catalogue.template import sensor_template as sensor_template
     from .design.construct.survey import mappings as mappings
     from .design.solve.temperatures import temperature_range as temperature_range
     from .dewarp import ColourDewarper as ColourDewarper
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
+    from .dewarp.pipelines import Recording as Recording
+    from .dewarp.pipelines.folders import dewarp_pictures as dewarp_pictures
+    from .dewarp.pipelines.restoring import Restoration as Restoration
+    from .dewarp.pipelines.video import dewarp_video as dewarp_video
+    from .dewarp.restoration.bracketing import merge_bracket as merge_bracket
+    from .dewarp.restoration.bracketing import plan_bracket as plan_bracket
+    from .dewarp.restoration.noise import estimate_noise as estimate_noise
+    from .dewarp.restoration.sharpening import restore as restore
     from .dewarp.views import register_view as register_view
-    from .errors import OmnimirrorError as OmnimirrorError
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
     from .interop.gateway.serving import serve_views as serve_views
@@ -108,6 +124,8 @@ if TYPE_CHECKING:
     from .interop.view_maps import ViewMap as ViewMap
     from .interop.view_maps import view_map as view_map
     from .interop.view_maps import write_maps as write_maps
+    from .io import read_image as read_image
+    from .io import write_image as write_image
     from .manufacturing import Body as Body
     from .manufacturing import export as export
     from .manufacturing import register_format as register_format
@@ -128,54 +146,37 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
-    from .media import read_image as read_image
-    from .media import write_image as write_image
-    from .mirrors import register_mirror as register_mirror
-    from .report import write_demo as write_demo
-    from .report.calibration import write_calibration_figures as write_calibration_figures
-    from .report.calibration import write_calibration_report as write_calibration_report
-    from .report.comparison import write_comparison as write_comparison
-    from .report.tolerances import write_tolerances as write_tolerances
-    from .reproduce import reproduce_paper as reproduce_paper
-    from .sensor import Sensor as Sensor
-    from .simulate.datasets.calibration_set import write_calibration_set as write_calibration_set
-    from .simulate.datasets.calibration_set import write_video_set as write_video_set
-    from .simulate.datasets.learning_set import write_learning_set as write_learning_set
-    from .simulate.datasets.truth import ground_truth as ground_truth
-    from .simulate.datasets.video import load_path as load_path
-    from .simulate.datasets.video import write_video as write_video
-    from .simulate.detector import Detector as Detector
-    from .simulate.radiometry import Radiometry as Radiometry
-    from .simulate.rendering.exposure import expose as expose
-    from .simulate.rendering.picture import take_picture as take_picture
-    from .simulate.restoration.bracketing import merge_bracket as merge_bracket
-    from .simulate.restoration.bracketing import plan_bracket as plan_bracket
-    from .simulate.restoration.noise import estimate_noise as estimate_noise
-    from .simulate.restoration.sharpening import restore as restore
-    from .simulate.round_trip import measure_round_trip as measure_round_trip
-    from .simulate.scenes.environment import Environment as Environment
-    from .simulate.scenes.posed import Pose as Pose
-    from .simulate.scenes.posed import PosedScene as PosedScene
-    from .simulate.scenes.sources import load_scene as load_scene
-    from .simulate.scenes.worlds.bodies import MovingBox as MovingBox
-    from .simulate.scenes.worlds.bodies import load_bodies as load_bodies
-    from .simulate.scenes.worlds.hall import Hall as Hall
-    from .simulate.scenes.worlds.room import Room as Room
-    from .simulate.scenes.worlds.street import Street as Street
-    from .specs import bundled_sensors as bundled_sensors
-    from .specs import load_camera as load_camera
-    from .specs import load_sensor as load_sensor
-    from .specs import parse_camera as parse_camera
-    from .specs import parse_sensor as parse_sensor
-    from .specs import save_camera as save_camera
-    from .specs import save_sensor as save_sensor
-    from .straighten import Recording as Recording
-    from .straighten.folders import dewarp_pictures as dewarp_pictures
-    from .straighten.restoring import Restoration as Restoration
-    from .straighten.video import dewarp_video as dewarp_video
-    from .studio.notebook import LookAround as LookAround
-    from .studio.notebook import show as show
-    from .thermal import Thermal as Thermal
+    from .optics import mirrors as mirrors
+    from .optics.mirrors import register_mirror as register_mirror
+    from .optics.sensor import Sensor as Sensor
+    from .optics.sensor_files import bundled_sensors as bundled_sensors
+    from .optics.sensor_files import load_camera as load_camera
+    from .optics.sensor_files import load_sensor as load_sensor
+    from .optics.sensor_files import parse_camera as parse_camera
+    from .optics.sensor_files import parse_sensor as parse_sensor
+    from .optics.sensor_files import save_camera as save_camera
+    from .optics.sensor_files import save_sensor as save_sensor
+    from .optics.thermal import Thermal as Thermal
+    from .simulation.datasets.calibration_set import write_calibration_set as write_calibration_set
+    from .simulation.datasets.calibration_set import write_video_set as write_video_set
+    from .simulation.datasets.learning_set import write_learning_set as write_learning_set
+    from .simulation.datasets.truth import ground_truth as ground_truth
+    from .simulation.datasets.video import load_path as load_path
+    from .simulation.datasets.video import write_video as write_video
+    from .simulation.detector import Detector as Detector
+    from .simulation.radiometry import Radiometry as Radiometry
+    from .simulation.rendering.exposure import expose as expose
+    from .simulation.rendering.picture import take_picture as take_picture
+    from .simulation.round_trip import measure_round_trip as measure_round_trip
+    from .simulation.scenes.environment import Environment as Environment
+    from .simulation.scenes.posed import Pose as Pose
+    from .simulation.scenes.posed import PosedScene as PosedScene
+    from .simulation.scenes.sources import load_scene as load_scene
+    from .simulation.scenes.worlds.bodies import MovingBox as MovingBox
+    from .simulation.scenes.worlds.bodies import load_bodies as load_bodies
+    from .simulation.scenes.worlds.hall import Hall as Hall
+    from .simulation.scenes.worlds.room import Room as Room
+    from .simulation.scenes.worlds.street import Street as Street
 
 __version__ = "0.2.0"
 
@@ -186,7 +187,7 @@ _HOMES = {
     "at_temperature": "analysis.temperature",
     "at_wavelength": "analysis.wavelength",
     "thermal_motion_px": "analysis.temperature",
-    "Thermal": "thermal",
+    "Thermal": "optics.thermal",
     "check_blur": "analysis.aperture.blur_check",
     "compare": "analysis.comparison",
     "evaluate": "analysis.evaluation",
@@ -197,53 +198,53 @@ _HOMES = {
     "mtf": "analysis.aperture.transfer",
     "psf": "analysis.aperture.point_spread",
     "spots": "analysis.aperture.spot_diagrams",
-    "adjust": "calibrate.estimation",
-    "calibrate_camera": "calibrate.estimation",
-    "read_surveys": "calibrate.estimation",
-    "Calibration": "calibrate.estimation",
-    "Motion": "calibrate.estimation",
-    "Prior": "calibrate.estimation",
-    "Sighting": "calibrate.estimation",
-    "simulate_detections": "calibrate.estimation",
-    "direction_uncertainty": "calibrate.propagation",
-    "floor_uncertainty": "calibrate.propagation",
-    "uncertainty_map": "calibrate.propagation",
-    "Board": "calibrate.targets",
-    "Detection": "calibrate.targets",
-    "mirror_ball_model": "calibrate.physical",
-    "calibrate_lines": "calibrate.lines",
-    "read_lines": "calibrate.lines",
-    "LineCalibration": "calibrate.lines",
-    "SensorModel": "calibrate.physical",
-    "DoubleSphere": "camera_models",
-    "EnhancedUnified": "camera_models",
-    "KannalaBrandt": "camera_models",
-    "convert": "calibrate.conversion",
-    "register_camera_format": "calibrate.formats",
-    "choose_frames": "calibrate.targets",
-    "draw_board": "calibrate.targets",
-    "find_board": "calibrate.targets",
-    "find_boards": "calibrate.targets",
-    "refine_corners": "calibrate.targets",
-    "write_board": "calibrate.targets",
-    "camera_from_rim": "calibrate.rim",
-    "find_rim": "calibrate.rim",
-    "sensor_from_rim": "calibrate.rim",
-    "sensors_from_rim": "calibrate.rim",
-    "FoundRim": "calibrate.rim",
-    "load_ocam": "camera_models",
-    "OmnimirrorError": "errors",
-    "MirrorBall": "camera_models",
-    "OCam": "camera_models",
-    "RadialSpline": "camera_models",
-    "RationalPinhole": "camera_models",
-    "ThinPrismFisheye": "camera_models",
-    "Unified": "camera_models",
-    "ViewpointSpline": "camera_models",
-    "best_apertures": "components.apertures",
-    "read_catalogue": "components.catalogue",
-    "choose_parts": "components.selection",
-    "sensor_template": "components.template",
+    "adjust": "calibration.estimation",
+    "calibrate_camera": "calibration.estimation",
+    "read_surveys": "calibration.estimation",
+    "Calibration": "calibration.estimation",
+    "Motion": "calibration.estimation",
+    "Prior": "calibration.estimation",
+    "Sighting": "calibration.estimation",
+    "simulate_detections": "calibration.estimation",
+    "direction_uncertainty": "calibration.propagation",
+    "floor_uncertainty": "calibration.propagation",
+    "uncertainty_map": "calibration.propagation",
+    "Board": "calibration.targets",
+    "Detection": "calibration.targets",
+    "mirror_ball_model": "calibration.physical",
+    "calibrate_lines": "calibration.lines",
+    "read_lines": "calibration.lines",
+    "LineCalibration": "calibration.lines",
+    "SensorModel": "calibration.physical",
+    "DoubleSphere": "cameras.models",
+    "EnhancedUnified": "cameras.models",
+    "KannalaBrandt": "cameras.models",
+    "convert": "calibration.conversion",
+    "register_camera_format": "calibration.formats",
+    "choose_frames": "calibration.targets",
+    "draw_board": "calibration.targets",
+    "find_board": "calibration.targets",
+    "find_boards": "calibration.targets",
+    "refine_corners": "calibration.targets",
+    "write_board": "calibration.targets",
+    "camera_from_rim": "calibration.rim",
+    "find_rim": "calibration.rim",
+    "sensor_from_rim": "calibration.rim",
+    "sensors_from_rim": "calibration.rim",
+    "FoundRim": "calibration.rim",
+    "load_ocam": "cameras.models",
+    "OmnimirrorError": "base.errors",
+    "MirrorBall": "cameras.models",
+    "OCam": "cameras.models",
+    "RadialSpline": "cameras.models",
+    "RationalPinhole": "cameras.models",
+    "ThinPrismFisheye": "cameras.models",
+    "Unified": "cameras.models",
+    "ViewpointSpline": "cameras.models",
+    "best_apertures": "design.catalogue.apertures",
+    "read_catalogue": "design.catalogue.catalogue",
+    "choose_parts": "design.catalogue.selection",
+    "sensor_template": "design.catalogue.template",
     "blur_bound": "design",
     "design_from_parts": "design",
     "design_sensor": "design",
@@ -285,58 +286,58 @@ _HOMES = {
     "Body": "manufacturing",
     "export": "manufacturing",
     "register_format": "manufacturing",
-    "read_image": "media",
-    "write_image": "media",
+    "read_image": "io",
+    "write_image": "io",
     "as_built": "manufacturing.tolerancing.mirror_form",
     "form_effect": "manufacturing.tolerancing.mirror_form",
     "form_error": "manufacturing.metrology.form_errors",
     "FormError": "manufacturing.metrology.form_errors",
     "read_points": "manufacturing.metrology.readers",
-    "register_mirror": "mirrors",
-    "write_calibration_figures": "report.calibration",
-    "write_calibration_report": "report.calibration",
-    "write_demo": "report",
-    "write_comparison": "report.comparison",
-    "write_tolerances": "report.tolerances",
-    "reproduce_paper": "reproduce",
-    "Sensor": "sensor",
-    "Detector": "simulate.detector",
-    "Environment": "simulate.scenes.environment",
-    "estimate_noise": "simulate.restoration.noise",
-    "expose": "simulate.rendering.exposure",
-    "merge_bracket": "simulate.restoration.bracketing",
-    "PosedScene": "simulate.scenes.posed",
-    "plan_bracket": "simulate.restoration.bracketing",
-    "Pose": "simulate.scenes.posed",
-    "restore": "simulate.restoration.sharpening",
-    "Room": "simulate.scenes.worlds.room",
-    "Hall": "simulate.scenes.worlds.hall",
-    "Street": "simulate.scenes.worlds.street",
-    "Radiometry": "simulate.radiometry",
-    "ground_truth": "simulate.datasets.truth",
-    "take_picture": "simulate.rendering.picture",
-    "write_calibration_set": "simulate.datasets.calibration_set",
-    "write_video_set": "simulate.datasets.calibration_set",
-    "write_learning_set": "simulate.datasets.learning_set",
-    "MovingBox": "simulate.scenes.worlds.bodies",
-    "load_bodies": "simulate.scenes.worlds.bodies",
-    "load_path": "simulate.datasets.video",
-    "write_video": "simulate.datasets.video",
-    "measure_round_trip": "simulate.round_trip",
-    "load_scene": "simulate.scenes.sources",
-    "bundled_sensors": "specs",
-    "load_camera": "specs",
-    "load_sensor": "specs",
-    "parse_camera": "specs",
-    "parse_sensor": "specs",
-    "save_camera": "specs",
-    "save_sensor": "specs",
-    "Recording": "straighten",
-    "dewarp_pictures": "straighten.folders",
-    "Restoration": "straighten.restoring",
-    "dewarp_video": "straighten.video",
-    "LookAround": "studio.notebook",
-    "show": "studio.notebook",
+    "register_mirror": "optics.mirrors",
+    "write_calibration_figures": "apps.reports.calibration",
+    "write_calibration_report": "apps.reports.calibration",
+    "write_demo": "apps.reports",
+    "write_comparison": "apps.reports.comparison",
+    "write_tolerances": "apps.reports.tolerances",
+    "reproduce_paper": "apps.reproduction",
+    "Sensor": "optics.sensor",
+    "Detector": "simulation.detector",
+    "Environment": "simulation.scenes.environment",
+    "estimate_noise": "dewarp.restoration.noise",
+    "expose": "simulation.rendering.exposure",
+    "merge_bracket": "dewarp.restoration.bracketing",
+    "PosedScene": "simulation.scenes.posed",
+    "plan_bracket": "dewarp.restoration.bracketing",
+    "Pose": "simulation.scenes.posed",
+    "restore": "dewarp.restoration.sharpening",
+    "Room": "simulation.scenes.worlds.room",
+    "Hall": "simulation.scenes.worlds.hall",
+    "Street": "simulation.scenes.worlds.street",
+    "Radiometry": "simulation.radiometry",
+    "ground_truth": "simulation.datasets.truth",
+    "take_picture": "simulation.rendering.picture",
+    "write_calibration_set": "simulation.datasets.calibration_set",
+    "write_video_set": "simulation.datasets.calibration_set",
+    "write_learning_set": "simulation.datasets.learning_set",
+    "MovingBox": "simulation.scenes.worlds.bodies",
+    "load_bodies": "simulation.scenes.worlds.bodies",
+    "load_path": "simulation.datasets.video",
+    "write_video": "simulation.datasets.video",
+    "measure_round_trip": "simulation.round_trip",
+    "load_scene": "simulation.scenes.sources",
+    "bundled_sensors": "optics.sensor_files",
+    "load_camera": "optics.sensor_files",
+    "load_sensor": "optics.sensor_files",
+    "parse_camera": "optics.sensor_files",
+    "parse_sensor": "optics.sensor_files",
+    "save_camera": "optics.sensor_files",
+    "save_sensor": "optics.sensor_files",
+    "Recording": "dewarp.pipelines",
+    "dewarp_pictures": "dewarp.pipelines.folders",
+    "Restoration": "dewarp.pipelines.restoring",
+    "dewarp_video": "dewarp.pipelines.video",
+    "LookAround": "apps.studio.notebook",
+    "show": "apps.studio.notebook",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
     "perturbed": "manufacturing.tolerancing.perturbation",
@@ -350,12 +351,15 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-__all__ = ["__version__", *_HOMES]
+_MODULES = {"mirrors": "optics.mirrors"}
+__all__ = ["__version__", *_HOMES, *_MODULES]
 
 
 if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all others
 
     def __getattr__(name: str) -> Any:
+        if name in _MODULES:
+            return import_module(f".{_MODULES[name]}", __name__)
         if name in _HOMES:
             try:
                 return getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -7,12 +7,12 @@ import sys
 def run() -> None:
     """Run the command line as a program of its own.
 
-    Unlike :func:`omnimirror.cli.main`, which restores the process for its caller, it may configure the process.
+    Unlike :func:`omnimirror.apps.cli.main`, which restores the process for its caller, it may configure the process.
     """
-    # Before NumPy reads it; see omnimirror.frames.turned. Commands have threads of their own.
+    # Before NumPy reads it; see omnimirror.cameras.frames.turned. Commands have threads of their own.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        from .cli import main
+        from .apps.cli import main
 
         main()
     except KeyboardInterrupt:  # while modules are imported, or at the very end

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.parameters import Uncertainty
+from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.base.parameters import Uncertainty
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.commands import omnimirror
 from tests.contracts.test_camera_models import MODELS
 

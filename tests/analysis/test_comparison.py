@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import Dome, Housing, Rod, Tube
-from omnimirror.imagers import ImagerPose
-from omnimirror.mirrors.form import MirrorForm
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.housing import Dome, Housing, Rod, Tube
+from omnimirror.optics.image_sensor import ImagerPose
+from omnimirror.optics.mirrors.form import MirrorForm
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
 NAMES = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal", "folded-spherical", "paraboloid-telecentric")
@@ -169,7 +169,7 @@ def test_what_a_rod_hides_is_the_angle_of_its_foot_and_its_share_of_the_picture(
 
 @pytest.mark.full
 def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
-    from omnimirror.housing import CameraBody, Housing
+    from omnimirror.optics.housing import CameraBody, Housing
 
     built = replace(SENSORS[0], mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2), housing=Housing(CameraBody(50.0)))
     (percent,) = om.compare([built])["hidden_percent"].values

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, SpecError
-from omnimirror.housing import Housing, Tube
-from omnimirror.mirrors import Sphere
-from omnimirror.specs.sensor_file import format_sensor
-from omnimirror.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM, INDEX_RATES_PER_K
+from omnimirror.base.errors import InvalidParameter, SpecError
+from omnimirror.optics.housing import Housing, Tube
+from omnimirror.optics.mirrors import Sphere
+from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from omnimirror.optics.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM, INDEX_RATES_PER_K
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import Dome, Housing, Tube
-from omnimirror.simulate.shells import seen_through
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.housing import Dome, Housing, Tube
+from omnimirror.simulation.shells import seen_through
 
 SPH = om.load_sensor("paper-spherical")
 

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.calibrate.formats import FORMATS, CameraFile, Reading
-from omnimirror.camera_models import (
+from omnimirror.base.errors import SpecError
+from omnimirror.calibration.formats import FORMATS, CameraFile, Reading
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,
     KannalaBrandt,
@@ -19,9 +21,7 @@ from omnimirror.camera_models import (
     RationalPinhole,
     Unified,
 )
-from omnimirror.errors import SpecError
-from omnimirror.frames import Mount
-from tests.calibrate.formats.examples import SIZE, THIN_PRISM, C, F
+from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F
 
 FISHEYE = {"optics": "fisheye"}
 CAMERAS = {

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnimirror.camera_models import (
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models import (
     CameraModel,
     DoubleSphere,
     EnhancedUnified,
@@ -19,8 +21,6 @@ from omnimirror.camera_models import (
     Unified,
     ViewpointSpline,
 )
-from omnimirror.errors import InvalidParameter
-from omnimirror.frames import Mount
 
 C, S = (322.0, 238.0), (640, 480)
 RADII = (44.0, 92.0, 143.0, 191.0, 230.0)

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.camera_models import (
+from omnimirror.base.errors import InvalidParameter, NotOneToOne
+from omnimirror.base.native import backend
+from omnimirror.cameras.camera import Camera
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,
     KannalaBrandt,
@@ -14,14 +18,10 @@ from omnimirror.camera_models import (
     Unified,
     ViewpointSpline,
 )
-from omnimirror.cameras import Camera
 from omnimirror.dewarp.maps import radial_table as radial
-from omnimirror.errors import InvalidParameter, NotOneToOne
-from omnimirror.frames import Mount
-from omnimirror.lenses import Orthographic, Perspective, TabulatedLens
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.native import backend
-from omnimirror.specs import bundled_sensors
+from omnimirror.optics.lenses import Orthographic, Perspective, TabulatedLens
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import MIRRORS
 
 CATADIOPTRIC = (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10)

@@ -10,11 +10,11 @@ import OpenEXR
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.files import MARK
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.base.files import MARK
 from omnimirror.interop.export_formats import write_formats
 from omnimirror.interop.ray_tables import RAY_FORMATS
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.pose import MirrorPose
 
 SENSOR = om.load_sensor("paper-spherical")
 IMAGER = replace(SENSOR.imager, width_px=48, height_px=40, pixel_pitch_um=5.2 * 1024 / 44)

@@ -9,8 +9,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from omnimirror.errors import InvalidParameter
-from omnimirror.mirrors import (
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.mirrors import (
     MIRRORS,
     Cone,
     ConicAsphere,
@@ -23,8 +23,8 @@ from omnimirror.mirrors import (
     SlopeSpline,
     Sphere,
 )
-from omnimirror.mirrors.generated import Mapped
-from omnimirror.testing import MIRROR_CHECKS
+from omnimirror.optics.mirrors.generated import Mapped
+from omnimirror.optics.testing import MIRROR_CHECKS
 from tests.conftest import MIRRORS as EXAMPLES
 from tests.everyday import few
 

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.native import backend
 from omnimirror.dewarp.contracts import INTERPOLATIONS, Annulus, Map
 from omnimirror.dewarp.maps.lattice import LatticeMap
 from omnimirror.dewarp.maps.pixels import PixelMap, Rectangle
@@ -23,8 +25,6 @@ from omnimirror.dewarp.maps.refine import lattice_map
 from omnimirror.dewarp.sampling.samplers import remap
 from omnimirror.dewarp.yuv.chroma import remap_planes
 from omnimirror.dewarp.yuv.planes import SITINGS
-from omnimirror.errors import InvalidParameter
-from omnimirror.native import backend
 from tests.everyday import few
 from tests.samplers import instructions
 

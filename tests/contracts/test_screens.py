@@ -15,6 +15,8 @@ import pytest
 from numpy import inf
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.maps.coordinates import exact_pixels, source_pixels
 from omnimirror.dewarp.screens import (
     LAYOUTS,
@@ -31,8 +33,6 @@ from omnimirror.dewarp.screens import (
     Sphere,
     parts_of,
 )
-from omnimirror.errors import InvalidParameter
-from omnimirror.frames import Mount
 from tests.conftest import sensor_of
 from tests.contracts.test_cameras import CATADIOPTRIC, SKEWED
 from tests.dewarp.test_handedness import IMAGE_TOP_IS_FORWARD, sensor_with, shortest_path_pixel

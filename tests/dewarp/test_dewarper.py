@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.maps import coordinates
 from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, polar_map_of
 from omnimirror.dewarp.sampling import opencv
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.frames import Mount
-from omnimirror.specs import bundled_sensors
+from omnimirror.optics.sensor_files import bundled_sensors
 from tests.everyday import few
 from tests.samplers import remap_at
 

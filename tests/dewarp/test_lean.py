@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cli import main
+from omnimirror.apps.cli import main
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.maps.coordinates import is_separable
 from omnimirror.dewarp.screens import parts_of
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.frames import Mount
-from omnimirror.imagers import Imager
-from omnimirror.simulate.scenes.posed import Pose, PosedScene
-from omnimirror.specs import format_sensor, parse_sensor
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+from omnimirror.simulation.scenes.posed import Pose, PosedScene
 from tests.dewarp.test_handedness import IMAGE_RIGHT_IS_FORWARD, shortest_path_pixel
 from tests.everyday import few
-from tests.media.pictures.test_panoramas import xmp_of
+from tests.io.pictures.test_panoramas import xmp_of
 
 PITCH, ROLL = 24.0, -7.0
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen, Sphere
-from omnimirror.errors import InvalidParameter
 
 
 def world(pan, tilt):

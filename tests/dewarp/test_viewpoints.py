@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.frames import Mount
 
 SPHERE = om.load_sensor("paper-spherical")
 M = 43.9  # mm, the mirror's radius

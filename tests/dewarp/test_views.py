@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp import views
 from omnimirror.dewarp.camera_field import field_of, pole_of
 from omnimirror.dewarp.views.makers import WIDEST_PLANET_DEG
-from omnimirror.errors import InvalidParameter
-from omnimirror.frames import Mount
 
 from ..conftest import sensor_of
 

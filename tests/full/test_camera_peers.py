@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.camera_models import EnhancedUnified, KannalaBrandt, OCam, Unified
-from tests.calibrate.formats.examples import SIZE, THIN_PRISM, C, F, seen
+from omnimirror.cameras.models import EnhancedUnified, KannalaBrandt, OCam, Unified
+from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F, seen
 
 pytestmark = pytest.mark.full
 CONTRIB = Path(sys.prefix) / "opencv-contrib"

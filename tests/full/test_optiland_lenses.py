@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.lenses import SurfaceLens
-from omnimirror.mirrors import Sphere
-from tests.lenses import prescriptions as own
+from omnimirror.optics.lenses import SurfaceLens
+from omnimirror.optics.mirrors import Sphere
+from tests.optics.lenses import prescriptions as own
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]
 A, RIM, M = 50.0, 44.0, 182.0

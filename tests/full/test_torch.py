@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cameras import Camera
-from omnimirror.errors import InvalidParameter
-from omnimirror.frames import Mount
-from omnimirror.housing import Housing, Tube
-from omnimirror.imagers import ImagerPose
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.camera import Camera
+from omnimirror.cameras.frames import Mount
 from omnimirror.interop.torch import _reflection, differentiable
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.housing import Housing, Tube
+from omnimirror.optics.image_sensor import ImagerPose
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full
@@ -160,7 +160,7 @@ def test_gradients_by_the_parameters_of_a_telecentric_sensor():
 
 def assert_gradients_are_differences(camera, sensor) -> None:
     """Compare with central differences of NumPy results."""
-    from omnimirror.calibrate.physical.names import changed, place_of, value_of
+    from omnimirror.calibration.physical.names import changed, place_of, value_of
 
     rng = np.random.default_rng(5)
     for method, inputs in sample_inputs(sensor, 80).items():

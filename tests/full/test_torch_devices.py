@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.interop.torch import differentiable
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")

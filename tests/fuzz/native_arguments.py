@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from omnimirror.batch.best_focus import FOCUS_SEARCH
+from omnimirror.base.native import backend
 from omnimirror.dewarp.maps.lattice import node_weights
-from omnimirror.native import backend
+from omnimirror.optics.batch.best_focus import FOCUS_SEARCH
 from tests.samplers import instructions as instructions_of_machine
 
 Arguments = dict[str, Any]

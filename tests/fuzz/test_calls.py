@@ -17,26 +17,26 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.arguments import WrongKind
-from omnimirror.batch.bases import family
-from omnimirror.batch.evaluate import Designs
-from omnimirror.calibrate.formats.scaramuzza import ocamcalib
-from omnimirror.camera_models import RadialModel, parse_ocam
-from omnimirror.components.apertures import best_apertures
+from omnimirror.base.arguments import WrongKind
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.base.files import MARK
+from omnimirror.base.parameters import Uncertainty
+from omnimirror.calibration.formats.scaramuzza import ocamcalib
+from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
-from omnimirror.errors import OmnimirrorError
-from omnimirror.files import MARK
-from omnimirror.frames import Mount
-from omnimirror.imagers import Imager
+from omnimirror.design.catalogue.apertures import best_apertures
+from omnimirror.dewarp.pipelines.request import Recording
 from omnimirror.interop.http_server.server import listen
+from omnimirror.io import keyframes
+from omnimirror.io.video.sequences import first_number
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.media import keyframes
-from omnimirror.media.video.sequences import first_number
-from omnimirror.mirrors import TabulatedMapping
-from omnimirror.parameters import Uncertainty
-from omnimirror.simulate.datasets import video
-from omnimirror.simulate.rendering import samples
-from omnimirror.straighten.request import Recording
+from omnimirror.optics.batch.bases import family
+from omnimirror.optics.batch.evaluate import Designs
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.mirrors import TabulatedMapping
+from omnimirror.simulation.datasets import video
+from omnimirror.simulation.rendering import samples
 from tests.everyday import few
 
 from . import workflows
@@ -383,7 +383,7 @@ def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
 
 
 def test_messages_are_short_whatever_they_are_about():
-    from omnimirror.arguments import shown
+    from omnimirror.base.arguments import shown
 
     for value in (*ODD, [1.5] * 100_000, "x" * 100_000, 10**5000, np.zeros(10**6)):
         assert len(shown(value)) <= 60
@@ -399,7 +399,7 @@ def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
                 read(text=text, source=name)
             assert len(str(said.value)) < 300
             assert "\n" not in str(said.value)
-    for error in (OmnimirrorError, om.errors.SpecError, WrongKind):
+    for error in (OmnimirrorError, om.base.errors.SpecError, WrongKind):
         assert len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}"))) < 300
 
 

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.cli import main
-from omnimirror.specs.sensor_file import BUNDLED
+from omnimirror.apps.cli import main
+from omnimirror.optics.sensor_files.sensor_file import BUNDLED
 from tests.everyday import few
 
 SENSOR = (
@@ -271,7 +271,7 @@ CLOUDS = {
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path, monkeypatch):
-    from omnimirror.media import write_image
+    from omnimirror.io import write_image
 
     monkeypatch.chdir(tmp_path)
     write_image("a.png", np.zeros((32, 32, 3), np.uint8))
@@ -402,8 +402,8 @@ def test_numbers_are_read_in_one_way():
     """Options of click's own number types would take 1_000 and other scripts' digits."""
     import click
 
-    from omnimirror.cli import COMMANDS as NAMES
-    from omnimirror.cli import app
+    from omnimirror.apps.cli import COMMANDS as NAMES
+    from omnimirror.apps.cli import app
 
     context = app.make_context("omnimirror", ["evaluate"])
     for name in NAMES:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import OmnimirrorError
-from omnimirror.frames import Mount
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Lens
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.cameras.frames import Mount
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Lens
 from tests.conftest import MIRRORS
 from tests.everyday import few
 

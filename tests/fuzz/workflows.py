@@ -12,17 +12,17 @@ import av
 import numpy as np
 
 import omnimirror as om
-from omnimirror.components.catalogue import Catalogue, ImagerComponent, LensComponent
-from omnimirror.frames import Mount
-from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.cameras.frames import Mount
+from omnimirror.design.catalogue.catalogue import Catalogue, ImagerComponent, LensComponent
+from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing import Tool, tool_path
-from omnimirror.media.keyframes import Keyframes
-from omnimirror.mirrors import Sphere
-from omnimirror.simulate.datasets.truth import ground_truth
-from omnimirror.simulate.radiometry import Radiometry
-from omnimirror.specs import format_camera
+from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import Sphere
+from omnimirror.optics.sensor_files import format_camera
+from omnimirror.simulation.datasets.truth import ground_truth
+from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import MIRRORS
 
 CAMERA = om.Unified(0.9, (20.0, 20.0), (31.5, 31.5), (64, 64))

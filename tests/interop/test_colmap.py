@@ -12,12 +12,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import omnimirror as om
-from omnimirror.calibrate.formats.colmap import KINDS
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Housing
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration.formats.colmap import KINDS
 from omnimirror.interop.colmap import MODEL_IDS, write_colmap
 from omnimirror.interop.pinholes import camera_rig, view_mask
-from omnimirror.media.keyframes import Keyframes
+from omnimirror.io.keyframes import Keyframes
+from omnimirror.optics.housing import CameraBody, Housing
 from tests.commands import omnimirror
 
 SPH = om.load_sensor("paper-spherical")

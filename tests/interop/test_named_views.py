@@ -3,7 +3,7 @@
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.base.errors import InvalidParameter, SpecError
 
 
 def load(tmp_path, text):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import OutsideField
+from omnimirror.base.errors import OutsideField
 from omnimirror.interop.pinholes import equivalent_pinhole
 
 VIEWS = [

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cli import main
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.housing import Dome, Housing, Rim, Rod
+from omnimirror.apps.cli import main
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.manufacturing import DEFAULT_FORMATS, FORMATS, Body
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.manufacturing.exporter import sensor_changes
 from omnimirror.manufacturing.surface_approximation import fit_asphere
-from omnimirror.mirrors import SlopeSpline
-from omnimirror.specs import bundled_sensors, save_sensor
+from omnimirror.optics.housing import Dome, Housing, Rim, Rod
+from omnimirror.optics.mirrors import SlopeSpline
+from omnimirror.optics.sensor_files import bundled_sensors, save_sensor
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few

@@ -8,12 +8,12 @@ import pytest
 from scipy.integrate import quad
 
 import omnimirror as om
-from omnimirror.cli import main
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Housing, Rod, Tube
+from omnimirror.apps.cli import main
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body, image_shifts, sag_table
 from omnimirror.manufacturing.body import MIN_WALL_MM, parts_of
 from omnimirror.manufacturing.formats.zmx import field_angles, write_zmx
+from omnimirror.optics.housing import CameraBody, Housing, Rod, Tube
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.everyday import few
 from tests.manufacturing.formats.test_step import read, volume

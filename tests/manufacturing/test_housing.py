@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Perspective
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body, image_shifts
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.manufacturing.drawings.sensor_view import Assembly, shell_end_mm
 from omnimirror.manufacturing.drawings.tables import hidden_rows
-from omnimirror.mirrors import Sphere
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.tracing.walls import wall_transmission
+from omnimirror.optics.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Sphere
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.tracing.walls import wall_transmission
 from tests.conftest import MIRRORS, sensor_of
 
 SPH = om.load_sensor("paper-spherical")

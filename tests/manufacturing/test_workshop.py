@@ -10,11 +10,11 @@ import pytest
 from scipy.integrate import quad
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.manufacturing import Body, PartSpecification, Workshop
 from omnimirror.manufacturing.tolerancing.tolerance_file import load_allocated_tolerances, tolerance_template
 from omnimirror.manufacturing.workshop import parse_workshop
-from omnimirror.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM
+from omnimirror.optics.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS
 

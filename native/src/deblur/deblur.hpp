@@ -1,4 +1,4 @@
-// Taking a known blur out of a picture, as omnimirror.simulate.restoration.sharp_picture has it: the same formulas and
+// Taking a known blur out of a picture, as omnimirror.dewarp.restoration.sharp_picture has it: the same formulas and
 // steps.
 //
 // The sharp picture lies on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight beside

@@ -1,4 +1,4 @@
-// Designs by the thousand, as omnimirror.batch.evaluate has them; the formulas are those of batch/optics.py and
+// Designs by the thousand, as omnimirror.optics.batch.evaluate has them; the formulas are those of batch/optics.py and
 // batch/best_focus.py, and so are the steps.
 #pragma once
 

@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.batch.evaluate calls.
+// The part of omnimirror.base._native that omnimirror.optics.batch.evaluate calls.
 
 #include <nanobind/stl/tuple.h>
 

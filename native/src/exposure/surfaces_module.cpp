@@ -1,4 +1,4 @@
-// Textured surfaces, and boxes, as omnimirror.simulate.scenes calls them.
+// Textured surfaces, and boxes, as omnimirror.simulation.scenes calls them.
 #include <algorithm>
 #include <cmath>
 #include <cstring>

@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.tracing.reflection and omnimirror.torch.compiled call.
+// The part of omnimirror.base._native that omnimirror.optics.tracing.reflection and omnimirror.torch.compiled call.
 
 #include <nanobind/stl/tuple.h>
 

@@ -20,7 +20,7 @@ struct Axial {
     double viewpoint;                   // about where along the axis near things are seen from
 };
 
-constexpr double EDGE_PX = 0.5 + 1e-9;  // see EDGE_SLACK of omnimirror.cameras
+constexpr double EDGE_PX = 0.5 + 1e-9;  // see EDGE_SLACK of omnimirror.cameras.camera
 
 // What is to be projected: (x, y, z) one after the other.
 struct Targets {

@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.manufacturing.tolerancing.evaluator calls.
+// The part of omnimirror.base._native that omnimirror.manufacturing.tolerancing.evaluator calls.
 
 #include <nanobind/stl/tuple.h>
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import instance, row
-from ..camera_models import RadialModel
-from ..camera_models.base import CameraModel
-from ..camera_models.spread import direction_sigma_deg
-from ..cameras import inside_image
-from ..errors import OutsideField
-from ..files import write_text
-from ..frames import turned
-from ..quantities import QUANTITIES
+from ..base.arguments import instance, row
+from ..base.errors import OutsideField
+from ..base.files import write_text
+from ..base.quantities import QUANTITIES
+from ..cameras.camera import inside_image
+from ..cameras.frames import turned
+from ..cameras.models import RadialModel
+from ..cameras.models.base import CameraModel
+from ..cameras.models.spread import direction_sigma_deg
 
 Array = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import distances, instance
-from ..errors import InvalidParameter
-from ..escaping import csv_cell, json_text
-from ..files import write_text
-from ..imagers import ImagerPose
-from ..lenses import GaussianLens
-from ..numerics.lazy import cached_property
-from ..quantities import QUANTITIES, Quantity
-from ..sensor import Sensor, check_sensor
+from ..base.arguments import distances, instance
+from ..base.errors import InvalidParameter
+from ..base.escaping import csv_cell, json_text
+from ..base.files import write_text
+from ..base.numerics.lazy import cached_property
+from ..base.quantities import QUANTITIES, Quantity
+from ..optics.image_sensor import ImagerPose
+from ..optics.lenses import GaussianLens
+from ..optics.sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
 from .meridional.focus import best_focus
 from .meridional.viewpoints import best_viewpoint

@@ -13,14 +13,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import quantities
-from ..arguments import checked, choice, image_radius, number, numbers
-from ..errors import InvalidParameter
-from ..files import write_text
-from ..lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
-from ..mirrors import Mirror
-from ..quantities import QUANTITIES, described
-from ..sensor import Sensor, check_sensor
+from ..base import quantities
+from ..base.arguments import checked, choice, image_radius, number, numbers
+from ..base.errors import InvalidParameter
+from ..base.files import write_text
+from ..base.quantities import QUANTITIES, described
+from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
+from ..optics.mirrors import Mirror
+from ..optics.sensor import Sensor, check_sensor
 from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy, best_focus, distance_per_angle
 from .meridional.viewpoints import viewpoint_z
@@ -98,7 +98,7 @@ class Evaluation:
     def __getitem__(self, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Evaluation:
         """The same at some of its field angles.
 
-        >>> from omnimirror.specs import load_sensor
+        >>> from omnimirror.optics.sensor_files import load_sensor
         >>> evaluate(load_sensor("paper-spherical"), omega_deg=[0, 90, 135])[1:].omega_deg
         array([ 90., 135.])
         """
@@ -234,7 +234,7 @@ def evaluate(
     focus_mm
         Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
     merit
-        What ``"auto"`` focus makes least, of the focus merits of :mod:`omnimirror.quantities`.
+        What ``"auto"`` focus makes least, of the focus merits of :mod:`omnimirror.base.quantities`.
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
@@ -261,7 +261,7 @@ def evaluate(
 
     Examples
     --------
-    >>> from omnimirror.specs import load_sensor
+    >>> from omnimirror.optics.sensor_files import load_sensor
     >>> result = evaluate(load_sensor("paper-spherical"), omega_deg=[0, 90, 135])
     >>> result.viewpoint_z_mm.round(3)
     array([ 21.941,  11.82 , -17.784])

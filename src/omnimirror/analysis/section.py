@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lenses import GaussianLens
-from ..mirrors import Flat
-from ..sensor import Sensor
+from ..optics.lenses import GaussianLens
+from ..optics.mirrors import Flat
+from ..optics.sensor import Sensor
 from .evaluation import Evaluation
 from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy, distance_per_angle

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import checked, number
-from ..errors import InvalidParameter
-from ..housing import Housing
-from ..lenses import Lens, Perspective
-from ..sensor import Sensor
-from ..thermal import EXPANSIONS_PPM, INDEX_RATES_PER_K, Thermal
+from ..base.arguments import checked, number
+from ..base.errors import InvalidParameter
+from ..optics.housing import Housing
+from ..optics.lenses import Lens, Perspective
+from ..optics.sensor import Sensor
+from ..optics.thermal import EXPANSIONS_PPM, INDEX_RATES_PER_K, Thermal
 
 PPM = 1e-6
 

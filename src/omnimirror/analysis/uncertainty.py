@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mirrors import Mirror, SampledProfile
+from ..optics.mirrors import Mirror, SampledProfile
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import checked, row
-from ..errors import InvalidParameter
-from ..sensor import Sensor, check_sensor
-from ..tracing.walls import let_out
+from ..base.arguments import checked, row
+from ..base.errors import InvalidParameter
+from ..optics.sensor import Sensor, check_sensor
+from ..optics.tracing.walls import let_out
 from .evaluation import field_angles
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
 
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.housing import Housing, Tube
+    >>> from omnimirror.optics.housing import Housing, Tube
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(120.0)))
     >>> found = ghosts(sensor, [60.0, 110.0])
     >>> found.ghost_omega_deg.round(1), found.ghost_percent.round(1)

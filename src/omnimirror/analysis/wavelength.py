@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..arguments import checked, number
-from ..sensor import Sensor
+from ..base.arguments import checked, number
+from ..optics.sensor import Sensor
 
 
 @checked
@@ -35,7 +35,7 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     Examples
     --------
     >>> import omnimirror as om
-    >>> from omnimirror.housing import Dome, Housing
+    >>> from omnimirror.optics.housing import Dome, Housing
     >>> domed = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Dome(material="polycarbonate")))
     >>> red, blue = (om.evaluate(om.at_wavelength(domed, nm), [60.0]).h_px[0] for nm in (650.0, 450.0))
     >>> float(round(blue - red, 2))

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import camera_direction
-from ..lenses import Lens
-from ..numerics.lazy import cached_property
-from ..sensor import Sensor
-from ..tracing.reflection import Ends, Specular
+from ..base.numerics.lazy import cached_property
+from ..cameras.frames import camera_direction
+from ..optics.lenses import Lens
+from ..optics.sensor import Sensor
+from ..optics.tracing.reflection import Ends, Specular
 from .aperture.bundles import Bundles, trace_bundles
 from .aperture.pupil import Pupil
 from .meridional.coddington import virtual_images
@@ -61,7 +61,7 @@ class WholePicture:
     --------
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.mirrors.pose import MirrorPose
+    >>> from omnimirror.optics.mirrors.pose import MirrorPose
     >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
     >>> low, high = WholePicture(built).field_deg  # at some azimuth
     >>> low, round(high, 1)

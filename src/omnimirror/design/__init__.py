@@ -1,6 +1,6 @@
 """From requirements to a mirror: mappings, families, fits, and what they cost."""
 
-from ..mirrors.generated import MAPPINGS
+from ..optics.mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES
 from .construct.fits import FitForm, FittedMirror, fit_mirror
 from .construct.mappings import generated_mirror

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import instance
-from ..cameras import EDGE_SLACK, AxialSymmetry, Camera, Mask, inside_image
-from ..errors import OutsideField
+from ..base.arguments import instance
+from ..base.errors import OutsideField
+from ..cameras.camera import EDGE_SLACK, AxialSymmetry, Camera, Mask, inside_image
 from .contracts import Annulus
 from .screens import Pole
 

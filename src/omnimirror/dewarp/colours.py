@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import shown
-from ..cameras import Camera, Mask
-from ..errors import InvalidParameter
-from ..numerics.lazy import cached_property
+from ..base.arguments import shown
+from ..base.errors import InvalidParameter
+from ..base.numerics.lazy import cached_property
+from ..cameras.camera import Camera, Mask
 from .contracts import Border, Image, Interpolation
 from .dewarper import Dewarper
 from .sampling.borders import border_values, clear_border, with_alpha
@@ -44,7 +44,7 @@ class ColourDewarper:
     --------
     >>> import numpy as np, omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.housing import Dome, Housing
+    >>> from omnimirror.optics.housing import Dome, Housing
     >>> domed = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Dome(material="polycarbonate")))
     >>> colours = tuple(om.at_wavelength(domed, nm) for nm in (610.0, 540.0, 465.0))
     >>> dewarp = om.ColourDewarper(colours, om.views.panorama(domed, (360, None)))

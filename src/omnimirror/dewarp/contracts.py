@@ -14,8 +14,8 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..native import backend
-from ..numerics.lazy import cached_property
+from ..base.native import backend
+from ..base.numerics.lazy import cached_property
 
 Image: TypeAlias = NDArray[Any]
 """(h, w) or (h, w, c), c from 1 to 4, of uint8, uint16 or float32, with any strides. Colours are RGB or RGBA."""

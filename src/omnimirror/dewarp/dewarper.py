@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import WrongKind, checked, instance, shown
-from ..cameras import Camera, Mask
-from ..errors import InvalidParameter, OutsideField
-from ..numerics.lazy import cached_property
+from ..base.arguments import WrongKind, checked, instance, shown
+from ..base.errors import InvalidParameter, OutsideField
+from ..base.numerics.lazy import cached_property
+from ..cameras.camera import Camera, Mask
 from .camera_field import annulus_of, field_of
 from .contracts import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps.coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import av
 
-from ..media.video.formats import Kind
-from ..media.video.frames import FULL_RANGE, empty_frame, is_full_range, planes, workable
+from ..io.video.formats import Kind
+from ..io.video.frames import FULL_RANGE, empty_frame, is_full_range, planes, workable
 from .dewarper import Dewarper
 from .yuv.planes import Siting
 
@@ -23,7 +23,7 @@ def dewarp_frame(
         Of any pixel format; one that is not planar YUV or NV12 is converted first, to planes that hold as much.
     siting, to_siting
         Where colours lie in it, and in the result; see :meth:`Dewarper.planes`. Readers and sinks of
-        :mod:`omnimirror.media` tell theirs.
+        :mod:`omnimirror.io` tell theirs.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def dewarp_frame(
     Examples
     --------
     >>> import omnimirror as om
-    >>> from omnimirror.media.video.frames import empty_frame, planes
+    >>> from omnimirror.io.video.frames import empty_frame, planes
     >>> frame, parts = empty_frame((1024, 1024))
     >>> for part in parts:
     ...     part[:] = 100

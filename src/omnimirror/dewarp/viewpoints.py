@@ -12,9 +12,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import number, shown
-from ..cameras import Camera, Projection
-from ..errors import InvalidParameter, OutsideField
+from ..base.arguments import number, shown
+from ..base.errors import InvalidParameter, OutsideField
+from ..cameras.camera import Camera, Projection
 from .screens import Screen
 
 Array = NDArray[np.float64]

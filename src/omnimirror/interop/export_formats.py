@@ -16,11 +16,11 @@ from string import Template
 from tempfile import TemporaryDirectory
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
-from ..arguments import WrongKind, file_name, shown
-from ..errors import InvalidParameter, OmnimirrorError
-from ..escaping import c_comment, file_stem, line_comment, python_docstring, visible
-from ..files import is_stream, replacing
-from ..numerics.registry import Registry
+from ..base.arguments import WrongKind, file_name, shown
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.escaping import c_comment, file_stem, line_comment, python_docstring, visible
+from ..base.files import is_stream, replacing
+from ..base.numerics.registry import Registry
 
 T = TypeVar("T")
 Unit: TypeAlias = Literal["px", "deg"]

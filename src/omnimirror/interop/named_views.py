@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..arguments import check_fields, file_name
-from ..cameras import Camera
+from ..base.arguments import check_fields, file_name
+from ..base.errors import InvalidParameter, SpecError
+from ..base.files import read_tables
+from ..cameras.camera import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
-from ..errors import InvalidParameter, SpecError
-from ..files import read_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 """Names that are valid in ROS topics, TF frames and URLs."""

@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import instance, number, whole
-from ..cameras import Camera
+from ..base.arguments import instance, number, whole
+from ..base.errors import OutsideField
+from ..cameras.camera import Camera
+from ..cameras.frames import view_axes
 from ..dewarp import Dewarper, views
 from ..dewarp.screens import Plane, Screen, Sphere
 from ..dewarp.viewpoints import Viewpoint, projection_of
-from ..errors import OutsideField
-from ..frames import view_axes
-from ..sensor import Sensor
+from ..optics.sensor import Sensor
 from .ray_tables import obscured_pixels
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import checked, instance, whole
-from ..cameras import Camera, Rays
-from ..errors import OutsideField
-from ..escaping import c_string, python_string, visible
-from ..media.pictures.exr import write_channels, write_exr
-from ..sensor import Sensor
+from ..base.arguments import checked, instance, whole
+from ..base.errors import OutsideField
+from ..base.escaping import c_string, python_string, visible
+from ..cameras.camera import Camera, Rays
+from ..io.pictures.exr import write_channels, write_exr
+from ..optics.sensor import Sensor
 from .export_formats import (
     Deviation,
     ExportedFiles,

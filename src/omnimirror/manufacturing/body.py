@@ -8,13 +8,13 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidParameter
-from ..housing import Housing, Rim
-from ..lenses import GaussianLens
-from ..mirrors import Mirror
-from ..parameters import Parameter
-from ..sensor import Sensor
-from ..tracing.meridian import ROUNDING
+from ..base.errors import InvalidParameter
+from ..base.parameters import Parameter
+from ..optics.housing import Housing, Rim
+from ..optics.lenses import GaussianLens
+from ..optics.mirrors import Mirror
+from ..optics.sensor import Sensor
+from ..optics.tracing.meridian import ROUNDING
 
 Array = NDArray[np.float64]
 
@@ -169,7 +169,7 @@ class Body:
 
         Examples
         --------
-        >>> from omnimirror.mirrors import Sphere
+        >>> from omnimirror.optics.mirrors import Sphere
         >>> Body.of(Rim(4.0, setback_mm=3.0), Sphere(50.0, 30.0)).flange_thickness_mm
         2.0
         """
@@ -236,7 +236,7 @@ class Body:
 
         Examples
         --------
-        >>> from omnimirror.mirrors import Sphere
+        >>> from omnimirror.optics.mirrors import Sphere
         >>> Body(thickness_mm=5).outline(Sphere(50.0, 30.0))
         array([[30., 10.],
                [30., 15.],
@@ -310,7 +310,7 @@ class Body:
         --------
         Cone on a cylinder:
 
-        >>> from omnimirror.mirrors import Cone
+        >>> from omnimirror.optics.mirrors import Cone
         >>> round(Body(thickness_mm=5.0).volume_mm3(Cone(45.0, 10.0)), 3)
         2617.994
         >>> round(np.pi * 100 * (5 + 10 / 3), 3)

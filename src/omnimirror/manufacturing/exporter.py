@@ -12,17 +12,17 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ..analysis.comparison import compare
-from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
+from ..base.arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
+from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.escaping import file_stem
+from ..base.files import replacing
+from ..base.numerics.registry import Registry
 from ..design.criteria.requirement_file import load_requirements
 from ..design.criteria.requirements import Requirements
 from ..design.solve.verdict import judge
-from ..errors import InvalidParameter, OmnimirrorError
-from ..escaping import file_stem
-from ..files import replacing
-from ..housing import Housing
-from ..numerics.registry import Registry
-from ..sensor import Sensor, check_sensor
-from ..tracing.obscuration import Obscuration
+from ..optics.housing import Housing
+from ..optics.sensor import Sensor, check_sensor
+from ..optics.tracing.obscuration import Obscuration
 from .body import Body, Part, parts_of, with_housing
 from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words

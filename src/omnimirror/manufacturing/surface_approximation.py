@@ -13,9 +13,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidParameter
-from ..mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ..mirrors.conics import Conic, conic_profile, conic_reach
+from ..base.errors import InvalidParameter
+from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ..optics.mirrors.conics import Conic, conic_profile, conic_reach
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def fit_asphere(mirror: Mirror) -> Asphere:
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Cone, Equidistant
+    >>> from omnimirror.optics.mirrors import Cone, Equidistant
     >>> fit_asphere(Cone(45.0, 20.0)).coefficients[0].__round__(12)
     1.0
     >>> fit_asphere(Equidistant(135.0, 12.0, 43.9)).deviation_um < 0.001
@@ -475,7 +475,7 @@ def best_fit_sphere(mirror: Mirror, criterion: SphereCriterion = "least-squares"
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Paraboloid, Sphere
+    >>> from omnimirror.optics.mirrors import Paraboloid, Sphere
     >>> best_fit_sphere(Sphere(50.0, 40.0)).radius_mm.__round__(9)
     50.0
     >>> sphere = best_fit_sphere(Paraboloid(100.0, 20.0), "min-departure")

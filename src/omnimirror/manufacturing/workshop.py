@@ -8,12 +8,12 @@ from datetime import date as calendar_date
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from ..arguments import check_fields, checked, file_name, shown
-from ..errors import InvalidParameter, SpecError
-from ..files import parse_toml, read_text
-from ..parameters import Parameter
-from ..specs import Places, check_entries, did_you_mean
-from ..thermal import DENSITIES_G_PER_CM3
+from ..base.arguments import check_fields, checked, file_name, shown
+from ..base.errors import InvalidParameter, SpecError
+from ..base.files import parse_toml, read_text
+from ..base.parameters import Parameter
+from ..optics.sensor_files import Places, check_entries, did_you_mean
+from ..optics.thermal import DENSITIES_G_PER_CM3
 
 FORMAT = 1
 T = TypeVar("T")
@@ -102,7 +102,7 @@ class PartSpecification(_Sheeted):
     ----------
     material, density_g_per_cm3
         Material with its alloy; the density of known materials
-        (:data:`omnimirror.thermal.DENSITIES_G_PER_CM3`) is optional.
+        (:data:`omnimirror.optics.thermal.DENSITIES_G_PER_CM3`) is optional.
     coating
         Coating of the mirror surface.
     surface_roughness_nm, roughness_um

@@ -15,11 +15,11 @@ import omnimirror as om
 from omnimirror.analysis.aperture import pupil
 from omnimirror.analysis.aperture.bundles import trace_bundles
 from omnimirror.analysis.aperture.wavefront import FITTED, wavefronts
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.housing import CameraBody, Housing
-from omnimirror.imagers import Imager
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.mirrors.reflectivity import reflectance
+from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.optics.housing import CameraBody, Housing
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.reflectivity import reflectance
 from tests.conftest import MIRRORS, M, sensor_of
 from tests.everyday import FEW_MIRRORS, few
 

@@ -11,9 +11,9 @@ import omnimirror as om
 from omnimirror.analysis.aperture.bundles import trace_bundles
 from omnimirror.analysis.aperture.pupil import fibonacci, hexapolar
 from omnimirror.analysis.aperture.wavefront import FITTED, wavefronts
-from omnimirror.errors import InvalidParameter
-from omnimirror.lenses import Orthographic
-from omnimirror.tracing.reflection import Ends
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.lenses import Orthographic
+from omnimirror.optics.tracing.reflection import Ends
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED, bounce, meet
 from tests.everyday import few
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import omnimirror as om
-from omnimirror.housing import CameraBody, Housing
-from omnimirror.lenses import Perspective
-from omnimirror.mirrors import Flat, Hyperboloid, Secondary, Sphere
+from omnimirror.optics.housing import CameraBody, Housing
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Flat, Hyperboloid, Secondary, Sphere
 from tests.everyday import few
 
 WAVE = 550e-6  # mm

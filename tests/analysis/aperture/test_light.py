@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.lenses import Orthographic
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.lenses import Orthographic
 from tests.conftest import sensor_of
 
 SPH = om.load_sensor("paper-spherical")
@@ -135,7 +135,7 @@ def test_at_the_tip_of_a_cone_blur_across_is_infinite_whatever_the_focus():
 @pytest.mark.parametrize("omega_deg", [40.0, 90.0, 130.0])
 def test_a_cover_takes_what_fresnel_says(omega_deg):
     """A tube is met at 90 deg - Omega; through a narrow aperture all rays are the chief ray."""
-    from omnimirror.housing import Housing, Tube
+    from omnimirror.optics.housing import Housing, Tube
 
     narrow = replace(SPH, lens=replace(SPH.lens, f_number=200.0))
     covered = replace(narrow, housing=Housing(shell=Tube(material="acrylic")))

@@ -8,12 +8,12 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.lenses import SurfaceLens, TabulatedLens
-from omnimirror.mirrors import Flat, Secondary, Sphere
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
+from omnimirror.optics.mirrors import Flat, Secondary, Sphere
 from tests.analysis.aperture.test_huygens import line_mtf
 from tests.everyday import few
-from tests.lenses import prescriptions as own
+from tests.optics.lenses import prescriptions as own
 
 A, RIM, M = 50.0, 44.0, 182.0
 PITCH = 5.2e-3

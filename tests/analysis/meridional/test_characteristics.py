@@ -13,11 +13,11 @@ import omnimirror as om
 from omnimirror.analysis.meridional.coddington import virtual_images
 from omnimirror.analysis.meridional.viewpoints import viewpoint_angle_error
 from omnimirror.analysis.section import image_curves
-from omnimirror.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import Cone, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
-from omnimirror.tracing.meridian import trace_chief_rays
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import Cone, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from omnimirror.optics.tracing.meridian import trace_chief_rays
 from tests.conftest import M
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))

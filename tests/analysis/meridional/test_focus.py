@@ -11,13 +11,13 @@ import omnimirror as om
 from omnimirror.analysis.meridional.coddington import virtual_images
 from omnimirror.analysis.meridional.focus import FocusStudy, _around, focus_function
 from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
-from omnimirror.components.apertures import best_apertures
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.numerics.minimisation import lowest
 from omnimirror.design import RimRay, generated_mirror
-from omnimirror.errors import InvalidParameter
-from omnimirror.lenses import Orthographic, Perspective, SurfaceLens
-from omnimirror.mirrors import EvenPolynomial
-from omnimirror.numerics.minimisation import lowest
-from omnimirror.specs import bundled_sensors
+from omnimirror.design.catalogue.apertures import best_apertures
+from omnimirror.optics.lenses import Orthographic, Perspective, SurfaceLens
+from omnimirror.optics.mirrors import EvenPolynomial
+from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import sensor_of
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.housing import Dome, Housing, Tube
-from omnimirror.lenses import Perspective
-from omnimirror.mirrors import Sphere
+from omnimirror.optics.housing import Dome, Housing, Tube
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Sphere
 from tests.conftest import sensor_of
 
 SPH = om.load_sensor("paper-spherical")

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
-from omnimirror.lenses import Orthographic
-from omnimirror.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
-from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from omnimirror.optics.lenses import Orthographic
+from omnimirror.optics.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import M
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central difference

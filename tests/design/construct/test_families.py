@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.design import FAMILIES, MAPPINGS, RimRay, generated_mirror
-from omnimirror.errors import InvalidParameter
-from omnimirror.mirrors import Hyperboloid, Sphere
-from omnimirror.tracing.meridian import Meridian
+from omnimirror.optics.mirrors import Hyperboloid, Sphere
+from omnimirror.optics.tracing.meridian import Meridian
 
 M = 43.9
 
@@ -119,7 +119,7 @@ def test_a_mapping_that_is_not_stated_whole_is_refused(mapping, entries, message
 
 
 def test_every_generated_mirror_of_the_registry_is_a_mapping_to_ask_for():
-    from omnimirror.mirrors import MIRRORS
-    from omnimirror.mirrors.generated import Mapped
+    from omnimirror.optics.mirrors import MIRRORS
+    from omnimirror.optics.mirrors.generated import Mapped
 
     assert set(MAPPINGS) == {kind for kind, cls in MIRRORS.items() if issubclass(cls, Mapped)}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.design import MountedMirror, RimRay, fit_mirror, generated_mirror
-from omnimirror.errors import InvalidParameter
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import EvenPolynomial, Sphere
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import EvenPolynomial, Sphere
 from tests.everyday import few
 
 M = 43.9

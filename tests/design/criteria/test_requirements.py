@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError, SpecError
 from omnimirror.design import Limit, format_requirements, load_requirements, parse_requirements
 from omnimirror.design.optimise.problem import DesignProblem
-from omnimirror.errors import InvalidParameter, OmnimirrorError, SpecError
-from omnimirror.imagers import Imager
+from omnimirror.optics.image_sensor import Imager
 
 GOOD = """
 name = "mine"

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cli.options.design import limit
+from omnimirror.apps.cli.options.design import limit
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.cameras.frames import Mount
 from omnimirror.design import parse_requirements
 from omnimirror.design.criteria.image_circle import cut_off
 from omnimirror.design.criteria.merits import values_of_evaluation
@@ -18,12 +20,10 @@ from omnimirror.design.optimise.variables import DesignSpace
 from omnimirror.design.solve.candidates import focusing
 from omnimirror.design.solve.freeform import problem_of
 from omnimirror.design.solve.verdict import evaluations
-from omnimirror.errors import OmnimirrorError
-from omnimirror.frames import Mount
-from omnimirror.housing import Dome, Housing, Tube
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Perspective
-from omnimirror.mirrors import Sphere
+from omnimirror.optics.housing import Dome, Housing, Tube
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Sphere
 from tests.everyday import few
 
 SPHERE = om.load_sensor("paper-spherical")

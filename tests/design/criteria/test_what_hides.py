@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Housing, Rim, Rod, Tube
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.housing import CameraBody, Housing, Rim, Rod, Tube
 from tests.commands import omnimirror
 from tests.everyday import few
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.components.whole import whole_of
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.design.catalogue.whole import whole_of
 from omnimirror.design.criteria.requirement_file import parse_requirements
-from omnimirror.errors import OmnimirrorError
-from omnimirror.housing import Dome, FlatWindow, Housing
-from omnimirror.lenses import SurfaceLens
-from tests.lenses import prescriptions
+from omnimirror.optics.housing import Dome, FlatWindow, Housing
+from omnimirror.optics.lenses import SurfaceLens
+from tests.optics.lenses import prescriptions
 
 TEXT = """
 [field]

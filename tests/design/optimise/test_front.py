@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.design.criteria.limits import Limit
 from omnimirror.design.optimise.optimiser import optimise
 from omnimirror.design.optimise.references import merit_values
 from omnimirror.design.solve.freeform import problem_of
 from omnimirror.design.solve.front import EPOCH, load_front, pareto
-from omnimirror.errors import InvalidParameter, OmnimirrorError
 from tests.design.answers import looked_at_again
 
 REQUIREMENTS = om.Requirements(

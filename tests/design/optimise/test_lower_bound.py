@@ -9,12 +9,12 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.design.optimise.optimiser import optimise
 from omnimirror.design.optimise.problem import DesignProblem
-from omnimirror.errors import InvalidParameter
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import Conformal, Equiareal, Equidistant, SlopeSpline, Sphere
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Orthographic, Perspective
+from omnimirror.optics.mirrors import Conformal, Equiareal, Equidistant, SlopeSpline, Sphere
 from tests.everyday import few
 
 M, THETA = 43.9, 12.0

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.design.criteria.limits import Limit
 from omnimirror.design.criteria.merits import DESIGN_MERITS, merit_named
 from omnimirror.design.optimise.objective import Objective
 from omnimirror.design.optimise.optimiser import optimise, start
 from omnimirror.design.optimise.problem import DesignProblem
 from omnimirror.design.optimise.variables import DesignSpace
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.housing import CameraBody, Housing
-from omnimirror.imagers import Imager
-from omnimirror.specs import format_sensor, parse_sensor
+from omnimirror.optics.housing import CameraBody, Housing
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from tests.design.answers import looked_at_again
 from tests.everyday import few
 

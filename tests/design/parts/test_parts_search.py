@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.components.catalogue import (
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.design import format_requirements, parse_requirements
+from omnimirror.design.catalogue.catalogue import (
     BallComponent,
     Catalogue,
     DomeComponent,
@@ -19,17 +21,15 @@ from omnimirror.components.catalogue import (
     TelecentricComponent,
     read_catalogue,
 )
-from omnimirror.components.whole import mirror_mass_g, whole_of
-from omnimirror.design import format_requirements, parse_requirements
+from omnimirror.design.catalogue.whole import mirror_mass_g, whole_of
 from omnimirror.design.parts import search as parts_search
 from omnimirror.design.parts.bought import SLACK
 from omnimirror.design.parts.combinations import asked_of, combinations_of, cut, nearest_focus_mm
 from omnimirror.design.solve import range_search
-from omnimirror.errors import OmnimirrorError
-from omnimirror.lenses import SurfaceLens
-from omnimirror.mirrors import Sphere
+from omnimirror.optics.lenses import SurfaceLens
+from omnimirror.optics.mirrors import Sphere
 from tests.commands import fails, omnimirror
-from tests.lenses import prescriptions
+from tests.optics.lenses import prescriptions
 
 RINGS = (0.5, 1.0)
 LENSES = tuple(

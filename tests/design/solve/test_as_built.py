@@ -10,17 +10,17 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.components.whole import body_mass_g, whole_of
+from omnimirror.base.errors import SpecError
+from omnimirror.design.catalogue.whole import body_mass_g, whole_of
 from omnimirror.design.optimise.optimiser import described, problem_from, start
 from omnimirror.design.optimise.variables import DesignSpace
 from omnimirror.design.solve.freeform import problem_of
-from omnimirror.errors import SpecError
-from omnimirror.housing import CameraBody, Dome, Housing, Rim, Tube
-from omnimirror.imagers import Imager
-from omnimirror.lenses import SurfaceLens
-from tests.batch.test_built import Truth, from_stop
+from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Tube
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import SurfaceLens
 from tests.commands import omnimirror
-from tests.lenses.prescriptions import imager_place, indices, zmx
+from tests.optics.batch.test_built import Truth, from_stop
+from tests.optics.lenses.prescriptions import imager_place, indices, zmx
 
 FILE = """\
 [field]

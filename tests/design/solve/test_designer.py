@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.design import parse_requirements
 from omnimirror.design.criteria.field_angles import counted_field
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.generated import ranges_of
 from omnimirror.design.solve.range_search import RangeSearch
-from omnimirror.errors import InvalidParameter, SpecError
-from omnimirror.housing import CameraBody, Housing, Tube
-from omnimirror.specs import format_sensor, parse_sensor
+from omnimirror.optics.housing import CameraBody, Housing, Tube
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from tests.design.answers import best, row
 
 COMMON = """

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.design import parse_requirements
 from omnimirror.design.criteria.requirement_file import requirements_of
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.relaxation import Relaxation, outwards, relaxed
-from omnimirror.errors import InvalidParameter, SpecError
 from tests.design.answers import best, row
 
 PANORAMA = """

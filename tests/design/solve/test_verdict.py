@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.design.solve.verdict import Judgement, _limit_row
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.housing import Housing, Rod
+from omnimirror.optics.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
 WANTED = om.Requirements(

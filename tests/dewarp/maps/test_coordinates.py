@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.maps.coordinates import exact_pixels, lattice_map_of, screen_pixels
 from omnimirror.dewarp.maps.refine import lattice_map
 from omnimirror.dewarp.screens import CubeMap, Cylinder, Dome, Ground, LittlePlanet, Plane, Sphere, parts_of
-from omnimirror.frames import Mount
-from omnimirror.imagers import Imager
-from omnimirror.lenses import Perspective
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.lenses import Perspective
 from tests.conftest import MIRRORS
 from tests.everyday import few
 

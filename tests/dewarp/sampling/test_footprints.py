@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
+from omnimirror.base.native import backend
 from omnimirror.dewarp.contracts import INTERPOLATIONS, KERNELS, Annulus
 from omnimirror.dewarp.maps.lattice import LatticeMap
 from omnimirror.dewarp.maps.pixels import PixelMap
 from omnimirror.dewarp.sampling.footprints import RULES, squared_sides_of_pixels
 from omnimirror.dewarp.sampling.samplers import remap
-from omnimirror.native import backend
 from tests.everyday import few
 from tests.samplers import instructions, remap_at
 

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.native import backend
 from omnimirror.dewarp.maps.lattice import node_weights
 from omnimirror.dewarp.maps.pixels import PixelMap
 from omnimirror.dewarp.maps.polar import PolarMap
 from omnimirror.dewarp.sampling.samplers import remap
-from omnimirror.errors import InvalidParameter
-from omnimirror.native import backend
 from tests.everyday import few
 from tests.samplers import instructions as all_instructions
 from tests.samplers import remap_at

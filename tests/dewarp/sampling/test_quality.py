@@ -6,7 +6,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp.contracts import INTERPOLATIONS
-from omnimirror.simulate.rendering.picture import pinhole_picture
+from omnimirror.simulation.rendering.picture import pinhole_picture
 
 S = om.screens
 SAMPLES = 4

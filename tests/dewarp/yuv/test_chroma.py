@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.maps.halving import halved_pixels, pairs
 from omnimirror.dewarp.maps.polar import PolarMap
 from omnimirror.dewarp.yuv.planes import SITINGS
-from omnimirror.errors import InvalidParameter
 from tests.everyday import few
 
 SIZE = (401, 400)  # odd and even

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.frames import dewarp_frame
-from omnimirror.errors import InvalidParameter
-from omnimirror.media.video.frames import converted, frame_of_image, planes
+from omnimirror.io.video.frames import converted, frame_of_image, planes
 
 SIDE = 240
 BALL = om.MirrorBall((119.5, 119.5), 110.0, 250.0, (SIDE, SIDE))

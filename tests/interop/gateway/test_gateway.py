@@ -24,20 +24,20 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.imagers import Imager
+from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.interop.gateway import live_views, routes, stream_outputs
 from omnimirror.interop.gateway.live_views import Gateway, LiveView
 from omnimirror.interop.gateway.routes import create_app
 from omnimirror.interop.gateway.stream_outputs import Chunk
-from omnimirror.media.live.sources import LiveSource
-from omnimirror.media.video.frames import frame_of_image, image_of_frame
-from omnimirror.media.video.reader import VideoReader
-from omnimirror.media.video.writer import VideoWriter
+from omnimirror.io.live.sources import LiveSource
+from omnimirror.io.video.frames import frame_of_image, image_of_frame
+from omnimirror.io.video.reader import VideoReader
+from omnimirror.io.video.writer import VideoWriter
+from omnimirror.optics.image_sensor import Imager
 from tests.commands import fails
 from tests.everyday import few
-from tests.media.live.test_live import HEAD, free_port, paced
-from tests.media.live.test_live import server as streaming
+from tests.io.live.test_live import HEAD, free_port, paced
+from tests.io.live.test_live import server as streaming
 from tests.serving import in_a_loop, served
 
 SIDE = 256
@@ -377,7 +377,7 @@ def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
 
 @pytest.mark.parametrize("token", ["\u00fcber", "\u65e5\u672c", "two words", "line\nbreak", "tab\t"])
 def test_token_must_be_printable_ascii(film, camera, token):
-    with pytest.raises(om.errors.InvalidParameter, match="token must consist of ASCII letters") as refused:
+    with pytest.raises(om.base.errors.InvalidParameter, match="token must consist of ASCII letters") as refused:
         om.serve_views(str(film), VIEWS, camera=camera, token=token)
     assert token not in str(refused.value)
 

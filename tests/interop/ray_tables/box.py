@@ -43,7 +43,7 @@ def first_hits(origins, directions):
 
 
 class Box:
-    """The scene as :mod:`omnimirror.simulate` takes it: exact, without texels."""
+    """The scene as :mod:`omnimirror.simulation` takes it: exact, without texels."""
 
     def radiance(self, origins, directions):
         return colours(first_hits(np.asarray(origins, float), np.asarray(directions, float))).astype(np.float32)

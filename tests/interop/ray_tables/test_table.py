@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.housing import CameraBody, Housing, Tube
 from omnimirror.interop.ray_tables import interpolation_error_deg
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.housing import CameraBody, Housing, Tube
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
 MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
@@ -109,7 +109,7 @@ def test_obscuration_rings_of_two_mirrors():
 
 @pytest.mark.parametrize("step", [0, 2000, 1.5, "2"])
 def test_invalid_step_raises(step):
-    with pytest.raises(om.errors.InvalidParameter, match="step"):
+    with pytest.raises(om.base.errors.InvalidParameter, match="step"):
         om.ray_table(om.load_sensor("paper-spherical"), step)
 
 

@@ -17,9 +17,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.imagers import Imager
-from omnimirror.media import interrupts
+from omnimirror.base.errors import InvalidParameter, MediaError
+from omnimirror.io import interrupts
+from omnimirror.optics.image_sensor import Imager
 from tests.commands import fails, omnimirror
 from tests.everyday import few
 

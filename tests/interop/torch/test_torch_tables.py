@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibrate.physical.names import place_of, shape_names
-from omnimirror.calibrate.physical.shape_rates import profile_rates
-from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.base.native import backend
+from omnimirror.calibration.physical.names import place_of, shape_names
+from omnimirror.calibration.physical.shape_rates import profile_rates
 from omnimirror.interop.torch import _factory, _library, differentiable
 from omnimirror.interop.torch._reflection import TOLERANCE
 from omnimirror.interop.torch._tables import shape_derivative_table
-from omnimirror.native import backend
-from omnimirror.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
-from omnimirror.tracing.reflection.beginning import NOT_SETTLED, SEARCH, SEEN, SETTLED
+from omnimirror.optics.tracing.reflection import CELLS, Ends, MirrorTables, meridian_table, specular_points
+from omnimirror.optics.tracing.reflection.beginning import NOT_SETTLED, SEARCH, SEEN, SETTLED
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 from tests.samplers import instructions

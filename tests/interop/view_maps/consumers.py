@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import omnimirror as om
-from tests.studio.browser import FLAGS, chromium
+from tests.apps.studio.browser import FLAGS, chromium
 
 HERE = Path(__file__).parent
 DRAW = """

@@ -19,9 +19,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.interop.view_maps import MAP_FORMATS
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.pose import MirrorPose
+from tests.apps.studio.browser import FLAGS
 from tests.interop.view_maps.consumers import (
     by_micropython,
     compiled,
@@ -35,7 +36,6 @@ from tests.interop.view_maps.consumers import (
     straightened,
     warped,
 )
-from tests.studio.browser import FLAGS
 
 SENSOR = om.load_sensor("paper-spherical")
 SENSOR = replace(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.dewarp.viewpoints import centre_of_projection
-from omnimirror.errors import InvalidParameter, OutsideField
-from omnimirror.frames import Mount
 from omnimirror.interop.view_maps import _inverse_mapping
 from omnimirror.interop.view_maps._inverse_mapping import intersect_screen, view_pixels
-from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.optics.mirrors.pose import MirrorPose
 from tests.everyday import few
 
 SENSOR = om.load_sensor("paper-spherical")

@@ -12,15 +12,15 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body, PartSpecification, TitleBlock, Workshop, draw_sheets
 from omnimirror.manufacturing.body import Part
 from omnimirror.manufacturing.drawings.mirror_view import fixed_words
 from omnimirror.manufacturing.drawings.sheet import SHEETS, Sheet, fitting_scale, scale_words
 from omnimirror.manufacturing.drawings.tables import mirror_rows, sag_rows
-from omnimirror.mirrors import EvenPolynomial
-from omnimirror.specs import bundled_sensors
+from omnimirror.optics.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.optics.mirrors import EvenPolynomial
+from omnimirror.optics.sensor_files import bundled_sensors
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few

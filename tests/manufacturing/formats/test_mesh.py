@@ -10,11 +10,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body
 from omnimirror.manufacturing.formats.mesh import mesh_of, write_mesh
 from omnimirror.manufacturing.surface_approximation import chords
-from omnimirror.mirrors import ConicAsphere
+from omnimirror.optics.mirrors import ConicAsphere
 from tests.conftest import MIRRORS
 from tests.everyday import few
 from tests.manufacturing.formats.test_step import BODIES, exact_volume

@@ -10,10 +10,10 @@ import pytest
 from scipy.optimize import minimize
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import format_table, sag_table, table_points
 from omnimirror.manufacturing.surface_approximation import best_fit_sphere
-from omnimirror.mirrors import EvenPolynomial, Flat, SampledProfile
+from omnimirror.optics.mirrors import EvenPolynomial, Flat, SampledProfile
 from tests.conftest import MIRRORS, sensor_of
 
 

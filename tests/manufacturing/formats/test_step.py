@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body
 from omnimirror.manufacturing.formats.step import write_step
-from omnimirror.mirrors import Hyperboloid
+from omnimirror.optics.mirrors import Hyperboloid
 from tests.conftest import MIRRORS
 from tests.everyday import few
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Tool, format_gcode, format_points, tool_path
-from omnimirror.mirrors import EvenPolynomial, Sphere
+from omnimirror.optics.mirrors import EvenPolynomial, Sphere
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
-from omnimirror.housing import Housing
-from omnimirror.lenses import Perspective
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import fit_asphere, format_grid_sag
 from omnimirror.manufacturing.formats.sag import grid_deviation_um, write_grid_sag
 from omnimirror.manufacturing.formats.zmx import field_angles, format_zmx, write_zmx
-from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
+from omnimirror.optics.housing import Housing
+from omnimirror.optics.lenses import Perspective
+from omnimirror.optics.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 from tests.everyday import FEW_MIRRORS, few
 from tests.manufacturing.test_housing import IN_DOME, IN_WATER

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from omnimirror.mirrors import Mirror
+from omnimirror.optics.mirrors import Mirror
 
 TERMS = {
     4: lambda x, y: np.sqrt(3) * (2 * (x * x + y * y) - 1),

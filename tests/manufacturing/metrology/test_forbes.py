@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.numerics.forbes import qbfs_values
 from omnimirror.manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
-from omnimirror.mirrors import Cone, Sphere
-from omnimirror.numerics.forbes import qbfs_values
+from omnimirror.optics.mirrors import Cone, Sphere
 from tests.commands import omnimirror
 
 from .clouds import on

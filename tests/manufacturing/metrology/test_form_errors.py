@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, OmnimirrorError
-from omnimirror.mirrors import Cone, EvenPolynomial, Hyperboloid, Sphere
-from omnimirror.numerics.zernike import noll, zernike_values
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.base.numerics.zernike import noll, zernike_values
+from omnimirror.optics.mirrors import Cone, EvenPolynomial, Hyperboloid, Sphere
 from tests.everyday import few
 
 from .clouds import TERMS, height_mm, in_machine, on, places

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import OmnimirrorError
+from omnimirror.base.errors import OmnimirrorError
 from omnimirror.manufacturing import format_grid_sag
 from omnimirror.manufacturing.metrology import readers
-from omnimirror.mirrors import Sphere
+from omnimirror.optics.mirrors import Sphere
 
 POINTS = np.array([[1.5, 2.0, -0.25], [3.0, -4.5, 0.125]])
 

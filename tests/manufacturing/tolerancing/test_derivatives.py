@@ -11,12 +11,12 @@ import pytest
 from scipy.special import eval_jacobi
 
 import omnimirror as om
+from omnimirror.base.numerics.zernike import terms_of
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
-from omnimirror.mirrors import EvenPolynomial
-from omnimirror.numerics.zernike import terms_of
+from omnimirror.optics.mirrors import EvenPolynomial
 
 NODES = np.arange(7.0)
 PUPIL = 0.3 * np.array(

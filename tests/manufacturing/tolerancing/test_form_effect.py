@@ -7,7 +7,7 @@ import pytest
 from scipy.special import eval_legendre
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from tests.manufacturing.metrology.clouds import on
 

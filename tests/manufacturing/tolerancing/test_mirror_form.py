@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.base.errors import InvalidParameter, SpecError
+from omnimirror.base.numerics.zernike import noll
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.mirror_form import RandomFigure, load_measured_form
 from omnimirror.manufacturing.tolerancing.tolerance_file import load_tolerances, parse_tolerances
-from omnimirror.mirrors.form import MirrorForm
-from omnimirror.numerics.zernike import noll
+from omnimirror.optics.mirrors.form import MirrorForm
 
 SENSOR = om.load_sensor("paper-spherical")
 RIM = SENSOR.mirror.rim_radius_mm

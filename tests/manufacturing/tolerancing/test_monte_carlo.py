@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 
 import omnimirror as om
-from omnimirror.cli import app
-from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.apps.cli import app
+from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.manufacturing.tolerancing.allocation import allocate
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, SpecError
+from omnimirror.base.quantities import QUANTITIES
 from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.design.criteria.merits import OF_THE_WHOLE, values_of_evaluation
-from omnimirror.errors import InvalidParameter, SpecError
-from omnimirror.housing import Dome, Housing, Rod
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.object_field import directions_of, field_of
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed
@@ -27,7 +27,7 @@ from omnimirror.manufacturing.tolerancing.requirement_values import (
 )
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.quantities import QUANTITIES
+from omnimirror.optics.housing import Dome, Housing, Rod
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")

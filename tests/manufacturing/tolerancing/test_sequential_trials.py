@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter, SelfObstruction
-from omnimirror.housing import Dome, FlatWindow, Housing, Tube
-from omnimirror.imagers import ImagerPose
+from omnimirror.base.errors import InvalidParameter, SelfObstruction
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.object_field import field_of, sequential_images
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
 from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
-from omnimirror.mirrors.form import MirrorForm
-from omnimirror.tracing.reflection import Ends
+from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
+from omnimirror.optics.image_sensor import ImagerPose
+from omnimirror.optics.mirrors.form import MirrorForm
+from omnimirror.optics.tracing.reflection import Ends
 
 SPH = om.load_sensor("paper-spherical")
 WARM = om.Thermal(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing.tolerancing.compensation import MERITS, merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.sensitivity import sobol_indices

@@ -21,8 +21,8 @@ import pytest
 from click.testing import CliRunner
 
 import omnimirror as om
-from omnimirror.cli import app
-from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.apps.cli import app
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.manufacturing.tolerancing import sweep as sweep_module
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator

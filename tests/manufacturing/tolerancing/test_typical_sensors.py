@@ -5,8 +5,8 @@ import pytest
 from click.testing import CliRunner
 
 import omnimirror as om
-from omnimirror.cli import app
-from omnimirror.errors import InvalidParameter
+from omnimirror.apps.cli import app
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 
@@ -56,7 +56,7 @@ def test_invalid_arguments_are_rejected(sensor, more, words):
 def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = om.load_sensor("paper-spherical")
-    text = om.specs.format_sensor(small).replace("1024", "128").replace("5.2", "41.6")
+    text = om.optics.sensor_files.format_sensor(small).replace("1024", "128").replace("5.2", "41.6")
     (tmp_path / "small.toml").write_text(text)
     (tmp_path / "t.toml").write_text(
         "".join(f"[[error]]\nname = '{part}.tilt_x_deg'\ntolerance = 0.5\n" for part in ("mirror", "imager"))

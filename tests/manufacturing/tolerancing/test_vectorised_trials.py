@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.native import backend
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, evaluate_numpy, merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator, evaluate_compiled
 from omnimirror.manufacturing.tolerancing.object_field import field_of
@@ -16,7 +17,6 @@ from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
 from omnimirror.manufacturing.tolerancing.tolerances import Tolerance, Tolerances
 from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, largest_diameter, trace_objects
-from omnimirror.native import backend
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 
@@ -82,7 +82,7 @@ def test_blur_matches_finite_rays(sensor):
     around = np.arange(16) * (2 * np.pi / 16)
     pupil = np.stack([np.cos(around), np.sin(around)], axis=-1)
     for target, matrix in zip(field.targets, blur, strict=True):
-        ends = om.tracing.reflection.Ends.of(np.broadcast_to(target, (16, 3)), distant=True)
+        ends = om.optics.tracing.reflection.Ends.of(np.broadcast_to(target, (16, 3)), distant=True)
         found = built.optical_train.posed_mirror.specular(built.optical_train.entrance_pupil_points(pupil), ends)
         points = (
             built.lens.image_of(found.seen_at - built.optical_train.lens_offset, found.to_pupils)

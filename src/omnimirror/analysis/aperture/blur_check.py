@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import row
-from ...errors import InvalidParameter
-from ...lenses import GaussianLens
-from ...sensor import Sensor, check_sensor
+from ...base.arguments import row
+from ...base.errors import InvalidParameter
+from ...optics.lenses import GaussianLens
+from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import evaluate, field_angles
 from .pupil import Pupil
 from .spot_diagrams import spots

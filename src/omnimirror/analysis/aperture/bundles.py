@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import distances, finite, row
-from ...errors import InvalidParameter, OutsideField
-from ...frames import camera_direction
-from ...sensor import Sensor, check_sensor
-from ...tracing.reflection import Ends, Specular
+from ...base.arguments import distances, finite, row
+from ...base.errors import InvalidParameter, OutsideField
+from ...cameras.frames import camera_direction
+from ...optics.sensor import Sensor, check_sensor
+from ...optics.tracing.reflection import Ends, Specular
 from .pupil import Pupil
 
 Array = NDArray[np.float64]

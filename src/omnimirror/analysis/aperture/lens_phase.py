@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...lenses import FieldLens, TabulatedLens
+from ...base.errors import InvalidParameter
+from ...optics.lenses import FieldLens, TabulatedLens
 from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, integral, slopes
 
 Array = NDArray[np.float64]

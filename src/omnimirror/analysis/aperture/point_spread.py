@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import choice, distances, number, shown
-from ...errors import InvalidParameter, OutsideField
-from ...sensor import Sensor, check_sensor
+from ...base.arguments import choice, distances, number, shown
+from ...base.errors import InvalidParameter, OutsideField
+from ...optics.sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .pupil import fibonacci
 from .pupil_fit import FITTED

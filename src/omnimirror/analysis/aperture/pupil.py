@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
+from ...base.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 

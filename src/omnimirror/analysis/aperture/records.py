@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from pathlib import Path
 
-from ...files import write_json, write_text
+from ...base.files import write_json, write_text
 
 
 class Recorded(ABC):

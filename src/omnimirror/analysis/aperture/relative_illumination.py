@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import number
-from ...errors import InvalidParameter
-from ...mirrors.reflectivity import Reflectivity, reflectance
-from ...sensor import Sensor, check_sensor
-from ...tracing.walls import let_out
+from ...base.arguments import number
+from ...base.errors import InvalidParameter
+from ...optics.mirrors.reflectivity import Reflectivity, reflectance
+from ...optics.sensor import Sensor, check_sensor
+from ...optics.tracing.walls import let_out
 from ..evaluation import field_angles
 from .bundles import trace_bundles
 from .pupil import Pupil, gaussian
@@ -74,7 +74,7 @@ def illumination(
     azimuth_deg : scalar or (n,)
         Direction in the picture, deg from right towards bottom.
     reflectivity
-        A number, a metal's ``n + 1j k``, or one of :data:`omnimirror.mirrors.reflectivity.METALS`.
+        A number, a metal's ``n + 1j k``, or one of :data:`omnimirror.optics.mirrors.reflectivity.METALS`.
     transmission
         T of the lens.
 

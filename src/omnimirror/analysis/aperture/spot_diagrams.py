@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import row
-from ...sensor import Sensor, check_sensor
+from ...base.arguments import row
+from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .pupil import Pupil, hexapolar

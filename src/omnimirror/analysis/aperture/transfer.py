@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import choice, finite, number, row
-from ...errors import InvalidParameter
-from ...sensor import Sensor, check_sensor
+from ...base.arguments import choice, finite, number, row
+from ...base.errors import InvalidParameter
+from ...optics.sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .point_spread import KINDS, Kind

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...lenses import FieldLens, GaussianLens
-from ...numerics.lazy import cached_property
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...optics.lenses import FieldLens, GaussianLens
+from ...optics.sensor import Sensor
 from .bundles import Bundles
 from .lens_phase import check_wave_is_known, cone_of_light, phase_of_real_lens
 from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, orders, slopes

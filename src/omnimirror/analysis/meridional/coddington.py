@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InvalidParameter
-from ...tracing.meridian import ChiefRays
+from ...base.errors import InvalidParameter
+from ...optics.tracing.meridian import ChiefRays
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,8 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     --------
     A sphere of 50 mm halves its radius on the axis, for distant objects:
 
-    >>> from omnimirror.mirrors import Sphere
-    >>> from omnimirror.tracing.meridian import trace_chief_rays
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> from omnimirror.optics.tracing.meridian import trace_chief_rays
     >>> rays = trace_chief_rays(Sphere(50.0, 44.0), 180.0, [0.0])
     >>> virtual_images(rays).q_t
     array([25.])

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import choice, distances, image_radius, row
-from ...errors import InvalidParameter
-from ...lenses import BLUR_MODES, BlurMode, Lens
-from ...numerics.lazy import cached_property
-from ...numerics.minimisation import lowest_with_slopes
-from ...sensor import Sensor, check_sensor
-from ...tracing.meridian import ChiefRays
+from ...base.arguments import choice, distances, image_radius, row
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.minimisation import lowest_with_slopes
+from ...optics.lenses import BLUR_MODES, BlurMode, Lens
+from ...optics.sensor import Sensor, check_sensor
+from ...optics.tracing.meridian import ChiefRays
 from .coddington import VirtualImages, distances_from_lens, virtual_images
 from .focus_merits import FOCUS_MERITS, FocusedBlur, FocusFunction, FocusMerit, Scales, Sides
 from .imaging import ImagingCharacteristics, imaging_characteristics
@@ -180,7 +180,7 @@ def best_focus(
     --------
     The paper's choice for its spherical mirror, L0 = 212 mm:
 
-    >>> from omnimirror.specs import load_sensor
+    >>> from omnimirror.optics.sensor_files import load_sensor
     >>> best = best_focus(load_sensor("paper-spherical"), "worst_blur_area_deg2", mode="paper", image_radius_px=500)
     >>> round(best.focus_mm, 1), round(best.value, 4)
     (212.4, 0.0751)

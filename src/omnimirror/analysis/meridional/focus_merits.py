@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...numerics.lazy import cached_property
+from ...base.numerics.lazy import cached_property
 from .imaging import ImagingCharacteristics
 
 Array = NDArray[np.float64]

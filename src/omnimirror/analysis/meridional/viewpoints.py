@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import image_radius, number, row
-from ...sensor import Sensor, check_sensor
-from ...tracing.meridian import ChiefRays
+from ...base.arguments import image_radius, number, row
+from ...optics.sensor import Sensor, check_sensor
+from ...optics.tracing.meridian import ChiefRays
 
 Array = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def best_viewpoint(
     --------
     The paper's "+-1 pixel at 40 M", and as it would reckon:
 
-    >>> from omnimirror.specs import load_sensor
+    >>> from omnimirror.optics.sensor_files import load_sensor
     >>> sphere = load_sensor("paper-spherical")
     >>> best = best_viewpoint(sphere, 40 * 43.9, image_radius_px=500)
     >>> round(best.worst_px, 3), round(best.z_mm / 43.9, 4)

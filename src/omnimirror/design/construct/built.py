@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...housing import Housing, Tube
-from ...lenses import Lens
-from ...mirrors import TabulatedMapping
-from ...mirrors.generated.base import Mapped
-from ...tracing.covers import Cover
-from ...tracing.meridian import ChiefRays, trace_chief_rays
-from ...tracing.obscuration import Obstructions, cover_of
+from ...base.errors import InvalidParameter
+from ...optics.housing import Housing, Tube
+from ...optics.lenses import Lens
+from ...optics.mirrors import TabulatedMapping
+from ...optics.mirrors.generated.base import Mapped
+from ...optics.tracing.covers import Cover
+from ...optics.tracing.meridian import ChiefRays, trace_chief_rays
+from ...optics.tracing.obscuration import Obstructions, cover_of
 from .rim import MountedMirror, RimRay
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import InvalidParameter
-from ...mirrors import Cone, Ellipsoid, Hyperboloid, Paraboloid, Sphere
-from ...mirrors.generated.distant import conformal_conic
+from ...base.errors import InvalidParameter
+from ...optics.mirrors import Cone, Ellipsoid, Hyperboloid, Paraboloid, Sphere
+from ...optics.mirrors.generated.distant import conformal_conic
 from .rim import MountedMirror, RimRay
 
 

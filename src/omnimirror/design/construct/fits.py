@@ -15,12 +15,12 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter, OmnimirrorError
-from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...mirrors.aspheres import even_polynomial
-from ...mirrors.conics import conic_profile
-from ...numerics.lazy import cached_property
-from ...tracing.meridian import Meridian
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.numerics.lazy import cached_property
+from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...optics.mirrors.aspheres import even_polynomial
+from ...optics.mirrors.conics import conic_profile
+from ...optics.tracing.meridian import Meridian
 from .rim import MountedMirror, RimRay
 
 Array = NDArray[np.float64]

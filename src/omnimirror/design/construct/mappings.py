@@ -7,10 +7,10 @@ from collections.abc import Callable, Collection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InvalidParameter
-from ...mirrors import Conformal, CylinderMapping, Mirror, TabulatedMapping
-from ...mirrors.generated import MAPPINGS
-from ...mirrors.generated.base import Mapped
+from ...base.errors import InvalidParameter
+from ...optics.mirrors import Conformal, CylinderMapping, Mirror, TabulatedMapping
+from ...optics.mirrors.generated import MAPPINGS
+from ...optics.mirrors.generated.base import Mapped
 from .rim import MountedMirror, RimRay
 
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")

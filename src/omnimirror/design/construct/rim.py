@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InvalidParameter
-from ...mirrors import Mirror
+from ...base.errors import InvalidParameter
+from ...optics.mirrors import Mirror
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ...arguments import checked
-from ...errors import OmnimirrorError
-from ...mirrors.generated import MAPPINGS
+from ...base.arguments import checked
+from ...base.errors import OmnimirrorError
+from ...optics.mirrors.generated import MAPPINGS
 from .mappings import generated_mirror
 from .rim import MountedMirror, RimRay
 

@@ -1,6 +1,7 @@
 """What the tables of requirements cannot see by themselves: entries that do not fit each other.
 
-Each check raises :class:`~omnimirror.specs.EntryError`, which holds the path of the entry: a file adds its line.
+Each check raises :class:`~omnimirror.optics.sensor_files.EntryError`, which holds the path of the entry: a file adds
+its line.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...batch.bases import FreeForm
-from ...mirrors.generated import MAPPINGS
-from ...mirrors.generated.table import check_rows
-from ...specs import EntryError, NoFile, did_you_mean
+from ...optics.batch.bases import FreeForm
+from ...optics.mirrors.generated import MAPPINGS
+from ...optics.mirrors.generated.table import check_rows
+from ...optics.sensor_files import EntryError, NoFile, did_you_mean
 from ..construct.families import FAMILIES
 from ..construct.fits import FitForm
 from ..construct.mappings import check_entries

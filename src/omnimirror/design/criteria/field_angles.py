@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter
+from ...optics.sensor import Sensor
 from .requirements import FieldRequirements
 
 Array = NDArray[np.float64]
@@ -97,8 +97,8 @@ def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from omnimirror.housing import CameraBody, Housing
-    >>> from omnimirror.specs import load_sensor
+    >>> from omnimirror.optics.housing import CameraBody, Housing
+    >>> from omnimirror.optics.sensor_files import load_sensor
     >>> sensor = replace(load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
     >>> round(counted_field(FieldRequirements(omega_max_deg=135), sensor).hidden_deg, 2)
     8.43

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...sensor import Sensor
+from ...optics.sensor import Sensor
 
 AZIMUTHS = 7200
 EDGE_PX = 0.02  # past the last pixel is still its edge
@@ -17,7 +17,7 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
     --------
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.imagers import Imager
+    >>> from omnimirror.optics.image_sensor import Imager
     >>> cut_off(replace(om.load_sensor("paper-spherical"), imager=Imager(1024, 576, 5.2)))[0]  # doctest: +ELLIPSIS
     'the rim is on the imager over 38.9% of the azimuths; ...'
     """

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import checked
-from ...lenses import Perspective
-from ...sensor import Sensor, check_sensor
-from ...specs import housing_tables, lens_table
+from ...base.arguments import checked
+from ...optics.lenses import Perspective
+from ...optics.sensor import Sensor, check_sensor
+from ...optics.sensor_files import housing_tables, lens_table
 from .requirement_file import requirements_of
 from .requirements import Requirements
 

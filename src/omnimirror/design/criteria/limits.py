@@ -17,11 +17,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import WrongKind, finite, number, shown
-from ...errors import InvalidParameter
-from ...numerics.registry import Registry
-from ...quantities import QUANTITIES, Quantity
-from ...specs import did_you_mean
+from ...base.arguments import WrongKind, finite, number, shown
+from ...base.errors import InvalidParameter
+from ...base.numerics.registry import Registry
+from ...base.quantities import QUANTITIES, Quantity
+from ...optics.sensor_files import did_you_mean
 from .merits import OF_THE_WHOLE, FieldValues
 from .modulation import contrast
 
@@ -263,7 +263,7 @@ def register_quantity(limitable: Limitable) -> None:
     --------
     >>> import omnimirror as om
     >>> from omnimirror.design import Limitable
-    >>> from omnimirror.quantities import Quantity
+    >>> from omnimirror.base.quantities import Quantity
     >>> density = Quantity("docs_density_px2", "Δs", "px²", "Pixels", "image of one square degree")
     >>> om.register_quantity(Limitable(density, lambda field: (field.dh * field.dw,), "smallest"))
     >>> om.Limit("docs_density_px2", at_least=4.0).of.unit

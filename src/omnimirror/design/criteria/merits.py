@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.evaluation import Evaluation
-from ...batch.optics import FocusedCamera, NodeOptics, light_of
-from ...components.whole import body_mass_g, whole_of
-from ...errors import InvalidParameter
-from ...lenses import FieldLens, Perspective
-from ...quantities import QUANTITIES, Quantity
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter
+from ...base.quantities import QUANTITIES, Quantity
+from ...optics.batch.optics import FocusedCamera, NodeOptics, light_of
+from ...optics.lenses import FieldLens, Perspective
+from ...optics.sensor import Sensor
+from ..catalogue.whole import body_mass_g, whole_of
 
 Array = NDArray[Any]
 

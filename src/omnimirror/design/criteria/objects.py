@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...tracing.meridian import ChiefRays
+from ...optics.tracing.meridian import ChiefRays
 from .ranges import ends
 from .requirements import FieldRequirements
 

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
-from ...arguments import numbers, shown
-from ...errors import InvalidParameter
+from ...base.arguments import numbers, shown
+from ...base.errors import InvalidParameter
 
 Range = float | tuple[float, float]
 """A number, or (low, high) to choose from."""

@@ -10,15 +10,25 @@ from typing import Annotated, Any
 import tomli_w
 from pydantic import Field
 
-from ...arguments import file_name, instance
-from ...components.catalogue import TYPICAL
-from ...errors import SpecError
-from ...files import parse_toml, read_text
-from ...frames import Mount
-from ...imagers import Imager
-from ...mirrors.measured.columns import MAPPING_FILE
-from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, lens_of, table_model, validated
-from ...thermal import Thermal
+from ...base.arguments import file_name, instance
+from ...base.errors import SpecError
+from ...base.files import parse_toml, read_text
+from ...cameras.frames import Mount
+from ...optics.image_sensor import Imager
+from ...optics.mirrors.measured.columns import MAPPING_FILE
+from ...optics.sensor_files import (
+    NoFile,
+    Places,
+    StandTable,
+    Table,
+    check_entries,
+    housing_of,
+    lens_of,
+    table_model,
+    validated,
+)
+from ...optics.thermal import Thermal
+from ..catalogue.catalogue import TYPICAL
 from .limits import LIMITABLE, Limit
 from .requirements import (
     PAPER_IMAGER,

@@ -14,14 +14,23 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_type_hints
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
-from ...arguments import finite, instance
-from ...errors import InvalidParameter
-from ...frames import Mount
-from ...housing import Housing
-from ...imagers import Imager
-from ...lenses import FieldLens
-from ...specs import EntryError, NoFile, Places, Table, did_you_mean, housing_tables, lens_table, validated
-from ...thermal import Thermal
+from ...base.arguments import finite, instance
+from ...base.errors import InvalidParameter
+from ...cameras.frames import Mount
+from ...optics.housing import Housing
+from ...optics.image_sensor import Imager
+from ...optics.lenses import FieldLens
+from ...optics.sensor_files import (
+    EntryError,
+    NoFile,
+    Places,
+    Table,
+    did_you_mean,
+    housing_tables,
+    lens_table,
+    validated,
+)
+from ...optics.thermal import Thermal
 from .consistency import check_consistency
 from .limits import Limit
 from .ranges import Range, between, is_free
@@ -402,7 +411,7 @@ class Requirements:
         """Largest radius of the rim's image that imager and lens allow, px.
 
         >>> import omnimirror as om
-        >>> from omnimirror.imagers import Imager
+        >>> from omnimirror.optics.image_sensor import Imager
         >>> lens = om.LensRequirements(focal_length_mm=4, fills="long-side", image_circle_mm=5.0)
         >>> om.Requirements(
         ...     field=om.FieldRequirements(omega_max_deg=120),

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.optics import DEGREE
-from ...errors import OmnimirrorError
+from ...base.errors import OmnimirrorError
+from ...optics.batch.optics import DEGREE
 from ..criteria.merits import Merit
 from .objective import requirements_of
 from .optimiser import optimise, start

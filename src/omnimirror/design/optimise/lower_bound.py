@@ -22,12 +22,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, choice, distances, image_radius
-from ...batch.optics import PerspectiveCamera, TelecentricCamera
-from ...errors import InvalidParameter
-from ...lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
-from ...numerics.roots import sign_change
-from ...sensor import Sensor
+from ...base.arguments import checked, choice, distances, image_radius
+from ...base.errors import InvalidParameter
+from ...base.numerics.roots import sign_change
+from ...optics.batch.optics import PerspectiveCamera, TelecentricCamera
+from ...optics.lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
+from ...optics.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.bases import Basis
-from ...numerics.lazy import cached_property
-from ...numerics.minimax import ObjectiveValues, Rows
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.minimax import ObjectiveValues, Rows
+from ...optics.batch.bases import Basis
 from ..criteria.merits import FieldValues, Merit
 from ..criteria.ranges import ends
 from .variables import DesignSpace, State

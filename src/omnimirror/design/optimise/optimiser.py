@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter, OmnimirrorError
-from ...files import LARGEST_TEXT, json_plain, parse_json, read_bytes, write_text
-from ...imagers import Imager
-from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
-from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum, minimise_mean, solve_minimax
-from ...sensor import Sensor
-from ...specs import NoFile, housing_of, housing_tables, lens_of, lens_table
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.files import LARGEST_TEXT, json_plain, parse_json, read_bytes, write_text
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.minimax import Minimum, minimise_mean, solve_minimax
+from ...optics.image_sensor import Imager
+from ...optics.mirrors import Equidistant, Mirror, SlopeSpline, Sphere
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import NoFile, housing_of, housing_tables, lens_of, lens_table
 from ..criteria.limits import Limit
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
@@ -350,7 +350,7 @@ def described(problem: DesignProblem) -> dict[str, Any]:
 def problem_from(data: dict[str, Any]) -> DesignProblem:
     """The problem that :func:`described` wrote.
 
-    >>> from omnimirror.housing import CameraBody, Housing
+    >>> from omnimirror.optics.housing import CameraBody, Housing
     >>> limits, housing = (Limit("total_blur_px", 4.0),), Housing(CameraBody(30.0))
     >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=limits, housing=housing)
     >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
@@ -364,7 +364,7 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
 
 
 def _read(value: Any) -> Any:
-    """What :func:`~omnimirror.files.json_plain` made, with lists as tuples."""
+    """What :func:`~omnimirror.base.files.json_plain` made, with lists as tuples."""
     if isinstance(value, dict):
         return {k: _read(v) for k, v in value.items()}
     if isinstance(value, list):

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...arguments import choice, image_radius
-from ...batch.bases import family
-from ...errors import InvalidParameter
-from ...housing import Housing
-from ...imagers import Imager
-from ...lenses import BLUR_MODES, BlurMode, FieldLens
+from ...base.arguments import choice, image_radius
+from ...base.errors import InvalidParameter
+from ...optics.batch.bases import family
+from ...optics.housing import Housing
+from ...optics.image_sensor import Imager
+from ...optics.lenses import BLUR_MODES, BlurMode, FieldLens
 from ..criteria.limits import Limit
 from ..criteria.ranges import Range, ends
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ...analysis.evaluation import evaluate
 from ...analysis.meridional.focus import best_focus
-from ...errors import OmnimirrorError
-from ...sensor import Sensor
-from ...specs import load_sensor
+from ...base.errors import OmnimirrorError
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import load_sensor
 from ..construct.families import FAMILIES
 from ..construct.mappings import generated_mirror
 from ..construct.rim import MountedMirror, RimRay

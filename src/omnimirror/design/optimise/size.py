@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.built import walls_of
-from ...components.whole import density_of, gauss_nodes
-from ...housing import Rim
+from ...optics.batch.built import walls_of
+from ...optics.housing import Rim
+from ..catalogue.whole import density_of, gauss_nodes
 from ..criteria.merits import FieldValues
 
 if TYPE_CHECKING:

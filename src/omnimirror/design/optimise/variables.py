@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.bases import Basis, Family, family
-from ...batch.built import RealCamera, aim_of, built_optics, walls_of
-from ...batch.evaluate import BatchEvaluation, Designs, evaluate_designs
-from ...batch.lens_tables import LensTables, focus_powers, tables_of
-from ...batch.optics import DEGREE, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
-from ...housing import Housing, Tube
-from ...mirrors.conics import conic_profile
-from ...numerics.lazy import cached_property
-from ...sensor import Sensor
-from ...tracing.covers import Pencil, through_sides
-from ...tracing.obscuration import disc_clearance
+from ...base.numerics.lazy import cached_property
+from ...optics.batch.bases import Basis, Family, family
+from ...optics.batch.built import RealCamera, aim_of, built_optics, walls_of
+from ...optics.batch.evaluate import BatchEvaluation, Designs, evaluate_designs
+from ...optics.batch.lens_tables import LensTables, focus_powers, tables_of
+from ...optics.batch.optics import DEGREE, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
+from ...optics.housing import Housing, Tube
+from ...optics.mirrors.conics import conic_profile
+from ...optics.sensor import Sensor
+from ...optics.tracing.covers import Pencil, through_sides
+from ...optics.tracing.obscuration import disc_clearance
 from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ...components.catalogue import BallComponent, LensComponent
-from ...components.selection import rings_for
-from ...components.whole import mass_g, whole_of
-from ...errors import InvalidParameter, OmnimirrorError
-from ...files import json_plain
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.files import json_plain
+from ...optics.sensor import Sensor
+from ..catalogue.catalogue import BallComponent, LensComponent
+from ..catalogue.selection import rings_for
+from ..catalogue.whole import mass_g, whole_of
 from ..criteria.field_angles import counted_field
 from ..criteria.ranges import ends, is_free
 from ..criteria.requirements import PartsRequirements, Requirements

@@ -17,8 +17,12 @@ from itertools import product
 
 import numpy as np
 
-from ...arguments import shown
-from ...components.catalogue import (
+from ...base.arguments import shown
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...optics.housing.walls import Dome
+from ...optics.image_sensor import Imager
+from ..catalogue.catalogue import (
     BallComponent,
     Catalogue,
     Component,
@@ -29,11 +33,7 @@ from ...components.catalogue import (
     TelecentricComponent,
     mounts_fit,
 )
-from ...components.whole import price
-from ...errors import InvalidParameter
-from ...housing.walls import Dome
-from ...imagers import Imager
-from ...numerics.lazy import cached_property
+from ..catalogue.whole import price
 from ..criteria.limits import Limit
 from ..criteria.modulation import contrast
 from ..criteria.ranges import Range, ends, ends_or_none

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import checked, instance, whole
-from ...components.catalogue import Catalogue, read_catalogue
-from ...errors import InvalidParameter
-from ...files import json_plain
+from ...base.arguments import checked, instance, whole
+from ...base.errors import InvalidParameter
+from ...base.files import json_plain
+from ..catalogue.catalogue import Catalogue, read_catalogue
 from ..criteria.requirements import Requirements
 from .bought import BLURRED, BoughtDesign, check_free, design_bought
 from .combinations import PartsCombination, combinations_of, cut

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...components.catalogue import ImagerComponent, read_catalogue
-from ...errors import OmnimirrorError
-from ...imagers import Imager
-from ...mirrors.generated import MAPPINGS
+from ...base.errors import OmnimirrorError
+from ...optics.image_sensor import Imager
+from ...optics.mirrors.generated import MAPPINGS
+from ..catalogue.catalogue import ImagerComponent, read_catalogue
 from ..construct.families import FAMILIES
 from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.requirements import Requirements

@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...lenses import Lens, Orthographic, Perspective
-from ...mirrors.generated.base import Mapped
-from ...mirrors.generated.finite import FiniteMapping
-from ...sensor import Sensor
-from ...tracing.meridian import Meridian
+from ...optics.lenses import Lens, Orthographic, Perspective
+from ...optics.mirrors.generated.base import Mapped
+from ...optics.mirrors.generated.finite import FiniteMapping
+from ...optics.sensor import Sensor
+from ...optics.tracing.meridian import Meridian
 from ..construct.built import LensAndCover, departure
 from ..construct.families import FAMILIES
 from ..construct.fits import fit_mirror

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...arguments import check_fields, checked, instance, whole
-from ...files import json_plain
-from ...lenses import BlurMode
-from ...sensor import Sensor
+from ...base.arguments import check_fields, checked, instance, whole
+from ...base.files import json_plain
+from ...optics.lenses import BlurMode
+from ...optics.sensor import Sensor
 from ..criteria.requirements import Requirements
 from ..optimise.optimiser import Optimum, Progress
 from . import freeform, range_search

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.best_focus import RealAreas
-from ...batch.built import RealCamera, aim_of, built_optics, walls_around
-from ...batch.lens_tables import NEAREST, LensTables, tables_of
-from ...batch.optics import NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
-from ...lenses import FieldLens, Lens, Perspective
-from ...numerics.lazy import cached_property
-from ...sensor import Sensor
+from ...base.numerics.lazy import cached_property
+from ...optics.batch.best_focus import RealAreas
+from ...optics.batch.built import RealCamera, aim_of, built_optics, walls_around
+from ...optics.batch.lens_tables import NEAREST, LensTables, tables_of
+from ...optics.batch.optics import NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
+from ...optics.lenses import FieldLens, Lens, Perspective
+from ...optics.sensor import Sensor
 from ..criteria.field_angles import counted_field
 from ..criteria.limits import Limit
 from ..criteria.merits import OF_THE_WHOLE, FieldValues, values_at, with_whole

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.bases import FreeForm
-from ...lenses import BlurMode, GaussianLens
-from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum
-from ...sensor import Sensor
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.minimax import Minimum
+from ...optics.batch.bases import FreeForm
+from ...optics.lenses import BlurMode, GaussianLens
+from ...optics.sensor import Sensor
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
 from ..criteria.requirements import OF_OPTICS, Requirements

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, file_name, instance
-from ...errors import InvalidParameter, OmnimirrorError
-from ...files import check_file, parse_json, replacing
-from ...lenses import BlurMode
-from ...sensor import Sensor
+from ...base.arguments import checked, file_name, instance
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.files import check_file, parse_json, replacing
+from ...optics.lenses import BlurMode
+from ...optics.sensor import Sensor
 from ..criteria.merits import merit_named
 from ..criteria.requirement_file import requirements_of
 from ..criteria.requirements import UNNAMED, Requirements

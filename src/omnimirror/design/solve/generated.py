@@ -1,7 +1,8 @@
 """The designs with a mirror of a mapping or a family: the numbers of the requirements, and the focus.
 
 Free numbers, numbers that were given but may give, and the focus are the coordinates; a sequence of linear programmes
-(:mod:`omnimirror.numerics.minimax`) makes what it is asked to as small as can be. Lengths, angles and F-numbers count
+(:mod:`omnimirror.base.numerics.minimax`) makes what it is asked to as small as can be. Lengths, angles and F-numbers
+count
 by their logarithms, so that steps of .1 are all of one size. Mirrors are taken as they are before they are fitted; what
 a fit adds at some point is taken for the same at all others.
 """
@@ -14,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import OmnimirrorError
-from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum, ObjectiveValues, Rows, solve_minimax
-from ...sensor import Sensor
+from ...base.errors import OmnimirrorError
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.minimax import Minimum, ObjectiveValues, Rows, solve_minimax
+from ...optics.sensor import Sensor
 from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import OF_OPTICS, Requirements
 from ..optimise.objective import IMAGE, Key, Slack

@@ -6,7 +6,7 @@ none where one cannot be met whatever the others give: those beside it are then 
 
 from __future__ import annotations
 
-from ...errors import OmnimirrorError
+from ...base.errors import OmnimirrorError
 from ..optimise.objective import Key, Slack
 from .space import Point, Say, Space
 from .verdict import Verdict

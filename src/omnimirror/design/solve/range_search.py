@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import OmnimirrorError
-from ...lenses import GaussianLens
-from ...numerics.lazy import cached_property
+from ...base.errors import OmnimirrorError
+from ...base.numerics.lazy import cached_property
+from ...optics.lenses import GaussianLens
 from ..criteria.field_angles import counted_field
 from ..criteria.ranges import is_free
 from ..criteria.requirements import Requirements

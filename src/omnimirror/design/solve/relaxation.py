@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import OmnimirrorError
+from ...base.errors import OmnimirrorError
 from ..criteria.limits import Limit
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE, Key, Slack

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from ...sensor import Sensor
+from ...optics.sensor import Sensor
 from ..criteria.requirements import Requirements
 from ..optimise.objective import Key, Slack
 from ..optimise.optimiser import Optimum

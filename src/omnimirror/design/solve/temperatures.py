@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...analysis.temperature import at_temperature
-from ...arguments import checked
-from ...errors import InvalidParameter, OmnimirrorError
-from ...sensor import Sensor
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...optics.sensor import Sensor
 from ..criteria.requirements import Requirements
 from .verdict import judge
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.temperature import at_temperature
-from ...arguments import instance, whole
-from ...errors import InvalidParameter
-from ...files import json_plain
-from ...lenses import GaussianLens
-from ...sensor import Sensor, check_sensor
+from ...base.arguments import instance, whole
+from ...base.errors import InvalidParameter
+from ...base.files import json_plain
+from ...optics.lenses import GaussianLens
+from ...optics.sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
 from ..criteria.image_circle import cut_off
 from ..criteria.limits import SHARED, Limit, told_part

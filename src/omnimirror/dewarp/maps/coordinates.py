@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import AxialSymmetry, Camera
-from ...frames import pan_tilt_direction
+from ...cameras.camera import AxialSymmetry, Camera
+from ...cameras.frames import pan_tilt_direction
 from ..camera_field import is_vertical
 from ..screens import Panorama, Screen, View, parts_of
 from ..screens.base import pixels_of_rows

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import inside_image
+from ...cameras.camera import inside_image
 
 Floats = NDArray[Any]
 Offset = tuple[float, float]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import backend
-from ...numerics.lazy import cached_property
+from ...base.native import backend
+from ...base.numerics.lazy import cached_property
 from ..contracts import Annulus, Averages, Interpolation, Map, RemapJob
 from ..sampling.footprints import RULES, Footprints, squared_sides_of_nodes
 from .halving import Offset, half, halved_pixels

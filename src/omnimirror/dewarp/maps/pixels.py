@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import PackedMap, backend
-from ...numerics.lazy import cached_property
+from ...base.native import PackedMap, backend
+from ...base.numerics.lazy import cached_property
 from ..contracts import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
 from ..sampling.checks import adjoining, check_pixels
 from ..sampling.footprints import CELL_PX, RULES, Footprints, squared_sides_of_pixels

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import inside_image
-from ...native import backend
-from ...numerics.lazy import cached_property
+from ...base.native import backend
+from ...base.numerics.lazy import cached_property
+from ...cameras.camera import inside_image
 from ..contracts import Annulus, Averages, Interpolation, Map, RemapJob
 from ..sampling.footprints import CELL_PX, RULES, Footprints, squared_sides_of_circles
 from .halving import Offset, half, pairs

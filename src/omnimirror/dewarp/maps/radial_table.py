@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import AxialSymmetry, Camera, Mask, inside_image
-from ...frames import turned
-from ...native import AxialCamera, backend, kernel_array
-from ...numerics.lazy import cached_property
+from ...base.native import AxialCamera, backend, kernel_array
+from ...base.numerics.lazy import cached_property
+from ...cameras.camera import AxialSymmetry, Camera, Mask, inside_image
+from ...cameras.frames import turned
 
 Array = NDArray[np.float64]
 

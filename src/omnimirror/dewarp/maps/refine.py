@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import Mask
+from ...cameras.camera import Mask
 from .lattice import LatticeMap
 
 Array = NDArray[np.float64]

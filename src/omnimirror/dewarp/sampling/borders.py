@@ -7,9 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...arguments import shown
-from ...errors import InvalidParameter
-from ...media.pictures.images import FULL
+from ...base.arguments import shown
+from ...base.errors import InvalidParameter
+from ...io.pictures.images import FULL
 from ..contracts import Border, Image
 
 LARGEST_VALUE = 1e30  # of a colour

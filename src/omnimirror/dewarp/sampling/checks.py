@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arguments import instance
-from ...errors import InvalidParameter
-from ...media.pictures.images import FULL
+from ...base.arguments import instance
+from ...base.errors import InvalidParameter
+from ...io.pictures.images import FULL
 from ..contracts import INTERPOLATIONS, Image, Pixels
 
 DEPTHS = frozenset(np.dtype(name) for name in FULL) | {np.dtype(name).newbyteorder() for name in FULL}

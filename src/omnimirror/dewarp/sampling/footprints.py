@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import backend
-from ...numerics.lazy import cached_property
+from ...base.native import backend
+from ...base.numerics.lazy import cached_property
 from ..contracts import Annulus, Averages, Interpolation
 
 SquaredSides = NDArray[np.float32]

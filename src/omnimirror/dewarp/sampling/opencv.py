@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import Mask, inside_image
+from ...cameras.camera import Mask, inside_image
 from ..contracts import Annulus, Averages, Image, Pixels, RemapJob
 from .footprints import JUMP2, JUMP2_PX
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InvalidParameter
-from ...native import backend
+from ...base.errors import InvalidParameter
+from ...base.native import backend
 from ..contracts import KERNELS, Border, Image, Interpolation, Map, RemapJob, Sampler
 from .borders import border_values
 from .checks import MOST_VALUES, adjoining, adjoins, check_interpolation, check_kind, check_largest, checked_out

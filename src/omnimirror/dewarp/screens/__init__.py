@@ -1,6 +1,6 @@
 """Screens: what every pixel of a straightened picture looks at.
 
-Screens are drawn as seen from inside or from above, in the world frame of :mod:`omnimirror.frames`;
+Screens are drawn as seen from inside or from above, in the world frame of :mod:`omnimirror.cameras.frames`;
 none of them knows which way round the raw picture is. Each shape stands at ``distance_mm`` from its
 centre, infinitely far unless said otherwise, and at a finite distance ``offset_mm`` moves it.
 """

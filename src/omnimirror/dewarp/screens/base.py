@@ -9,8 +9,8 @@ from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import checked, number, numbers, shown
-from ...errors import InvalidParameter
+from ...base.arguments import checked, number, numbers, shown
+from ...base.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 Offset = tuple[float, float, float]

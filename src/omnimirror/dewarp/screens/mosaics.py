@@ -9,8 +9,8 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from ...arguments import check_fields, checked
-from ...errors import InvalidParameter
+from ...base.arguments import check_fields, checked
+from ...base.errors import InvalidParameter
 from .base import NOT_MOVED, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_words
 from .planes import Plane
 

@@ -9,9 +9,9 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import checked, number, numbers, places
-from ...errors import InvalidParameter
-from ...frames import pan_tilt_direction
+from ...base.arguments import checked, number, numbers, places
+from ...base.errors import InvalidParameter
+from ...cameras.frames import pan_tilt_direction
 from .base import (
     NOT_MOVED,
     Array,

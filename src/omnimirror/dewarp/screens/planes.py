@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import checked, places
-from ...errors import InvalidParameter
-from ...frames import view_axes
+from ...base.arguments import checked, places
+from ...base.errors import InvalidParameter
+from ...cameras.frames import view_axes
 from .base import (
     NOT_MOVED,
     Array,

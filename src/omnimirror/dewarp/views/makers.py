@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arguments import checked
-from ...cameras import Camera
-from ...errors import InvalidParameter
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter
+from ...cameras.camera import Camera
 from ..camera_field import field_of, pole_of
 from ..screens import (
     CubeMap,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from ...arguments import WrongKind, shown
-from ...numerics.registry import Registry
+from ...base.arguments import WrongKind, shown
+from ...base.numerics.registry import Registry
 from ..screens import (
     View,
 )

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arguments import checked
-from ...errors import InvalidParameter
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter
 from ..screens import (
     Cylinder,
     Plane,

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arguments import WrongKind, checked, number, shown
-from ...cameras import Camera
-from ...errors import InvalidParameter
+from ...base.arguments import WrongKind, checked, number, shown
+from ...base.errors import InvalidParameter
+from ...cameras.camera import Camera
 from ..camera_field import FieldOfView
 from ..maps.coordinates import rows_of_pixels
 from ..screens import (

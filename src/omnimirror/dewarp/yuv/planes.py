@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ...errors import InvalidParameter
+from ...base.errors import InvalidParameter
 from ..contracts import Border, Image
 from ..maps.halving import half
 

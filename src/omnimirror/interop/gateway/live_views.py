@@ -15,18 +15,18 @@ from typing import Any
 import av
 import numpy as np
 
-from ...cameras import Camera
+from ...base.errors import InvalidParameter, OmnimirrorError, OutsideField
+from ...base.native import usable_cores
+from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp.contracts import Interpolation
 from ...dewarp.frames import dewarp_frame
 from ...dewarp.screens import Plane, View
 from ...dewarp.views import largest_zoom, resolution
 from ...dewarp.yuv.planes import Siting
-from ...errors import InvalidParameter, OmnimirrorError, OutsideField
-from ...media.live.playing import Playing
-from ...media.live.sources import TICKS, named
-from ...media.video.frames import planar
-from ...native import usable_cores
+from ...io.live.playing import Playing
+from ...io.live.sources import TICKS, named
+from ...io.video.frames import planar
 from ..named_views import NamedView
 from .publishing import publish_stream
 from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput

@@ -16,10 +16,10 @@ from typing import BinaryIO
 
 import av
 
-from ...errors import MediaError
-from ...media.live.outputs import stream_format
-from ...media.live.sources import LOW_DELAY, named
-from ...media.video.encoder import sentences
+from ...base.errors import MediaError
+from ...io.live.outputs import stream_format
+from ...io.live.sources import LOW_DELAY, named
+from ...io.video.encoder import sentences
 from .stream_outputs import TransportOutput
 
 MIN_DELAY_S, MAX_DELAY_S = 0.5, 30.0

@@ -21,9 +21,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ... import __version__
-from ...arguments import shown
-from ...errors import InvalidParameter, OmnimirrorError
-from ...escaping import html_text
+from ...base.arguments import shown
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.escaping import html_text
 from ..http_server.auth import AccessGuard
 from ..http_server.limits import RequestLimits
 from ..http_server.request_bodies import reject_invalid_bodies, validation_message

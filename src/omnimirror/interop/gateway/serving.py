@@ -7,13 +7,13 @@ import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ...arguments import checked
-from ...cameras import Camera
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter, MediaError
+from ...cameras.camera import Camera
 from ...dewarp.contracts import Interpolation
-from ...errors import InvalidParameter, MediaError
-from ...media.live.outputs import stream_format
-from ...media.live.playing import size_of
-from ...straighten import is_video
+from ...dewarp.pipelines import is_video
+from ...io.live.outputs import stream_format
+from ...io.live.playing import size_of
 from ..http_server.auth import is_loopback
 from ..http_server.server import listen, run_server, server_addresses
 from ..named_views import NamedView
@@ -84,7 +84,7 @@ def serve_views(
     >>> om.serve_views("missing.mp4", views, camera=om.load_sensor("paper-spherical"))
     Traceback (most recent call last):
     ...
-    omnimirror.errors.MediaError: source must be a camera, stream or video file; got missing.mp4
+    omnimirror.base.errors.MediaError: source must be a camera, stream or video file; got missing.mp4
     """
     is_file = Path(source).is_file()
     check_source(source)

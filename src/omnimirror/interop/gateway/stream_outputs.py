@@ -16,9 +16,9 @@ from typing import Generic, NamedTuple, TypeVar
 
 import av
 
-from ...media.live.sources import TICKS
-from ...media.video.encoder import Encoder
-from ...media.video.frames import FULL_RANGE, Colour, converted
+from ...io.live.sources import TICKS
+from ...io.video.encoder import Encoder
+from ...io.video.frames import FULL_RANGE, Colour, converted
 
 Item = TypeVar("Item")
 

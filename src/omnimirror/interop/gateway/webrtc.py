@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import av
 
-from ...errors import InvalidParameter, OmnimirrorError
+from ...base.errors import InvalidParameter, OmnimirrorError
 from .live_views import LiveView
 
 MAX_PEERS = 8

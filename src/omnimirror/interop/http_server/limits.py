@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ...errors import OmnimirrorError
+from ...base.errors import OmnimirrorError
 
 T = TypeVar("T")
 

@@ -18,9 +18,9 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 from starlette.websockets import WebSocketDisconnect
 
-from ...arguments import shown
-from ...errors import InvalidParameter
-from ...files import MOST_NESTED
+from ...base.arguments import shown
+from ...base.errors import InvalidParameter
+from ...base.files import MOST_NESTED
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -44,7 +44,7 @@ def parse_body(data: bytes | str) -> Any:
     InvalidMessage
         If the body is not JSON in UTF-8, or contains a non-finite number, an integer beyond 64
         bits, a lone surrogate, a duplicate name, or more than
-        :data:`~omnimirror.files.MOST_NESTED` nested levels.
+        :data:`~omnimirror.base.files.MOST_NESTED` nested levels.
 
     Examples
     --------

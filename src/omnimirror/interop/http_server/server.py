@@ -19,7 +19,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from ...errors import OmnimirrorError
+from ...base.errors import OmnimirrorError
 from .auth import is_loopback
 from .limits import MAX_MESSAGE_BYTES
 

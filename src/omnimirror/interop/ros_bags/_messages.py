@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...cameras import Camera
-from ...errors import MediaError
-from ...frames import Mount
-from ...media.pictures.images import decoded, encoded
-from ...sensor import Sensor
+from ...base.errors import MediaError
+from ...cameras.camera import Camera
+from ...cameras.frames import Mount
+from ...io.pictures.images import decoded, encoded
+from ...optics.sensor import Sensor
 from ..pinholes import EquivalentPinhole
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ...errors import MediaError, OmnimirrorError
-from ...files import MARK, check_file, compose_yaml, read_text
+from ...base.errors import MediaError, OmnimirrorError
+from ...base.files import MARK, check_file, compose_yaml, read_text
 
 STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
 """Storage plug-ins of single files by suffix."""

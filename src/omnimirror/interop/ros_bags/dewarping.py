@@ -8,19 +8,19 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from ...arguments import checked, file_name
-from ...cameras import Camera
+from ...base.arguments import checked, file_name
+from ...base.errors import InvalidParameter, MediaError
+from ...base.files import is_same_file
+from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp import views as view_functions
 from ...dewarp.contracts import Interpolation
+from ...dewarp.pipelines import Straightening
+from ...dewarp.pipelines.border import AskedBorder, BorderColour
+from ...dewarp.pipelines.request import Size
 from ...dewarp.screens import Plane, View
-from ...errors import InvalidParameter, MediaError
-from ...files import is_same_file
-from ...media import interrupts
-from ...media.progress import FrameProgress, Meter
-from ...straighten import Straightening
-from ...straighten.border import AskedBorder, BorderColour
-from ...straighten.request import Size
+from ...io import interrupts
+from ...io.progress import FrameProgress, Meter
 from ..named_views import check_view_name
 from ..pinholes import EquivalentPinhole, equivalent_pinhole
 from ._messages import (
@@ -156,7 +156,7 @@ def dewarp_bag(
     >>> om.dewarp_bag("missing.mcap", "views.mcap", camera=om.load_sensor("paper-spherical"))
     Traceback (most recent call last):
     ...
-    omnimirror.errors.MediaError: cannot read missing.mcap: no such file or folder
+    omnimirror.base.errors.MediaError: cannot read missing.mcap: no such file or folder
     """
     colour = None if border is None else BorderColour.of(border)
     dewarping = Straightening(camera, interpolation=interpolation, border=colour, keep_lean=keep_lean)

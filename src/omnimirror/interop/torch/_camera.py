@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arguments import choice, instance, shown
+from ...base.arguments import choice, instance, shown
+from ...base.errors import InvalidParameter
 from ...dewarp.screens import Screen
-from ...errors import InvalidParameter
 from ._library import Tensor, torch
 
 CPU_CHUNK_RAYS = 1 << 16

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ...arguments import instance, shown
-from ...calibrate.physical.names import place_of, value_of
-from ...calibrate.physical.tolerances import free_names
-from ...cameras import Camera
-from ...errors import InvalidParameter
-from ...lenses import Orthographic, Perspective
-from ...sensor import Sensor
+from ...base.arguments import instance, shown
+from ...base.errors import InvalidParameter
+from ...calibration.physical.names import place_of, value_of
+from ...calibration.physical.tolerances import free_names
+from ...cameras.camera import Camera
+from ...optics.lenses import Orthographic, Perspective
+from ...optics.sensor import Sensor
 from ._camera import TorchCamera, supported_dtypes
 from ._library import torch
 from ._mirror_camera import MirrorCamera

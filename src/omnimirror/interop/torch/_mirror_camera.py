@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...calibrate.physical.names import DISTANCE, place_of
-from ...sensor import Sensor
+from ...calibration.physical.names import DISTANCE, place_of
+from ...optics.sensor import Sensor
 from ._camera import TorchCamera, TorchProjection, TorchRays, chunk_slices
 from ._library import Tensor, torch
 from ._parameters import Components, SensorParameters, float_value
@@ -164,7 +164,7 @@ def _rotate(xyz: Components, rows: Sequence[Sequence[float]]) -> Components:
     return x, y, z
 
 
-# -- lens distortion (Brown), see omnimirror.lenses.distortion -----------------------------------
+# -- lens distortion (Brown), see omnimirror.optics.lenses.distortion -----------------------------------
 
 MAX_ITERATIONS = 20
 UNREACHABLE_TANGENT = 1e6

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibrate.physical.names import place_of, value_of
-from ...cameras import Camera
-from ...sensor import Sensor
+from ...calibration.physical.names import place_of, value_of
+from ...cameras.camera import Camera
+from ...optics.sensor import Sensor
 from ._camera import TorchCamera, TorchProjection, TorchRays
 from ._library import Tensor, torch
 from ._parameters import SensorParameters

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ...calibrate.physical.names import DISTANCE, changed, place_of, value_of
-from ...lenses import Orthographic
-from ...sensor import Sensor
+from ...calibration.physical.names import DISTANCE, changed, place_of, value_of
+from ...optics.lenses import Orthographic
+from ...optics.sensor import Sensor
 from ._library import Tensor, torch
 
 Components = tuple[Tensor, Tensor, Tensor]

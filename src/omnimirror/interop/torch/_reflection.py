@@ -5,7 +5,7 @@ by q as a constant, the step q - J^-1 F(q, p) does not move q and has the deriva
 the implicit function theorem. Gradients are therefore exact, at the cost of one step. Along a ray
 from the lens, F is the distance of a point from the surface. For a point in the world, F is the
 gradient of the optical path length on the surface (Fermat; see
-:mod:`omnimirror.tracing.reflection`).
+:mod:`omnimirror.optics.tracing.reflection`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...mirrors import Mirror
-from ...tracing.reflection import (
+from ...optics.mirrors import Mirror
+from ...optics.tracing.reflection import (
     CELLS,
     LONGEST_STEP,
     REFLECTS,
@@ -26,7 +26,7 @@ from ...tracing.reflection import (
     MirrorTables,
     specular_points,
 )
-from ...tracing.reflection.beginning import FIRST_CLOSE, FIRST_STEPS, REACH, SEARCH, STEPS
+from ...optics.tracing.reflection.beginning import FIRST_CLOSE, FIRST_STEPS, REACH, SEARCH, STEPS
 from ._library import Tensor, torch
 from ._parameters import Components
 from ._tables import (

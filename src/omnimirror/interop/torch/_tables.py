@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibrate.physical.names import NamedNumber
-from ...calibrate.physical.shape_rates import profile_rates
-from ...mirrors import Mirror
-from ...native import backend
-from ...tracing.reflection import CELLS, MirrorTables, cubic_pieces, radii
-from ...tracing.reflection.beginning import NOT_SETTLED, SEEN, SETTLED, Search
+from ...base.native import backend
+from ...calibration.physical.names import NamedNumber
+from ...calibration.physical.shape_rates import profile_rates
+from ...optics.mirrors import Mirror
+from ...optics.tracing.reflection import CELLS, MirrorTables, cubic_pieces, radii
+from ...optics.tracing.reflection.beginning import NOT_SETTLED, SEEN, SETTLED, Search
 from ._library import Tensor, torch
 
 Array = NDArray[np.float64]

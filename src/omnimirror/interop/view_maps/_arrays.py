@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...media.pictures.exr import write_exr
+from ...base.errors import InvalidParameter
+from ...io.pictures.exr import write_exr
 from ..export_formats import Deviation, ExportFormat
 from ._spline_grid import spline_grid
 from ._view_map import ViewMap, check_16_bit_size

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...escaping import python_string
+from ...base.escaping import python_string
 from ..export_formats import (
     Deviation,
     ExportFormat,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ...cameras import Camera
+from ...cameras.camera import Camera
 from ...dewarp.screens import Screen, View, parts_of
 from ...dewarp.viewpoints import Viewpoint, centre_of_projection
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...escaping import c_string, gstreamer_comment, shell_word
-from ...media import write_image
+from ...base.errors import InvalidParameter
+from ...base.escaping import c_string, gstreamer_comment, shell_word
+from ...io import write_image
 from ..export_formats import Deviation, ExportFormat, SourceCode, fill_template, write_script
 from ._spline_grid import SplineGrid, finest_grid, join_lines, run_table
 from ._view_map import ViewMap, check_16_bit_size

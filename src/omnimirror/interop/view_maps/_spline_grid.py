@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import factorized
 
-from ...errors import InvalidParameter
+from ...base.errors import InvalidParameter
 from ..export_formats import SourceCode
 
 Array = NDArray[np.float64]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance
-from ...cameras import Camera
+from ...base.arguments import instance
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
-from ...errors import InvalidParameter
-from ...numerics.lazy import cached_property
 from ._inverse_mapping import view_pixels
 
 Array = NDArray[np.float64]

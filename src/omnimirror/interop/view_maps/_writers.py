@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...arguments import checked
-from ...cameras import Camera
+from ...base.arguments import checked
+from ...cameras.camera import Camera
 from ...dewarp.screens import View
 from ...dewarp.viewpoints import Viewpoint
 from ..export_formats import ExportedFiles, ExportFormats, format_registry, write_formats

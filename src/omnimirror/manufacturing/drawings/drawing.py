@@ -10,10 +10,10 @@ from pathlib import Path
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from ...errors import InvalidParameter
-from ...figures.style import render, styled
-from ...housing import Housing
-from ...sensor import Sensor
+from ...analysis.figures.style import render, styled
+from ...base.errors import InvalidParameter
+from ...optics.housing import Housing
+from ...optics.sensor import Sensor
 from ..body import Body, Part, parts_of, with_housing
 from ..workshop import PartSpecification, TitleBlock, Workshop
 from .mirror_view import draw_mirror

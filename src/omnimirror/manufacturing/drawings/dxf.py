@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from ...escaping import dxf_mtext, dxf_text
-from ...mirrors import Mirror
+from ...base.escaping import dxf_mtext, dxf_text
+from ...optics.mirrors import Mirror
 from ..body import Body, Part
 from ..surface_approximation import ProfileCurve, chords, conic_parameters, profile_curve
 from ..workshop import PartSpecification, Workshop
@@ -227,7 +227,7 @@ def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name
 def surface_words(mirror: Mirror) -> list[str]:
     """Describe a surface line by line: type, vertex radius and conic constant.
 
-    >>> from omnimirror.mirrors import Cone
+    >>> from omnimirror.optics.mirrors import Cone
     >>> surface_words(Cone(45.0, 20.0))
     ['Surface: cone, 45 deg from the plane across the axis']
     """

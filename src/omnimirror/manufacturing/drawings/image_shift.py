@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...sensor import Sensor
-from ...tracing.meridian import ChiefRays
+from ...optics.sensor import Sensor
+from ...optics.tracing.meridian import ChiefRays
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mirrors import Mirror
+from ...optics.mirrors import Mirror
 from ..body import Body
 from ..surface_approximation import chords, conic_parameters, is_straight
 from ..workshop import PartSpecification

@@ -9,11 +9,11 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...figures.style import PALETTE
-from ...housing import Dome, FlatWindow, Housing, Rod, Tube, wall_words
-from ...lenses import GaussianLens
-from ...sensor import Sensor
-from ...tracing.meridian import ChiefRays
+from ...analysis.figures.style import PALETTE
+from ...optics.housing import Dome, FlatWindow, Housing, Rod, Tube, wall_words
+from ...optics.lenses import GaussianLens
+from ...optics.sensor import Sensor
+from ...optics.tracing.meridian import ChiefRays
 from ..body import Body
 from .mirror_view import length_words, plus_minus, section_outline
 from .sheet import (

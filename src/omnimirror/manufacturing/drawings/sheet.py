@@ -21,9 +21,9 @@ from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike, NDArray
 
 from ... import __version__
-from ...errors import InvalidParameter
-from ...escaping import label
-from ...figures.style import INK
+from ...analysis.figures.style import INK
+from ...base.errors import InvalidParameter
+from ...base.escaping import label
 from ..workshop import TitleBlock
 
 Array = NDArray[np.float64]

@@ -11,11 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...housing import Dome, Tube
-from ...lenses import GaussianLens, Orthographic
-from ...mirrors import Mirror
-from ...sensor import Sensor
-from ...tracing.walls import passage
+from ...optics.housing import Dome, Tube
+from ...optics.lenses import GaussianLens, Orthographic
+from ...optics.mirrors import Mirror
+from ...optics.sensor import Sensor
+from ...optics.tracing.walls import passage
 from ..body import Part, omega_of
 from ..formats.sag import format_table, table_points
 from ..surface_approximation import best_fit_sphere, conic_parameters

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...mirrors import Mirror
+from ...base.errors import InvalidParameter
+from ...optics.mirrors import Mirror
 from ..body import Body
 from ..surface_approximation import chords, deviation_um
 
@@ -32,7 +32,7 @@ def mesh_of(mirror: Mirror, body: Body, tolerance_um: float = 10.0) -> tuple[Arr
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> vertices, triangles = mesh_of(Sphere(50.0, 40.0), Body(), tolerance_um=100)
     >>> len(triangles) == 2 * len(vertices) - 4  # Euler characteristic of a closed surface of genus 0
     True

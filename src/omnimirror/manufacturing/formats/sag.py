@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import __version__
-from ...errors import InvalidParameter
-from ...escaping import csv_comment, toml_string
-from ...mirrors import Mirror
-from ...mirrors.base import sagittal_radius, tangential_radius
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter
+from ...base.escaping import csv_comment, toml_string
+from ...optics.mirrors import Mirror
+from ...optics.mirrors.base import sagittal_radius, tangential_radius
+from ...optics.sensor import Sensor
 from ..body import mirror_of, omega_of
 from ..surface_approximation import best_fit_sphere, conic_parameters, deviation_um
 
@@ -213,7 +213,7 @@ def grid_sag(mirror: Mirror, x: Array, y: Array) -> tuple[Array, Array, Array, A
     Beyond the rim, the mirror is extrapolated by a third-order Taylor series, which programs need to
     interpolate up to the rim. The slopes at a pointed apex are 0.
 
-    >>> from omnimirror.mirrors import Paraboloid
+    >>> from omnimirror.optics.mirrors import Paraboloid
     >>> [float(v) for v in grid_sag(Paraboloid(50.0, 20.0), np.array(3.0), np.array(4.0))]
     [0.25, 0.06, 0.08, 0.0]
     """
@@ -232,7 +232,7 @@ def grid_sag(mirror: Mirror, x: Array, y: Array) -> tuple[Array, Array, Array, A
 def format_grid_sag(mirror: Mirror, points: int = 257) -> str:
     """Format the grid sag file.
 
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> lines = format_grid_sag(Sphere(50.0, 40.0), 9).splitlines()
     >>> lines[0], len(lines)
     ('9 9 20 20 0 0 0', 82)

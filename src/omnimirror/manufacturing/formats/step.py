@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
-from ...escaping import step_string
-from ...mirrors import Mirror
+from ...base.escaping import step_string
+from ...optics.mirrors import Mirror
 from ..body import Body
 from ..surface_approximation import ProfileCurve, profile_curve
 

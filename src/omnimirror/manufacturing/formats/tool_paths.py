@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...arguments import check_fields, checked, whole
-from ...errors import InvalidParameter
-from ...escaping import gcode_comment, line_comment
-from ...mirrors import Mirror
-from ...parameters import Parameter
+from ...base.arguments import check_fields, checked, whole
+from ...base.errors import InvalidParameter
+from ...base.escaping import gcode_comment, line_comment
+from ...base.parameters import Parameter
+from ...optics.mirrors import Mirror
 from ..surface_approximation import step_density
 
 Array = NDArray[np.float64]
@@ -160,7 +160,7 @@ def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> T
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> path = tool_path(Sphere(50.0, 40.0), Tool(0.5))
     >>> path.deviation_nm < 5, path.edge_deg
     (True, (0.0, 53.13))
@@ -260,7 +260,7 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> lines = format_gcode(tool_path(Sphere(50.0, 40.0)), "ball (small)").splitlines()
     >>> lines[1], lines[-5]
     ('(omnimirror tool path of ball [small])', 'G1 X0.000000 Z0.000000')
@@ -307,7 +307,7 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> format_points(tool_path(Sphere(50.0, 40.0)), "ball").splitlines()[-1].split("\\t")
     ['0.000000', '0.000000', '0.000000']
     """

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...escaping import label, visible
-from ...housing import wall_words
-from ...lenses import GaussianLens, Orthographic
-from ...sensor import Sensor
-from ...tracing.meridian import ChiefRays
+from ...base.escaping import label, visible
+from ...optics.housing import wall_words
+from ...optics.lenses import GaussianLens, Orthographic
+from ...optics.sensor import Sensor
+from ...optics.tracing.meridian import ChiefRays
 from ..surface_approximation import Asphere, fit_asphere
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import OmnimirrorError
-from ...mirrors import Mirror
-from ...mirrors.measured.smoothing import NORMAL
+from ...base.errors import OmnimirrorError
+from ...optics.mirrors import Mirror
+from ...optics.mirrors.measured.smoothing import NORMAL
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import numbers
-from ...errors import InvalidParameter
-from ...mirrors import Mirror
-from ...numerics.forbes import qbfs_values
+from ...base.arguments import numbers
+from ...base.errors import InvalidParameter
+from ...base.numerics.forbes import qbfs_values
+from ...optics.mirrors import Mirror
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAs
 
     Examples
     --------
-    >>> from omnimirror.mirrors import Paraboloid
+    >>> from omnimirror.optics.mirrors import Paraboloid
     >>> found = forbes_asphere(Paraboloid(40.0, 20.0))
     >>> round(found.radius_mm, 9), len(found.um), found.rms_residual_um < 1e-3
     (42.5, 3, True)

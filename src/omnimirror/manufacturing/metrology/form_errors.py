@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import checked, number, row, vectors, whole
-from ...errors import InvalidParameter, OmnimirrorError
-from ...mirrors import Mirror, SampledProfile
-from ...mirrors.measured.clouds import check_distance, check_spread
-from ...mirrors.measured.smoothing import NORMAL
-from ...numerics.lazy import cached_property
-from ...numerics.zernike import noll, terms_of, zernike_values
+from ...base.arguments import checked, number, row, vectors, whole
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...optics.mirrors import Mirror, SampledProfile
+from ...optics.mirrors.measured.clouds import check_distance, check_spread
+from ...optics.mirrors.measured.smoothing import NORMAL
 from .alignment import Alignment, aligned, distances, is_line, outline_centre
 
 Array = NDArray[np.float64]
@@ -263,7 +263,7 @@ def form_error(
     --------
     Half a micrometre of astigmatism on a sphere, measured 2 mm off the machine's axis:
 
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> rng, ball = np.random.default_rng(1), Sphere(50.0, 40.0)
     >>> r, phi = 40 * np.sqrt(rng.uniform(0, 1, 4000)), rng.uniform(0, 2 * np.pi, 4000)
     >>> x, y = r * np.cos(phi), r * np.sin(phi)

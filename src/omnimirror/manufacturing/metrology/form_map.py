@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...figures.style import GREY, INK, PAGE, PALETTE, new_figure
-from ...numerics.zernike import noll
+from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
+from ...base.numerics.zernike import noll
 from .form_errors import FormError
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, file_name
-from ...errors import OmnimirrorError
-from ...files import check_file, open_file, read_text
-from ...mirrors.measured.clouds import grid_points
-from ...mirrors.measured.point_rows import parsed_points
+from ...base.arguments import checked, file_name
+from ...base.errors import OmnimirrorError
+from ...base.files import check_file, open_file, read_text
+from ...optics.mirrors.measured.clouds import grid_points
+from ...optics.mirrors.measured.point_rows import parsed_points
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...sensor import Sensor
+from ...base.errors import InvalidParameter
+from ...optics.sensor import Sensor
 from .evaluator import TrialEvaluator
 from .monte_carlo import YieldEstimate, check_limits, format_limit, simulate_trials
 from .perturbation import GRADES, error_sources

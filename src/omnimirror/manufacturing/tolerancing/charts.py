@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...escaping import plot_text, visible
-from ...figures.style import GREY, INK, PAGE, PALETTE, new_figure
+from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
+from ...base.escaping import plot_text, visible
 from .compensation import CALIBRATIONS, after
 from .monte_carlo import YieldStatistics
 from .requirement_merits import is_lower_limit

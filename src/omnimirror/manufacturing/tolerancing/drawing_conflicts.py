@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked
-from ...mirrors import Mirror
-from ...sensor import Sensor
+from ...base.arguments import checked
+from ...optics.mirrors import Mirror
+from ...optics.sensor import Sensor
 from ..body import Body
 from ..drawings.tables import form_rms_um
 from ..workshop import PartSpecification, Workshop

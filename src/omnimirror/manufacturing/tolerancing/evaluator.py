@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import backend
-from ...sensor import Sensor
-from ...tracing.reflection import REFLECTS, RIM_SLACK
+from ...base.native import backend
+from ...optics.sensor import Sensor
+from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
 from .compensation import LOST, MERITS, ROUNDS, Reference, evaluate_numpy, fit_compensators, merit_names
 from .object_field import field_of
 from .perturbed_states import States, Values, is_vectorised, states_of

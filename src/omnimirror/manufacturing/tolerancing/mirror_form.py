@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_fields, checked, number
-from ...errors import InvalidParameter
-from ...mirrors import Mirror
-from ...mirrors.form import LARGEST_ORDER, TERMS, MirrorForm
-from ...numerics.zernike import noll, terms_of, zernike_values
-from ...sensor import Sensor
+from ...base.arguments import check_fields, checked, number
+from ...base.errors import InvalidParameter
+from ...base.numerics.zernike import noll, terms_of, zernike_values
+from ...optics.mirrors import Mirror
+from ...optics.mirrors.form import LARGEST_ORDER, TERMS, MirrorForm
+from ...optics.sensor import Sensor
 from ..metrology.form_errors import FormError, form_error
 from ..metrology.readers import Unit, read_points
 from .compensation import merit_names
@@ -172,7 +172,7 @@ def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> M
     --------
     >>> import tempfile
     >>> import numpy as np
-    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.optics.mirrors import Sphere
     >>> ball, (x, y) = Sphere(50.0, 44.0), (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-31, 31, 41)]))
     >>> z = ball.sag(np.hypot(x, y)) + 1e-3 * np.sqrt(6) * (x**2 - y**2) / 44**2  # 1 um of astigmatism
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from ...errors import InvalidParameter
+from ...base.errors import InvalidParameter
 from .compensation import merit_names
 from .evaluator import TrialEvaluator
 from .requirement_merits import check_limit, is_lower_limit, is_requirement_merit

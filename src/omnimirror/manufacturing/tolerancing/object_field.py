@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import numbers
-from ...errors import InvalidParameter, OmnimirrorError, SelfObstruction
-from ...imagers import ImagerPose
-from ...lenses import Perspective
-from ...mirrors.pose import MirrorPose
-from ...sensor import Sensor
-from ...tracing.reflection import RIM_SLACK, Ends
+from ...base.arguments import numbers
+from ...base.errors import InvalidParameter, OmnimirrorError, SelfObstruction
+from ...optics.image_sensor import ImagerPose
+from ...optics.lenses import Perspective
+from ...optics.mirrors.pose import MirrorPose
+from ...optics.sensor import Sensor
+from ...optics.tracing.reflection import RIM_SLACK, Ends
 from .perturbation import check_error_names, perturbed
 from .perturbed_states import Values, is_vectorised, states_of
 from .trial_images import Refocus, TrialImages, focus_vergences, form_images, trace_objects

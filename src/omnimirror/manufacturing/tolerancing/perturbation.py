@@ -1,7 +1,7 @@
 """Error sources of a sensor and sensors with these errors.
 
 Values are added to nominal parameters. Decentres and tilts of the mirror are those of
-:class:`omnimirror.mirrors.pose.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
+:class:`omnimirror.optics.mirrors.pose.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
 rim, in um RMS along the axis. The imager rotates about its centre.
 """
 
@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from ...analysis.temperature import at_temperature
-from ...arguments import WrongKind, checked, shown
-from ...errors import InvalidParameter
-from ...housing import Housing
-from ...imagers import Imager
-from ...lenses import Perspective
-from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...mirrors.conics import Conic, Sphere
-from ...mirrors.form import TERMS, MirrorForm
-from ...sensor import Sensor
+from ...base.arguments import WrongKind, checked, shown
+from ...base.errors import InvalidParameter
+from ...optics.housing import Housing
+from ...optics.image_sensor import Imager
+from ...optics.lenses import Perspective
+from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...optics.mirrors.conics import Conic, Sphere
+from ...optics.mirrors.form import TERMS, MirrorForm
+from ...optics.sensor import Sensor
 
 GRADES = ("coarse", "medium", "fine")
 """Manufacturing grades: 3-D printing or filing, turning, diamond turning with centring."""

@@ -14,14 +14,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
-from ...lenses import Perspective
-from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...mirrors.conics import Conic
-from ...mirrors.form import LARGEST_ORDER, MM_PER_UM, TERMS, SurfaceHeights
-from ...numerics.zernike import noll, terms_of, zernike_powers
-from ...sensor import Sensor
-from ...thermal import Thermal
+from ...base.errors import InvalidParameter
+from ...base.numerics.zernike import noll, terms_of, zernike_powers
+from ...optics.lenses import Perspective
+from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...optics.mirrors.conics import Conic
+from ...optics.mirrors.form import LARGEST_ORDER, MM_PER_UM, TERMS, SurfaceHeights
+from ...optics.sensor import Sensor
+from ...optics.thermal import Thermal
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class MeridianTable:
     def of(cls, mirror: Mirror) -> MeridianTable:
         """Tabulate the meridian of a mirror.
 
-        >>> from omnimirror.mirrors import Cone
+        >>> from omnimirror.optics.mirrors import Cone
         >>> table = MeridianTable.of(Cone(30.0, 20.0))
         >>> bool(np.allclose(table.profile(np.array([5.0]))[1], Cone(30.0, 20.0).slope([5.0])))
         True
@@ -419,7 +419,7 @@ def _form(error: _Errors) -> Array:
 
 def _rotations(tilts_deg: Array) -> Array:
     """Return rotations (t, 3, 3) about X, then Y, as in
-    :class:`omnimirror.mirrors.pose.MirrorPose`.
+    :class:`omnimirror.optics.mirrors.pose.MirrorPose`.
     """
     (cx, cy), (sx, sy) = np.cos(np.radians(tilts_deg)).T, np.sin(np.radians(tilts_deg)).T
     zero = np.zeros_like(cx)

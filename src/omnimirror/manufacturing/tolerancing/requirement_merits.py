@@ -16,11 +16,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import shown
+from ...base.arguments import shown
+from ...base.errors import InvalidParameter, OmnimirrorError
 from ...design.criteria.limits import LIMITABLE, Limit, told_part
 from ...design.criteria.merits import OF_THE_WHOLE
-from ...errors import InvalidParameter, OmnimirrorError
-from ...sensor import Sensor
+from ...optics.sensor import Sensor
 from .compensation import CALIBRATIONS, after, merit_names
 from .object_field import Field, field_at
 from .perturbation import perturbed

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.optics import light_of
+from ...base.errors import OmnimirrorError
 from ...design.criteria.merits import FieldValues
-from ...errors import OmnimirrorError
-from ...lenses import FieldLens, Perspective
-from ...lenses.base import cos4
-from ...sensor import Sensor
-from ...tracing.reflection import Ends
+from ...optics.batch.optics import light_of
+from ...optics.lenses import FieldLens, Perspective
+from ...optics.lenses.base import cos4
+from ...optics.sensor import Sensor
+from ...optics.tracing.reflection import Ends
 from .compensation import Reference, fit_compensators
 from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, images_within_rim
 from .perturbation import perturbed

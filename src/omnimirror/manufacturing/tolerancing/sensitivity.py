@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InvalidParameter
+from ...base.errors import InvalidParameter
 from .compensation import CALIBRATIONS, OF_MOTION, after, motion
 from .evaluator import TrialEvaluator, image_motions
 from .monte_carlo import satisfies_limit

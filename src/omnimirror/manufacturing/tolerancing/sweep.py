@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_fields
-from ...errors import InvalidParameter, OmnimirrorError
-from ...files import check_file, json_plain, parse_json, read_text, replacing, write_text
-from ...media import interrupts
-from ...native import backend
-from ...numerics.lazy import cached_property
-from ...specs import tables_of
+from ...base.arguments import check_fields
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.files import check_file, json_plain, parse_json, read_text, replacing, write_text
+from ...base.native import backend
+from ...base.numerics.lazy import cached_property
+from ...io import interrupts
+from ...optics.sensor_files import tables_of
 from .compensation import LOST, merit_names
 from .evaluator import TrialEvaluator
 from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials

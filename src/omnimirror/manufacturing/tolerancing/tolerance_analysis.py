@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import checked, instance, whole
+from ...base.arguments import checked, instance, whole
+from ...base.errors import InvalidParameter
 from ...design.criteria.limits import Limit
 from ...design.criteria.objects import distances_mm
 from ...design.criteria.requirements import Requirements
-from ...errors import InvalidParameter
-from ...sensor import Sensor
+from ...optics.sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield
 from .evaluator import TrialEvaluator
 from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials, simulate_trials

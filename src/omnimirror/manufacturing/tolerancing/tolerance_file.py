@@ -11,15 +11,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from ...arguments import check_fields, checked, choice, file_name
+from ...base.arguments import check_fields, checked, choice, file_name
+from ...base.errors import SpecError
+from ...base.escaping import line_comment
+from ...base.files import parse_json, parse_toml, read_text
 from ...design.criteria.limits import LIMITABLE
 from ...design.criteria.requirement_file import LimitTable, limit_of
-from ...errors import SpecError
-from ...escaping import line_comment
-from ...files import parse_json, parse_toml, read_text
-from ...mirrors.form import LARGEST_ORDER, MirrorForm
-from ...sensor import Sensor
-from ...specs import Places, Table, check_entries, validated
+from ...optics.mirrors.form import LARGEST_ORDER, MirrorForm
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import Places, Table, check_entries, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
 from .evaluator import TrialEvaluator

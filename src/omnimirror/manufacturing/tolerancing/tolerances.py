@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from ...arguments import check_fields, choice, number, shown
-from ...errors import InvalidParameter
-from ...mirrors.form import MirrorForm
-from ...sensor import Sensor
+from ...base.arguments import check_fields, choice, number, shown
+from ...base.errors import InvalidParameter
+from ...optics.mirrors.form import MirrorForm
+from ...optics.sensor import Sensor
 from .perturbation import MEASURED, check_name, error_sources, measured
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...tracing.reflection import REFLECTS, RIM_SLACK
+from ...optics.tracing.reflection import REFLECTS, RIM_SLACK
 from .perturbed_states import MirrorSurfaces, States
 
 Array = NDArray[np.float64]
@@ -274,7 +274,7 @@ def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tup
 
 
 def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Apply the distortion of :mod:`omnimirror.lenses.distortion` per trial; also return xx, xy,
+    """Apply the distortion of :mod:`omnimirror.optics.lenses.distortion` per trial; also return xx, xy,
     yy.
     """
     x, y = tangents[..., 0], tangents[..., 1]

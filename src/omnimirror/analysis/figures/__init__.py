@@ -1,0 +1,196 @@
+"""The paper's figures, for any list of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ...base.errors import InvalidParameter
+from ...optics.sensor import Sensor
+from . import curves, images, raytraces
+from .comparison import picture_sheet, side_by_side, table_sheet
+from .pictures import three_pictures
+from .style import FORMATS, render, save_figure, styled
+from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
+
+__all__ = [
+    "EXACT",
+    "FIGURES",
+    "PAPER",
+    "Conditions",
+    "FigureSpec",
+    "draw",
+    "picture_sheet",
+    "render",
+    "save_all",
+    "save_figure",
+    "side_by_side",
+    "table_sheet",
+    "three_pictures",
+]
+
+
+@dataclass(frozen=True)
+class FigureSpec:
+    """A figure: what draws it, and what is printed above and below it."""
+
+    name: str
+    title: str
+    caption: str
+    function: Callable[[Sequence[Subject]], Figure]
+
+
+FIGURES: dict[str, FigureSpec] = {
+    spec.name: spec
+    for spec in (
+        FigureSpec(
+            "fig3",
+            "Viewing sphere and its image",
+            "Objects of 15° × 15° every 15° of incidence on the viewing sphere, and their images in the image circle.",
+            images.viewing_sphere,
+        ),
+        FigureSpec(
+            "fig4",
+            "Ray traces, virtual images and depth of field",
+            "Cross-section with chief rays every 15°, and a close-up of the mirror. T∞, T5M: tangential images of "
+            "objects at infinity and at five rim radii from the mirror; S∞, S5M: sagittal images. DF: depth of "
+            "field about L0, with the F-number of the lens.",
+            raytraces.ray_traces,
+        ),
+        FigureSpec(
+            "fig5",
+            "Image height and its rate of change",
+            "Image height h (Eq. 7) and dh/dΩ (Eq. 8) against the incident angle.",
+            curves.mapping,
+        ),
+        FigureSpec(
+            "fig6",
+            "Viewpoints",
+            "Height above the mirror vertex at which the chief ray meets the axis (Eq. 6).",
+            curves.viewpoints,
+        ),
+        FigureSpec(
+            "fig7",
+            "Image area and width-to-height ratio",
+            "Area Δs = Δw Δh of the image of one square degree (Eq. 11), and its aspect Δw/Δh (Eq. 12).",
+            curves.area_and_aspect,
+        ),
+        FigureSpec(
+            "fig8",
+            "Image-forming characteristics",
+            "Each rectangle is the image of one square degree enlarged 15 times, at its place along the image radius.",
+            images.image_forming,
+        ),
+        FigureSpec(
+            "fig9",
+            "Blur",
+            "Tangential (solid) and sagittal (dashed) blur for distant objects in pixels (a) and in the angle of "
+            "the object (b), signed: positive beyond the focus. (c) Their product, the paper's blur area (solid), "
+            "and the area with a pixel and the Airy disk added to each side (dotted).",
+            curves.blur,
+        ),
+        FigureSpec(
+            "fig10",
+            "Blur in the image",
+            "The rectangles of Fig. 8 with their blur spots, enlarged ten times in both directions.",
+            images.blur_in_image,
+        ),
+        FigureSpec(
+            "fig11",
+            "Blur in object space",
+            "Squares of 15° × 15° in object space with their blur spots (vertical: tangential, horizontal: "
+            "sagittal) and the square that a pixel sees on average, all enlarged ten times against the squares; "
+            "spots larger than their square are cut. Below each square: tangential × sagittal blur in degrees.",
+            images.blur_in_object_space,
+        ),
+        FigureSpec(
+            "fig12",
+            "Influence of the lens on a spherical mirror",
+            "Image area Δs of spherical mirrors that see the same field in the same image circle, for rim viewing "
+            "angles Θ from 12° down to 0 (orthographic: exactly equiareal).",
+            curves.viewing_angle,
+        ),
+        FigureSpec(
+            "fig15",
+            "Error of assuming one viewpoint",
+            "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each with the viewpoint V0 "
+            "whose largest error is least: how far in the image they lie from where they are looked for.",
+            curves.viewpoint_error,
+        ),
+    )
+}
+"""Every figure by its name, in the order of the paper."""
+
+
+def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -> Figure:
+    """Draw one figure.
+
+    Parameters
+    ----------
+    name
+        A key of :data:`FIGURES`.
+    sensors
+        One to six; their names become labels and their order decides their colours.
+    basis
+        :data:`EXACT`, or :data:`PAPER` to compute as the paper does.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown figure, or too few or too many sensors.
+
+    Examples
+    --------
+    >>> from omnimirror.optics.sensor_files import load_sensor
+    >>> figure = draw("fig6", [load_sensor("paper-spherical")])
+    >>> figure.axes[0].get_xlabel()
+    'Field angle Ω (deg)'
+    """
+    if name not in FIGURES:
+        raise InvalidParameter(f"figure {name!r} is not known; valid are {', '.join(FIGURES)}")
+    with styled():
+        return FIGURES[name].function(subjects_of(sensors, conditions))
+
+
+def save_all(
+    sensors: Sequence[Sensor],
+    out_dir: str | Path,
+    formats: Sequence[str] = ("svg", "png"),
+    which: Iterable[str] | None = None,
+    conditions: Conditions = EXACT,
+    progress: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
+
+    Parameters
+    ----------
+    which
+        Names of figures; all of them by default.
+    progress
+        Called with the name of each figure before it is drawn.
+
+    Returns
+    -------
+    The files written, in the order of the figures.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown figure or format, or too few or too many sensors; before anything is written.
+    OmnimirrorError
+        A file cannot be written.
+    """
+    names = list(FIGURES) if which is None else list(dict.fromkeys(which))
+    for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):
+        if unknown := [a for a in asked if a not in known]:
+            raise InvalidParameter(f"{noun} {unknown[0]!r} is not known; valid are {', '.join(known)}")
+    files = []
+    for name in names:
+        if progress is not None:
+            progress(name)
+        figure = draw(name, sensors, conditions)
+        files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
+    return files

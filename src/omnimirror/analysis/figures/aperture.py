@@ -1,0 +1,174 @@
+"""What the whole aperture makes of points: spots, PSF, MTF, encircled energy and illumination."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.quantities import QUANTITIES
+from ..aperture.point_spread import Psf
+from ..aperture.relative_illumination import Illumination
+from ..aperture.spot_diagrams import Spots
+from ..aperture.transfer import Mtf
+from .labels import EndLabels, axis_title
+from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, styled
+
+Array = NDArray[np.float64]
+
+RMS = QUANTITIES["rms_radius_px"]
+FINEST_GRID = 12  # px to each side; a finer grid of pixels would be grey
+LIGHT_FROM = 1e-4  # of the peak, the darkest shade of a PSF
+
+
+def spot_matrix(spots: Spots, airy_px: float) -> Figure:
+    """Spots to one scale with pixel grid and Airy disk: field angles by focuses, or all field angles at one focus."""
+    objects, focuses, _ = spots.t_px.shape
+    cells = [(i, j) for i in range(objects) for j in range(focuses)]
+    columns = focuses if focuses > 1 else min(objects, 5)
+    rows = -(-len(cells) // columns)
+    half = max(1.15 * _reach(spots), 0.8 * airy_px, 1.0)
+    with styled():
+        side = min(1.25, (PAGE - 0.5) / columns)
+        figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.2) * rows + 0.5)
+        for ax, (i, j) in zip(grid_of_axes(figure, rows, columns, len(cells)), cells, strict=True):
+            _pixel_grid(ax, half)
+            _spot(ax, spots, i, j, airy_px)
+            ax.set(xlim=(-half, half), ylim=(half, -half), aspect="equal", xticks=[], yticks=[])
+            name = f"{spots.omega_deg[i]:.4g}°" if focuses == 1 or j == 0 else ""
+            ax.set_title(name, fontsize=6.5, pad=2)
+            ax.set_title(
+                f"{RMS.symbol} {spots.rms_radius_px()[i, j]:.2f} {RMS.unit}",
+                fontsize=6,
+                fontweight="normal",
+                loc="right",
+                pad=2,
+            )
+            if focuses > 1 and i == objects - 1:
+                ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
+        grid = "squares are pixels, " if half <= FINEST_GRID else f"side {2 * half:.3g} px, "
+        figure.supxlabel(f"tangential → right; {grid}circle: Airy disk", fontsize=6, color=GREY)
+    return figure
+
+
+def _reach(spots: Spots) -> float:
+    """Half the largest width of all spots, px."""
+    return float(max(a.max() for a in spots.extent_px())) / 2
+
+
+def _spot(ax: Axes, spots: Spots, i: int, j: int, airy_px: float) -> None:
+    """The rays of one spot about its middle."""
+    passes = spots.bundles.passes[i]
+    t, s = (a[i, j, passes] for a in (spots.t_px, spots.s_px))
+    t, s = (a - (a.max() + a.min()) / 2 for a in (t, s))
+    ax.plot(t, s, ".", markersize=1.1, color=PALETTE[0], gid=f"spot:{i}:{j}")
+    ring = np.linspace(0, 2 * np.pi, 90)
+    ax.plot(airy_px / 2 * np.cos(ring), airy_px / 2 * np.sin(ring), color=PALETTE[1], linewidth=0.7)
+
+
+def _pixel_grid(ax: Axes, half: float) -> None:
+    ax.grid(False)
+    for spine in ax.spines.values():
+        spine.set_visible(True)
+        spine.set_color("#BBBBBB")
+    if half <= FINEST_GRID:  # finer grids would be grey
+        for line in np.arange(-np.floor(half + 0.5) + 0.5, half):
+            ax.axhline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
+            ax.axvline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
+
+
+def mtf_curves(mtf: Mtf) -> Figure:
+    """Tangential (solid) and sagittal (dashed) MTF of every field angle, with Nyquist's frequency and lp/mm above."""
+    with styled():
+        figure = new_figure(0.75 * PAGE, 3.0)
+        ax = figure.subplots()
+        for i, (omega, colour) in enumerate(zip(mtf.omega_deg, _shades(len(mtf.omega_deg)), strict=True)):
+            ax.plot(mtf.cycles_per_px, mtf.tangential[i], color=colour, gid=f"mtf_t:{omega:g}", label=f"{omega:.4g}°")
+            ax.plot(mtf.cycles_per_px, mtf.sagittal[i], "--", dashes=(4, 2), color=colour, gid=f"mtf_s:{omega:g}")
+        for look, name in (("-", "tangential"), ("--", "sagittal")):
+            ax.plot([], [], look, color=INK, label=name)
+        ax.legend(loc="upper right", frameon=False, fontsize=6.5, ncols=2 if len(mtf.omega_deg) > 6 else 1)
+        ax.set(xlim=(0, mtf.cycles_per_px[-1]), ylim=(0, 1.02), xlabel=axis_title("cycles_per_px"), ylabel="MTF")
+        ax.axvline(0.5, color=GREY, linewidth=0.6)
+        ax.text(0.5, 0.01, " Nyquist", size=6, color=GREY, va="bottom")
+        per_px = mtf.pixel_pitch_um * 1e-3
+
+        def line_pairs(cycles: ArrayLike) -> Array:
+            return np.asarray(cycles, dtype=float) / per_px
+
+        def cycles(line_pairs: ArrayLike) -> Array:
+            return np.asarray(line_pairs, dtype=float) * per_px
+
+        above = ax.secondary_xaxis("top", functions=(line_pairs, cycles))
+        above.set_xlabel(axis_title("lp_per_mm"))
+        above.spines["top"].set_visible(True)
+    return figure
+
+
+def encircled_energy(psfs: Sequence[Psf]) -> Figure:
+    """Share of the light within a radius of the centroid, one line per PSF."""
+    with styled():
+        figure = new_figure(COLUMN + 0.5, 2.6)
+        ax, labels = figure.subplots(), EndLabels(figure)
+        reach = max(float(np.interp(0.95, p.encircled_energy(p.offset_px.clip(0)), p.offset_px.clip(0))) for p in psfs)
+        radius = np.linspace(0, max(1.5 * reach, 1.0), 400)
+        lines = []
+        for p, colour in zip(psfs, _shades(len(psfs)), strict=True):
+            (line,) = ax.plot(radius, p.encircled_energy(radius), color=colour, gid=f"energy:{p.omega_deg:g}")
+            lines.append((line, f"{p.omega_deg:.4g}°"))
+        ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel=axis_title("encircled_radius_px"))
+        ax.set_ylabel(axis_title("encircled_energy"))
+        for line, text in lines:
+            labels.of_line(ax, line, text)
+        return labels.settle()
+
+
+def psf_pictures(psfs: Sequence[Psf]) -> Figure:
+    """PSFs side by side on one scale of length, logarithmic in light."""
+    columns = min(len(psfs), 5)
+    rows = -(-len(psfs) // columns)
+    with styled():
+        side = min(1.9, (PAGE - 0.3) / columns)
+        figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.3) * rows)
+        half = max(float(p.offset_px[-1]) for p in psfs)
+        for i, (ax, p) in enumerate(zip(grid_of_axes(figure, rows, columns, len(psfs)), psfs, strict=True)):
+            edge = float(p.offset_px[-1]) * (1 + 1 / (len(p.offset_px) - 1))
+            peak = float(p.density.max())
+            ax.set_facecolor("black")
+            ax.imshow(
+                np.maximum(p.density, LIGHT_FROM * peak), extent=(-edge, edge, edge, -edge), cmap="inferno",
+                norm=LogNorm(LIGHT_FROM * peak, peak), interpolation="nearest",
+            )  # fmt: skip
+            ax.set(xlim=(-half, half), ylim=(half, -half))
+            ax.grid(False)
+            strehl = f", {QUANTITIES['strehl'].title} {p.strehl:.2g}" if p.kind == "diffraction" else ""
+            ax.set_title(f"{p.omega_deg:.4g}°{strehl}")
+            ax.set_xlabel(axis_title("offset_t_px"))
+            if i % columns == 0:
+                ax.set_ylabel(axis_title("offset_s_px"))
+    return figure
+
+
+def illumination_curves(named: Sequence[tuple[str, Illumination]]) -> Figure:
+    """Relative illumination over the field, one line per sensor."""
+    with styled():
+        figure = new_figure(COLUMN + 0.5, 2.5)
+        ax, labels = figure.subplots(), EndLabels(figure)
+        lines = []
+        for (name, found), colour in zip(named, PALETTE, strict=False):
+            (line,) = ax.plot(found.omega_deg, found.relative, color=colour, gid=f"{name}:relative")
+            lines.append((line, name))
+        angle_axis(ax, max(float(found.omega_deg.max()) for _, found in named))
+        ax.set(ylim=(0, 1.05), ylabel=axis_title("relative"))
+        for line, text in lines:
+            labels.of_line(ax, line, text)
+        return labels.settle()
+
+
+def _shades(count: int) -> list[str]:
+    """Colours told apart, in the order of the field; the palette first, and greys when it is used up."""
+    return [*PALETTE, INK, GREY, *["#AAAAAA"] * count][:count]

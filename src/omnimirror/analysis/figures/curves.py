@@ -1,0 +1,282 @@
+"""Quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from ...base.quantities import QUANTITIES
+from ...optics.lenses import Lens, Orthographic, Perspective
+from ...optics.mirrors import Sphere
+from ...optics.sensor import Sensor
+from ..meridional.viewpoints import best_viewpoint
+from .labels import EndLabels, axis_label, axis_of_both, axis_title
+from .style import COLUMN, GREY, INK, PAGE, angle_axis, grid_of_axes, new_figure, panel_title, zero_line
+from .subjects import Subject, widest
+
+Array = NDArray[np.float64]
+
+DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
+VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
+SAME_PX = 1e-6  # errors of viewpoint below this are rounding: the sensor has a single one
+
+
+def mapping(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 5: image height and its rate of change."""
+    return _column_panels(subjects, "h_px", "dh_domega_px_per_deg")
+
+
+def viewpoints(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 6: where the chief rays meet the axis."""
+    return _column_panels(subjects, "viewpoint_z_mm")
+
+
+def area_and_aspect(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 7: image area and aspect of one square degree."""
+    return _column_panels(subjects, "area_px2", "aspect")
+
+
+def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
+    """One panel per column of the evaluation table, one line per sensor."""
+    count = len(columns)
+    figure = new_figure(COLUMN if count == 1 else PAGE, 2.5)
+    labels = EndLabels(figure)
+    for i, (ax, column) in enumerate(zip(grid_of_axes(figure, 1, count, count), columns, strict=True)):
+        panel_title(ax, i, QUANTITIES[column].title if count > 1 else "", count)
+        ax.set_ylabel(axis_label(column, titled=count == 1))
+        angle_axis(ax, widest(subjects))
+        lines = [_line(ax, s, column) for s in subjects]
+        _limits(ax, lines)
+        hidden_bands(ax, subjects)
+        for line, s in zip(lines, subjects, strict=True):
+            labels.of_line(ax, line, s.name)
+    return labels.settle()
+
+
+def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
+    """What of the field is hidden, a pale band of each sensor's colour."""
+    said = False
+    for s in subjects:
+        for low, high in s.hidden_deg:
+            ax.axvspan(low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden")
+            if not said:
+                ax.text(
+                    low, 0.985, " hidden", transform=ax.get_xaxis_transform(), rotation=90, size=5, color=GREY, va="top"
+                )
+            said = True
+
+
+def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object) -> Line2D:
+    """A column of the subject's table as a line whose gid is "name:column"."""
+    y = getattr(subject.curve, column) if values is None else values
+    look = {"color": subject.colour, **look}
+    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **look)  # type: ignore[arg-type]
+    return line
+
+
+def _limits(ax: Axes, lines: Sequence[Line2D], from_zero: bool = True) -> None:
+    """The limits of lines already drawn."""
+    value_limits(ax, [np.asarray(line.get_ydata(), float) for line in lines], from_zero)
+
+
+def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> None:
+    """From 0 where the values allow, with 4 % of air; poles (a cone's tip) are cut at the typical size."""
+    y = np.concatenate(values)
+    y = y[np.isfinite(y)]
+    low, high = np.quantile(y, [0.0, 1.0])
+    typical = np.quantile(np.abs(y), 0.98)
+    low, high = max(low, -4 * typical), min(high, 4 * typical)
+    if from_zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    air = 0.04 * ((high - low) or abs(high) or 1.0)
+    ax.set_ylim(low if low == 0 else low - air, high if high == 0 else high + air)
+
+
+# -- Fig. 9: blur ------------------------------------------------------------------------------
+
+
+def blur(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 9: blur in pixels, in degrees, and its area in square degrees."""
+    figure = new_figure(COLUMN if max(len(_prefix(s, subjects)) for s in subjects) < 10 else 0.7 * PAGE, 6.6)
+    axes = grid_of_axes(figure, 3, 1, 3, sharex=True)
+    labels = EndLabels(figure)
+    _blur_panel(axes[0], subjects, "px", labels)
+    _blur_panel(axes[1], subjects, "deg", labels)
+    _blur_area_panel(axes[2], subjects, labels)
+    for i, title in enumerate(("Blur in the image", "Blur in object space", "Blur area in object space")):
+        panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
+        angle_axis(axes[i], widest(subjects))
+        hidden_bands(axes[i], subjects)
+        axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
+    return labels.settle()
+
+
+def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLabels) -> None:
+    """Tangential blur solid, sagittal dashed."""
+    zero_line(ax)
+    drawn = [
+        (_line(ax, s, f"blur_{way}_{unit}", linestyle=style), f"{_prefix(s, subjects)}{way.upper()}")
+        for s in subjects
+        for way, style in (("t", "-"), ("s", (0, (4, 2))))
+    ]
+    _limits(ax, [line for line, _ in drawn])
+    ax.set_xlim(0, widest(subjects))
+    ax.set_ylabel(axis_of_both(f"blur_{unit}", f"blur_t_{unit}", f"blur_s_{unit}"))
+    if unit == "px":
+        permitted = subjects[0].conditions.tolerance_px
+        ax.axhspan(-permitted, permitted, color="#F2F2F2", zorder=0)
+        ax.text(
+            0.02,
+            permitted + 0.1,
+            f"±{permitted:g} px",
+            transform=ax.get_yaxis_transform(),
+            size=6,
+            color=GREY,
+            va="bottom",
+        )
+    for (line_t, text), (line_s, other) in zip(drawn[::2], drawn[1::2], strict=True):
+        if _coincide(ax, line_t, line_s):  # as with a single viewpoint
+            labels.of_line(ax, line_t, f"{text}, S")
+        else:
+            labels.of_line(ax, line_t, text)
+            labels.of_line(ax, line_s, other)
+
+
+def _prefix(subject: Subject, subjects: Sequence[Subject]) -> str:
+    """The name before "T" and "S", where there is more than one."""
+    return f"{subject.name} " if len(subjects) > 1 else ""
+
+
+def _coincide(ax: Axes, one: Line2D, other: Line2D) -> bool:
+    """Whether two lines lie within a line's width of each other."""
+    bottom, top = ax.get_ylim()
+    apart = np.abs(np.asarray(one.get_ydata(), float) - np.asarray(other.get_ydata(), float))
+    return bool(np.nanmax(apart) < 0.01 * (top - bottom))
+
+
+def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -> None:
+    """The paper's product solid, the area with a pixel and the Airy disk added dotted; logarithmic."""
+    ax.set_yscale("log")
+    drawn = []
+    for s in subjects:
+        product = np.abs(s.curve.blur_area_deg2)
+        name = _prefix(s, subjects)
+        drawn.append((_line(ax, s, "blur_area_deg2", product), f"{name}T×S"))
+        floored = _line(ax, s, "floored_area_deg2", linestyle=(0, (1, 1.6)))
+        drawn.append((floored, f"{name}floored"))
+    highest = max(np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in drawn))
+    ax.set_ylim(1e-3, min(10 * float(np.ceil(highest / 5)) / 2 + 1, 1e3))
+    ax.set_xlim(0, widest(subjects))
+    ax.set_ylabel(axis_title("blur_area_deg2"))
+    for line, text in drawn:
+        labels.of_line(ax, line, text)
+
+
+# -- Fig. 12: the lens of a spherical mirror ---------------------------------------------------
+
+
+def viewing_angle(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 12: image area of spherical mirrors that see the same field at different viewing angles.
+
+    The family takes rim, field and image circle of the first sensor with a spherical mirror, or of
+    the first one.
+    """
+    subject = next((s for s in subjects if isinstance(s.sensor.mirror, Sphere)), subjects[0])
+    field = round(subject.sensor.field_deg[1], 1)
+    figure = new_figure(COLUMN, 2.6)
+    ax, labels = figure.subplots(), EndLabels(figure)
+    lines = []
+    angles = [a for a in VIEWING_ANGLES if a < min(field, 180 - field)]
+    for shade, theta in zip(np.linspace(1.0, 0.35, len(angles)), angles, strict=True):
+        member = Subject(
+            sphere_for(subject.sensor, field, theta, subject.radius_px),
+            subject.colour,
+            replace(subject.conditions, image_radius_px=subject.radius_px),
+        )
+        look = {"alpha": shade, "linewidth": 1.2} if theta else {"color": INK, "linestyle": (0, (4, 2))}
+        line = _line(ax, member, "area_px2", **look)
+        kept = member.curve.area_px2[-1] / member.curve.area_px2[0]
+        name = f"Θ = {theta:g}°" if theta else "orthographic"
+        lines.append((line, f"{name} ({kept:.0%})"))
+    angle_axis(ax, field)
+    _limits(ax, [line for line, _ in lines])
+    ax.set_ylabel(axis_label("area_px2"))
+    ax.set_title(f"Spheres that see {field:g}°; in brackets: rim / centre", fontweight="normal")
+    for line, text in lines:
+        labels.of_line(ax, line, text)
+    return labels.settle()
+
+
+def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px: float) -> Sensor:
+    """The spherical mirror of the same rim that sees a field at a viewing angle, in closed form.
+
+    ``A = M / sin(beta)``, ``beta = (Omega_max - Theta)/2``, ``m = M/tan(Theta) - A (1 - cos(beta))``;
+    a viewing angle of 0 takes an orthographic lens. The paper found its parameters by trial and error.
+
+    >>> from omnimirror.optics.sensor_files import load_sensor
+    >>> sphere = sphere_for(load_sensor("paper-spherical"), 135.0, 12.0, 500.0)
+    >>> M = sphere.mirror.rim_radius_mm
+    >>> round(sphere.mirror.radius_mm / M, 3), round(sphere.mirror_distance_mm / M, 2)
+    (1.138, 4.11)
+    """
+    M, pitch = sensor.mirror.rim_radius_mm, sensor.imager.pitch_mm
+    theta, beta = np.radians(theta_deg), np.radians(omega_max_deg - theta_deg) / 2
+    A = float(M / np.sin(beta))
+    lens: Lens
+    if theta_deg == 0:
+        lens, m = Orthographic(radius_px * pitch / M, sensor.lens.image_f_number(), A / 2), np.inf
+    else:
+        m = float(M / np.tan(theta) - A * (1 - np.cos(beta)))
+        lens = Perspective(float(radius_px * pitch / np.tan(theta)), 4.0, 1e6)
+    name = f"Θ = {theta_deg:g} deg"
+    return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None)
+
+
+# -- Fig. 15: one viewpoint for all ------------------------------------------------------------
+
+
+def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
+    """Fig. 15: error of assuming the best single viewpoint, for objects 7, 10, 20 and 40 rim radii away."""
+    columns = min(len(subjects), 3)
+    rows = -(-len(subjects) // columns)
+    figure = new_figure(COLUMN if columns == 1 else PAGE, 2.5 * rows)
+    axes = grid_of_axes(figure, rows, columns, len(subjects), sharey=True)
+    labels = EndLabels(figure)
+    worst = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
+    axes[0].set_ylim(-1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5))  # room for the viewpoints
+    for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
+        panel_title(ax, i, s.name, len(subjects))
+        angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
+        hidden_bands(ax, [s])
+        if i % columns == 0:
+            ax.set_ylabel(axis_title("viewpoint_error_px"))
+        for line in ax.get_lines():
+            if not str(line.get_label()).startswith("_"):
+                labels.of_line(ax, line, str(line.get_label()))
+    return labels.settle()
+
+
+def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
+    """Lines of one sensor; returns the largest error, px."""
+    zero_line(ax)
+    M, worst, places = subject.rim_mm, 0.0, []
+    omega = subject.curve.omega_deg
+    for shade, n in zip(np.linspace(1.0, 0.4, len(DISTANCES)), DISTANCES, strict=True):
+        radius = subject.conditions.image_radius_px
+        best = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
+        look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
+        if best.worst_px < SAME_PX:
+            ax.plot(omega, np.zeros_like(omega), **look)
+            places = [f"V$_0$ = {best.z_mm / M:.4f} M:", "single viewpoint,", "no error at any distance"]
+            break
+        ax.plot(omega, best.error_px, label=f"{n} M: ±{best.worst_px:.2f} px", **look)
+        worst = max(worst, best.worst_px)
+        places.append(f"V$_0$ = {best.z_mm / M:.4f} M for {n} M")
+    ax.text(0.04, 0.98, "\n".join(places), transform=ax.transAxes, va="top", size=6, color=subject.colour)
+    return worst

@@ -1,0 +1,1 @@
+"""Command line, studio, reports and reproduction of the paper."""

@@ -1,0 +1,222 @@
+"""The command line: one module per command, imported when its command runs."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import sys
+import time
+import traceback
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+import click
+
+from ... import __version__
+from ...base.errors import InvalidParameter, OmnimirrorError, explained_import_error, one_line
+from .process import Terminated, process_state, stopped_code
+from .streams import be_quiet, forget_output
+
+COMMANDS = {
+    "sensors": "List the bundled sensors.",
+    "init": "Write a commented sensor file as a template.",
+    "design": "Design a sensor from requirements; report margins and relaxations.",
+    "judge": "Check a sensor against requirements and report the margins.",
+    "mappings": "List the mappings that a mirror can be designed for.",
+    "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
+    "export": "Export CAD files, lens files, tables and drawings of a sensor.",
+    "rays": "Write a ray table for Blender, Mitsuba and other renderers.",
+    "maps": "Write a view map for compositors, OpenCV, FFmpeg, shaders and boards.",
+    "colmap": "Dewarp images to a COLMAP project with rig and masks.",
+    "spots": "Compute spot diagrams with real rays through the whole aperture.",
+    "psf": "Compute point-spread functions and encircled energy.",
+    "mtf": "Compute the tangential and sagittal MTF over the field.",
+    "illumination": "Compute the relative illumination over the field.",
+    "form": "Analyse the form error of a manufactured mirror from measured points.",
+    "compare": "Compare up to six sensors.",
+    "simulate": "Render the images that a sensor would capture of a scene.",
+    "dewarp": "Dewarp (undistort) images and videos of a mirror or fisheye camera.",
+    "view": "View an image, video or stream in the browser.",
+    "studio": "Start the studio: view images and design sensors in the browser.",
+    "serve": "Serve views of a camera or stream as network cameras.",
+    "board": "Write a calibration target for printing.",
+    "calibrate": "Calibrate a camera from images of a target.",
+    "rim": "Detect the outline of the mirror in images.",
+    "lines": "Refine and level a camera from straight edges, without a target.",
+    "uncertainty": "Estimate the uncertainty of directions measured with a calibrated camera.",
+    "convert": "Convert a camera model between file formats.",
+    "apertures": "Find the F-number and focus with minimum blur and diffraction.",
+    "bracket": "Plan a focus bracket, and merge its images.",
+    "tolerance": "Run a tolerance analysis and predict the manufacturing yield.",
+    "parts": "Select off-the-shelf lenses and imagers for a mirror.",
+    "reproduce": "Reproduce the figures and numbers of the paper.",
+    "demo": "Evaluate, simulate and dewarp a sensor, and write a report.",
+}
+"""Every command with its one line of help."""
+ROOMS = {
+    "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
+    "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
+    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
+    "interop": {"colmap", "maps", "rays"},
+    "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
+}
+"""In which room of :mod:`omnimirror.apps.cli.commands` the module of a command's name stands; it holds ``command``."""
+SERVERS = {"serve", "studio", "view"}
+"""What these and their processes say belongs on standard error as it is."""
+
+
+class LazyGroup(click.Group):
+    """Imports a command's module only when the command is asked for, so that ``--help`` is instant."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        room = next(room for room, commands in ROOMS.items() if cmd_name in commands)
+        command: click.Command = import_module(f".commands.{room}.{cmd_name}", __name__).command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
+            hint = f"did you mean {close[0]}?" if close else f"valid are {', '.join(COMMANDS)}"
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # without a number, by which click would end with 1
+            raise BrokenPipeError("the reader has gone") from None
+        except Terminated as e:  # no ^C stands on the line that click would end
+            raise click.exceptions.Abort from e
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="omnimirror")
+@click.option("--quiet", is_flag=True, expose_value=False, callback=be_quiet, is_eager=True,
+              help="Print warnings and errors only; valid for all commands, as the options below.")  # fmt: skip
+@click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
+@click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
+def app() -> None:
+    """Design, evaluate, simulate and calibrate omnidirectional mirror sensors, and dewarp their images."""
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run a command; every error ends as one sentence on standard error and a non-zero exit code.
+
+    The process is left as it was: signal handlers, environment, warning filters and streams are restored.
+
+    Parameters
+    ----------
+    args
+        Words of the command line; those of the program by default.
+
+    Raises
+    ------
+    SystemExit
+        The command has failed, or was stopped by a signal.
+    """
+    began = time.perf_counter()
+    is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))
+    is_server = bool(SERVERS & set(words))
+    with process_state(is_quiet=not is_debugged and not is_server):
+        _run(words, is_debugged, is_verbose, began)
+
+
+def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) -> None:
+    try:
+        app.main(args=words, prog_name="omnimirror", standalone_mode=False)
+        sys.stdout.flush()
+        if is_verbose:
+            click.echo(_spent(time.perf_counter() - began), err=True)
+    except KeyboardInterrupt:  # before the command has begun, or after its end
+        _say("stopped")
+        sys.exit(stopped_code())
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        forget_output()
+        sys.exit(0)
+    except Exception as e:
+        if is_debugged:
+            traceback.print_exc()
+        if type(e).__name__ == "NoArgsIsHelpError":
+            click.echo(str(e), err=True)
+            sys.exit(2)
+        sentence, code = explained(e)
+        _say(one_line(sentence))
+        sys.exit(code)
+
+
+def _say(sentence: str) -> None:
+    with suppress(OSError):  # the terminal was closed, which is what SIGHUP tells
+        click.echo(f"omnimirror: {sentence}", err=True)
+
+
+def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
+    """Whether ``--debug`` and ``--verbose`` are among the words, and those without; ``--quiet`` goes to the front."""
+    end = words.index("--") if "--" in words else len(words)
+    ours, rest = words[:end], words[end:]
+    asked = [name in ours for name in ("--debug", "--verbose", "--quiet")]
+    kept = [word for word in ours if word not in ("--debug", "--verbose", "--quiet")]
+    return asked[0], asked[1], ["--quiet"] * asked[2] + kept + rest
+
+
+def _spent(seconds: float) -> str:
+    """What a run took, and by what it was done: a line for a report of a fault."""
+    import platform
+
+    import numpy as np
+
+    from ...base.native import backend
+
+    by = f"omnimirror {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
+    return f"{seconds:.2f} s, {time.process_time():.2f} s of processor time; {by}, samplers: {backend.name}"
+
+
+def _is_interruption(error: BaseException) -> bool:
+    """Return whether an error comes from a signal.
+
+    The interpreter wraps KeyboardInterrupt around ``__set_name__``, and C extensions turn it into ImportError.
+    """
+    chain: list[BaseException] = [error]
+    for link in chain:
+        if isinstance(link, KeyboardInterrupt):
+            return True
+        chain += [e for e in (link.__cause__, link.__context__) if e is not None and e not in chain]
+    return False
+
+
+def explained(error: Exception) -> tuple[str, int]:
+    """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
+    if isinstance(error, click.exceptions.Abort) or _is_interruption(error):
+        return "stopped", stopped_code()
+    match error:
+        case click.UsageError():
+            where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
+            return f"{error.format_message().rstrip('.')}{where}", 2
+        case click.ClickException():
+            return error.format_message(), 1
+        case InvalidParameter():
+            return str(error), 2
+        case OmnimirrorError():
+            return str(error), 1
+        case OSError():
+            return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
+        case MemoryError():
+            return "there is not enough memory for this", 1
+        case ImportError() if isinstance(explained_import_error(error), OmnimirrorError):
+            return str(explained_import_error(error)), 1
+        case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
+            return f"the name {error.object!r} is not UTF-8, which is needed here", 1
+        case _:
+            what = f"{type(error).__name__}: {error}".rstrip(": ")
+            return f"this should not have happened: {what}; --debug shows where", 70

@@ -1,0 +1,147 @@
+"""``omnimirror convert``: a camera from one program's file to another's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from .....base.files import write_json
+from .....calibration.conversion import DISTANCES_MM, Conversion, convert
+from .....calibration.formats import FORMATS
+from .....cameras.frames import CameraLooks, Mount
+from .....cameras.models.base import Optics
+from ...help_pages import DocumentedCommand
+from ...options.common import NUMBER, angle, distance, whole_size
+from ...options.declared import Options, option, takes
+from ...outputs import Output, json_option, output_console, plain_table, say, say_written
+
+
+def distance_list(text: str) -> tuple[float, ...]:
+    """Distances in mm with commas between them, ``inf`` allowed.
+
+    >>> distance_list("500,inf")
+    (500.0, inf)
+    """
+    return tuple(distance(part.strip()) for part in text.split(","))
+
+
+@dataclass(frozen=True)
+class UnsaidOptions(Options):
+    """What files of other programs do not say, as :func:`omnimirror.convert` takes it."""
+
+    camera: str | None = option(metavar="N|NAME", help="Which camera of a rig, from 0, or its name.  [default: 0]")
+    optics: Optics | None = option(
+        type=click.Choice(["mirror", "fisheye"]), help="What the camera looks through.  [default: mirror]"
+    )
+    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Where the field ends.  [default: nowhere]")
+    image_size: tuple[int, int] | None = option(
+        type=whole_size, metavar="WxH", help="How large the picture is, of a file that does not say it."
+    )
+
+
+@dataclass(frozen=True)
+class MountOptions(Options):
+    """How the camera of a file stands, which files of other programs do not say either."""
+
+    camera_looks: CameraLooks | None = option(
+        type=click.Choice(["up", "down", "forward"]), help="Where the optical axis points.  [default: up]"
+    )
+    forward_azimuth_deg: float | None = option(
+        type=angle, metavar="DEG",
+        help="Image direction that is forward, from image right towards image bottom.  [default: -90]",
+    )  # fmt: skip
+    image_flipped: bool | None = option(
+        is_flag=True, help="The picture that was calibrated had been flipped left to right."
+    )
+
+
+@dataclass(frozen=True)
+class CostOptions(Options):
+    """What a fitted model may cost."""
+
+    tolerance_px: float | None = option(
+        type=NUMBER, metavar="PX", help="Fit another model where the format does not hold this one, up to so far off."
+    )
+    distance_mm: tuple[float, ...] | None = option(
+        type=distance_list, metavar="MM,..",
+        help="Where things are, for a camera without a single viewpoint; 'inf' too.  "
+        f"[default: {','.join(f'{d:g}' for d in DISTANCES_MM)}]",
+    )  # fmt: skip
+    field_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Largest field angle of the fit.  [default: the calibrated field]"
+    )
+    inner_deg: float | None = option(
+        type=NUMBER, metavar="DEG", help="Fit no nearer to the axis than this, where the camera sees itself."
+    )
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",),
+)
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=Output())
+@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="The format of SOURCE.  [default: recognised]")
+@click.option("--to", metavar="FORMAT", help="The format of TARGET, or one of its models, such as kalibr-ds.")
+@click.option("--flip", is_flag=True, help="Write the camera of the picture flipped left to right.")
+@takes(UnsaidOptions, "unsaid")
+@takes(MountOptions, "stands")
+@takes(CostOptions, "cost")
+@json_option("Write what it costs, in pixels and for each distance.")
+def command(
+    source: Path,
+    target: Path,
+    from_: str | None,
+    to: str | None,
+    flip: bool,
+    unsaid: UnsaidOptions,
+    stands: MountOptions,
+    cost: CostOptions,
+    json_file: Path | None,
+) -> None:
+    """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs."""
+    options: dict[str, Any] = {**unsaid.given, **cost.given}
+    if stands.given:
+        options["mount"] = Mount(**stands.given)
+    made = convert(source, target, to=to, from_=from_, flip=flip, **options)
+    console = output_console()
+    say(f"{made.source} to {made.target}: {words_of(made)}", console=console)
+    if len(made.costs) > 1:
+        console.print(_table(made))
+    for note in made.notes:
+        say(("Note: ", "yellow"), note, console=console)
+    if json_file:
+        told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
+        costs = [one._asdict() for one in made.costs]
+        write_json(json_file, {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes})
+    say_written(target, json_file, console=console)
+
+
+def words_of(made: Conversion) -> str:
+    """What a conversion cost, in a line."""
+    if made.exact:
+        return "the same numbers"
+    what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}"
+    return (
+        f"{what}, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
+        f"{worst.at_deg:.3g} deg from the axis{far}"
+    )
+
+
+def _distance(distance_mm: float) -> str:
+    return "any great distance" if np.isinf(distance_mm) else f"{distance_mm:g} mm"
+
+
+def _table(made: Conversion) -> Table:
+    table = plain_table("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg")
+    for c in made.costs:
+        table.add_row(f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
+    return table

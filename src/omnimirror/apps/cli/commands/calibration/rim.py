@@ -1,0 +1,93 @@
+"""``omnimirror rim``: the mirror's rim, found in its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from .....base.files import write_json
+from .....calibration.rim import SURE, FoundRim, check_alike, find_rim
+from .....calibration.rim.edges import levels_of
+from .....io.batch import READABLE, expand_inputs
+from ...help_pages import DocumentedCommand
+from ...options.declared import takes
+from ...options.orientation import OrientationOptions
+from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say, say_written
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror rim picture1.jpg picture2.jpg --figure rim.png --json rim.json",),
+)
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@takes(OrientationOptions, "orientation")
+@click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
+@output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
+@json_option("Write the outline, whether it is accepted, and the rejected candidates.")
+def command(
+    images: tuple[str, ...], orientation: OrientationOptions, each: bool, figure: Path | None, json_file: Path | None
+) -> None:
+    """Find the rim of the mirror in IMAGEs: pictures, folders or patterns of them.
+
+    Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
+    middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
+    confidence of 0.6 it is not accepted, but listed as a candidate, with the next best circles of the picture.
+    """
+    files = expand_inputs(images, READABLE)
+    pictures = orientation.read(files)
+    if not each:
+        check_alike(pictures, [file.name for file in files])
+    found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
+    singles = found if each else list(found[0].pictures) or found
+    console = output_console()
+    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n")
+    table = plain_table("picture", *numbers, words=("picture",))
+    for file, rim in zip(files, singles, strict=True):
+        table.add_row(*_row(file.name, rim))
+    if len(singles) > len(found):
+        table.add_row(*_row("together", found[0]))
+    for name, rim in zip(
+        [file.name for file in files] if len(singles) == len(found) else ["together"], found, strict=True
+    ):
+        for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
+            table.add_row(*_row(f"{name}, candidate {number}", candidate))
+    console.print(table)
+    for name, rim in zip([file.name for file in files] if each else ["together"], found, strict=True):
+        if not rim.is_sure:
+            who = f"{name}: " if len(files) > 1 else ""
+            say(f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}", console=console)
+    if json_file:
+        record = [rim.to_json() for rim in found]
+        named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
+        whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
+        write_json(json_file, whole)
+        say_written(json_file, console=console)
+    if figure:
+        say_written(_drawn(figure, files, pictures, singles), console=console)
+
+
+def _drawn(figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]) -> Path:
+    """Write a figure of the pictures with what was found in them."""
+    from .....analysis.figures import save_figure
+    from .....analysis.figures.calibration.rims import DrawnRim, found_rims
+
+    drawn = [
+        DrawnRim(
+            levels_of(picture).astype(np.uint8), rim.points(), rim.centre_px,
+            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px), rim.is_sure,
+            f"{file.name}: {rim.confidence:.2f}",
+        )
+        for file, picture, rim in zip(files, pictures, found, strict=True)
+    ]  # fmt: skip
+    return save_figure(found_rims(drawn), figure)
+
+
+def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
+    (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
+    camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
+    return name, f"{u:.2f}, {v:.2f}", f"{a:.2f}, {b:.2f}", f"{rim.angle_deg:.1f}", camera, f"{rim.confidence:.3f}"

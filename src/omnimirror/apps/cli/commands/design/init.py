@@ -1,0 +1,30 @@
+"""``omnimirror init``: a commented sensor file to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .....base.errors import OmnimirrorError
+from .....base.escaping import shell_word
+from .....base.files import is_stream, write_text
+from .....design.catalogue.template import sensor_template
+from ...help_pages import DocumentedCommand
+from ...outputs import Output, say
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="sensor-file",
+    examples=("omnimirror init mine.toml",),
+)
+@click.argument("path", type=Output(), default="sensor.toml")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+def command(path: Path, force: bool) -> None:
+    """Write a commented sensor file to PATH (sensor.toml by default), and say what to do with it."""
+    if path.exists() and not (force or is_stream(path)):
+        raise OmnimirrorError(f"{path} exists already; choose another name or give --force to replace it")
+    write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))
+    if not is_stream(path):
+        say(f"Wrote {path}; change it, then: omnimirror evaluate {shell_word(str(path))}")

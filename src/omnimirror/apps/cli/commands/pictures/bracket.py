@@ -1,0 +1,166 @@
+"""``omnimirror bracket``: where to focus several pictures, and one sharp picture of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from .....analysis.meridional.focus import best_focus
+from .....base.files import name_of, write_json
+from .....dewarp.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
+from .....io import write_image
+from .....io.pictures.images import format_of
+from .....optics.sensor_files import load_sensor
+from .....simulation.detector import Detector
+from .....simulation.rendering.exposure import expose
+from .....simulation.scenes.posed import Pose, PosedScene
+from ...help_pages import DocumentedCommand
+from ...options.common import NUMBER, SENSOR, WHOLE, distance, values
+from ...options.declared import Options, option, takes
+from ...options.orientation import OrientationOptions
+from ...options.scene import SceneOptions, pose, rows_bar
+from ...outputs import (
+    PICTURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say,
+    say_written,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ObjectDistance(Options):
+    """How far away what is looked at stands."""
+
+    object_distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+    )
+
+
+@dataclass(frozen=True)
+class PlanOptions(ObjectDistance):
+    """What the pictures have to keep."""
+
+    limit_px: float = option(type=NUMBER, default=1.0, help="Largest blur, in pixels.")
+
+
+@dataclass(frozen=True)
+class MergeOptions(ObjectDistance):
+    """How the pictures were taken."""
+
+    focus_mm: Array = option(
+        type=values, required=True, show_default=False, metavar="A,B,..", help="Where the pictures are focused."
+    )
+
+
+@dataclass(frozen=True)
+class TakeOptions(Options):
+    """How the pictures are taken."""
+
+    focus_mm: Array | None = option(
+        type=values, metavar="A,B,..", help="Where to focus.  [default: as planned for 1 px]"
+    )
+    stands: Pose | None = option(
+        "--pose", type=pose, metavar="X,Y,Z,..",
+        help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]",
+    )  # fmt: skip
+    samples: int = option("--samples", "--spp", type=WHOLE, default=32, help="Rays per pixel.")
+
+
+@click.group()
+def command() -> None:
+    """Focus bracketing: a few pictures at planned distances, merged by radius into one that is sharp."""
+
+
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket plan paper-spherical --limit-px 2",),
+)
+@click.argument("sensors", type=SENSOR, nargs=-1, required=True)
+@takes(PlanOptions, "asked")
+@json_option()
+def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -> None:
+    """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it."""
+    focus = head("focus_mm")
+    numbers = ("pictures", "worst px\none focus", "worst px\nmerged", "astigmatic\ndeg", "least px\nthere")
+    table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
+    console = output_console()
+    records: list[dict[str, Any]] = []
+    for name in sensors:
+        sensor = load_sensor(name)
+        found = plan_bracket(sensor, **asked.given)
+        alone = best_focus(sensor, "worst_blur_px", object_distance_mm=asked.object_distance_mm).value
+        records.append({
+            "sensor": sensor.name, "focus_mm": found.focus_mm, "worst_px_one_focus": alone,
+            "worst_px_merged": found.blur_px.max(), "astigmatic_deg": found.omega_deg[found.astigmatic],
+        })  # fmt: skip
+        focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
+        table.add_row(
+            sensor.name, f"{len(found.focus_mm)}", f"{alone:.2f}", f"{found.blur_px.max():.2f}", *_astigmatic(found),
+            focuses,
+        )  # fmt: skip
+    console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)
+
+
+def _astigmatic(found: Bracket) -> tuple[str, str]:
+    """Between which angles no focus is sharp, and the least blur there."""
+    if not found.astigmatic.any():
+        return "-", "-"
+    low, high = found.omega_deg[found.astigmatic][[0, -1]]
+    return f"{low:.0f} to {high:.0f}", f"{found.least_px.max():.2f}"
+
+
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png",),
+)
+@click.argument("sensor", type=SENSOR)
+@click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
+@takes(MergeOptions, "taken")
+@takes(OrientationOptions, "orientation")
+@output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
+@format_option(PICTURES)
+def merge(
+    sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, orientation: OrientationOptions, output: Path
+) -> None:
+    """Merge PICTURES of SENSOR, focused at different distances, to the scale of its own focus."""
+    format_of(output)
+    merged = merge_bracket(load_sensor(sensor), orientation.read(pictures), **taken.given)
+    write_image(output, merged)
+    say(f"{name_of(output)}: {len(pictures)} pictures merged")
+
+
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",),
+)
+@click.argument("sensor", type=SENSOR)
+@takes(SceneOptions, "scene")
+@takes(TakeOptions, "taking")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) -> None:
+    """Simulate the pictures that SENSOR takes of a scene at each focus."""
+    seen, camera = PosedScene(scene.source().load(), taking.stands or Pose()), load_sensor(sensor)
+    for focus in plan_bracket(camera).focus_mm if taking.focus_mm is None else taking.focus_mm:
+        path = output / f"{focus:.1f}mm.png"
+        with rows_bar("Exposing") as progress:
+            light = expose(focused_at(camera, float(focus)), seen, samples=taking.samples, blur=True, progress=progress)
+        write_image(path, Detector().read(light))
+        say(f"{path}: focused at {focus:.1f} mm")

@@ -1,0 +1,363 @@
+"""``omnimirror dewarp``: straighten pictures, folders of them, and videos."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+import click
+
+from .....base.native import backend
+from .....dewarp.pipelines import Recording, Straightened, Straightening, is_video
+from .....dewarp.pipelines.pictures import PictureStraightener
+from .....dewarp.pipelines.request import PipeFormat
+from .....interop.ros_bags.bag_files import is_bag
+from .....io.pictures.images import format_of
+from ...help_pages import DocumentedCommand
+from ...options.auto import AutoOptions
+from ...options.camera import CameraOptions
+from ...options.common import NUMBER, WHOLE, distance, three_wavelengths
+from ...options.declared import Options, flag, option, takes
+from ...options.orientation import OrientationOptions
+from ...options.sampling import SamplingOptions
+from ...options.view import ViewOptions
+from ...outputs import PICTURES, frame_bar, notice, output_console, remark, say, take_standard_output
+from .bags import BagOptions, dewarp_recording
+from .viewer import is_one_picture, needs_pyav, write_viewer
+
+if TYPE_CHECKING:
+    from .....dewarp.pipelines.restoring import Restoration
+    from .....dewarp.restoration.round_blur import ToldBlur
+
+PIPE_FORMATS = get_args(PipeFormat)
+
+
+@dataclass(frozen=True)
+class PictureOptions(Options):
+    """What is asked of pictures alone."""
+
+    skip_existing: bool | None = option(
+        is_flag=True,
+        help="Leave out what has been written already: a folder or numbered pictures that were stopped go on.",
+    )
+    transparent: bool | None = option(
+        "--transparent/--black",
+        help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
+    )
+    restore: bool | None = option(
+        is_flag=True, help="Pictures: first sharpen what --sensor is known to blur, or what --blur-px tells."
+    )
+    noise: float | None = option(
+        type=NUMBER, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]"
+    )
+    object_distance_mm: float | None = option(
+        type=distance, metavar="MM", help="With --restore, from the mirror to what is seen.  [default: inf]"
+    )
+    blur_px: str | None = option(
+        metavar="PX|T,S|FILE",
+        help="With --restore, of any camera: blur diameter, tangential and sagittal ones, or a CSV file of radius_px "
+        "or omega_deg, t_px and s_px.  [default: the sensor's]",
+    )
+
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Pictures of a --sensor: straighten each colour as lens and cover refract it.",
+    )
+
+    def check(self) -> None:
+        """Refuse what says how to restore where nothing is to be restored."""
+        if not self.restore and (asked := self.picked("noise", "object_distance_mm", "blur_px")):
+            raise click.UsageError(f"{flag(next(iter(asked)))} belongs to --restore")
+
+    def restoration(self) -> Restoration | None:
+        """How pictures are sharpened first; None if they are not."""
+        if not self.restore:
+            return None
+        from .....dewarp.pipelines.restoring import Restoration
+
+        return Restoration(self.noise, self.object_distance_mm, None if self.blur_px is None else _told(self.blur_px))
+
+
+@dataclass(frozen=True)
+class VideoOptions(Options):
+    """What is asked of videos alone."""
+
+    start_s: float | None = option(
+        "--start", "--start-s", type=NUMBER, help="Videos: where to begin, in seconds.  [default: 0]"
+    )
+    duration_s: float | None = option(
+        "--duration", "--duration-s", type=NUMBER, help="Videos: how much to take, in seconds.  [default: the rest]"
+    )
+    frame_rate: float | None = option(type=NUMBER, help="Numbered pictures: frames a second.  [default: 25]")
+    codec: str | None = option(help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
+    crf: int | None = option(type=WHOLE, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
+    keyframes: Path | None = option(
+        type=click.Path(path_type=Path),
+        help="Videos: pan, tilt, roll, field and distance over time, a CSV or TOML file.",
+    )
+    preview: bool | None = option(is_flag=True, help="Videos: show the view in a window; Escape ends it.")
+    pixel_format: str | None = option(
+        help="Videos: what is encoded, by FFmpeg's name.  [default: the source's, as far as the codec can; raw: rgb24]"
+    )
+
+    def recording(self, kind: str | None) -> Recording:
+        """What is taken of the video, and how it is written; ``kind`` is what goes to a pipe."""
+        if kind is not None and kind not in PIPE_FORMATS:
+            valid = ", ".join(PIPE_FORMATS)
+            raise click.UsageError(f"--format {kind} belongs to pictures; of a video valid are {valid}")
+        return Recording(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="dewarp",
+    examples=(
+        "omnimirror dewarp picture.jpg --auto -o panorama.png",
+        "omnimirror dewarp picture.jpg --sensor mine.toml --view perspective --pan-deg 40 --hfov-deg 70 -o view.png",
+        "omnimirror dewarp ride.mp4 --sensor mine.toml --view panorama -o straight.mp4",
+    ),
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option(
+    "-o",
+    "--output",
+    "outputs",
+    multiple=True,
+    help="What to write: a picture, or a folder for many; of a video also an address (udp://.., rtsp://..), a virtual "
+    "camera (/dev/video9), numbered pictures (f%04d.png) or - for a pipe, and several of them.",
+)
+@takes(AutoOptions, "auto")
+@takes(CameraOptions, "camera")
+@takes(ViewOptions, "view")
+@takes(SamplingOptions, "sampling")
+@takes(OrientationOptions, "orientation")
+@takes(PictureOptions, "pictures")
+@takes(VideoOptions, "video")
+@takes(BagOptions, "bag")
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice([*PIPE_FORMATS, *PICTURES]),
+    metavar="NAME",
+    help=f"What '-o -' writes to the pipe: {', '.join(PIPE_FORMATS)} or, of a picture, {', '.join(PICTURES)}.  "
+    "[default: y4m, png]",
+)
+@click.option(
+    "--viewer",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="One picture or video: write an HTML file in which to look around, with everything inside it.",
+)
+def command(
+    sources: tuple[str, ...],
+    outputs: tuple[str, ...],
+    auto: AutoOptions,
+    camera: CameraOptions,
+    view: ViewOptions,
+    sampling: SamplingOptions,
+    orientation: OrientationOptions,
+    pictures: PictureOptions,
+    video: VideoOptions,
+    bag: BagOptions,
+    kind: str | None,
+    viewer: Path | None,
+) -> None:
+    """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
+
+    A SOURCE is a picture, a folder or pattern of pictures, a video file, a camera or stream
+    (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), a video on standard
+    input (-), or a recording of a robot (.mcap, .db3, .bag, or a folder of rosbag2). Say which
+    camera it was with one of --sensor, --ocam and --ball; or, where nobody knows, with --auto,
+    which looks for the mirror's rim. The result is drawn as seen from the camera's place: never
+    reversed, forward in the middle of a panorama and at the top of a dome.
+    """
+    auto.check(camera)
+    for options in (view, pictures):
+        options.check()
+    if sampling.threads is not None:
+        click.get_current_context().call_on_close(partial(backend.set_threads, backend.threads))
+        backend.set_threads(sampling.threads)
+    if viewer is not None:
+        if auto.auto:
+            raise click.UsageError("--viewer takes a camera that is known; leave out --auto")
+        if pictures.restore:
+            raise click.UsageError("--viewer holds the picture as it is; leave out --restore")
+        write_viewer(sources, viewer, camera, orientation)
+        if not outputs:
+            return
+    if not outputs and not video.preview:
+        raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
+    if pictures.skip_existing and outputs and all(Path(output).is_file() for output in outputs):
+        remark(f"{', '.join(outputs)}: there already")
+        return
+    how = replace(straightening(camera, view, sampling), stored_orientation=orientation.stored_orientation)
+    if is_bag(sources[0]):
+        if orientation.stored_orientation:
+            raise click.UsageError("--stored-orientation belongs to images and videos; recordings hold no orientation")
+        _refuse_of_recordings(sources[0], auto, pictures, video, kind)
+        dewarp_recording(sources, outputs, how, view, bag)
+        return
+    bag.refuse(sources[0])
+    if is_video(sources[0]):
+        auto.refuse_video(sources[0])
+    if len(sources) == 1 and is_video(sources[0]):
+        _refuse_of_pictures(sources[0], pictures)
+        recording = replace(video.recording(kind), skip_existing=bool(pictures.skip_existing))
+        _video(sources[0], outputs, how, recording)
+    else:
+        _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
+        restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
+        told = ""
+        if auto.auto:  # once nothing of what was asked is refused
+            found, told = auto.camera(sources, camera, orientation)
+            how = replace(how, camera=found)
+        straightener = PictureStraightener(
+            how, transparent=pictures.transparent, restoration=restoration, wavelengths_nm=pictures.wavelengths_nm
+        )
+        _pictures(sources, output, straightener, bool(pictures.skip_existing), sampling.threads, told)
+
+
+def straightening(camera: CameraOptions, view: ViewOptions, sampling: SamplingOptions) -> Straightening:
+    """How the options want pictures straightened."""
+    return Straightening(
+        camera.camera, view.of, sampling.interpolation, view.viewpoint or "exact", sampling.border,
+        bool(camera.keep_lean),
+    )  # fmt: skip
+
+
+def _refuse_of_pictures(source: str, pictures: PictureOptions) -> None:
+    if pictures.transparent is not None:
+        raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
+    if pictures.wavelengths_nm is not None:
+        raise click.UsageError(
+            f"--wavelengths-nm belongs to pictures, and {source} is a video, whose colours are coded together; "
+            "a folder of its frames can be straightened so"
+        )
+    if pictures.restore:
+        raise click.UsageError(
+            f"--restore belongs to pictures, since it takes seconds for each, and {source} is a video; "
+            "a folder of its frames can be restored"
+        )
+
+
+def _refuse_of_recordings(
+    source: str, auto: AutoOptions, pictures: PictureOptions, video: VideoOptions, kind: str | None
+) -> None:
+    auto.refuse_video(source)
+    if kind is not None:
+        raise click.UsageError(f"--format says what '-' writes, and recordings such as {source} become files")
+    for options, of in ((pictures, "pictures"), (video, "videos")):
+        if options.changed:
+            raise click.UsageError(f"{flag(options.changed[0])} belongs to {of}, and {source} is a recording")
+
+
+def _refuse_of_videos(
+    source: str, outputs: tuple[str, ...], sampling: SamplingOptions, pictures: PictureOptions, video: VideoOptions
+) -> None:
+    if pictures.transparent is not None and sampling.border is not None:
+        raise click.UsageError("--border is the colour outside the field; leave out --transparent and --black")
+    if asked := list(video.given):
+        raise click.UsageError(f"{flag(asked[0])} belongs to videos, and {source} is none")
+    if len(outputs) > 1:
+        raise click.UsageError(f"{outputs[1]} is one output too many: several belong to videos")
+
+
+def _output(sources: tuple[str, ...], output: str, kind: str | None) -> tuple[Path, bool]:
+    """Where pictures go, and whether that is the file of one picture and not a folder."""
+    if len(sources) == 1 and is_one_picture(sources[0]) and not (Path(output).is_dir() or output.endswith("/")):
+        return _named(output, kind), True
+    return Path(output), False
+
+
+def _pictures(
+    sources: tuple[str, ...],
+    output: tuple[Path, bool],
+    straightener: PictureStraightener,
+    is_going_on: bool,
+    threads: int | None,
+    told: str,
+) -> None:
+    """One picture into a file, or many into a folder; ``told`` is what was found of their camera."""
+    target, is_file = output
+    if is_file:
+        done = straightener(Path(sources[0]), target)
+        _say_found(told)
+        say(done)
+        return
+    with output_console().status("Straightening") as status:
+        found = straightener.many(
+            sources, target, skip_existing=is_going_on, threads=threads,
+            progress=lambda done, of: status.update(f"Straightening: {done} of {of}"),
+        )  # fmt: skip
+    _say_found(told)
+    _say_done(target, found, is_going_on)
+    sys.exit(found.results.exit_code)
+
+
+def _say_found(told: str) -> None:
+    """Report the detected camera."""
+    if told:
+        remark(f"omnimirror: {told}")
+
+
+def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
+    results = found.results
+    for name, sentence in results.failed.items():
+        notice(f"{name}: {sentence}")
+    count = len(results.done) + len(results.failed) + len(results.not_begun)
+    was_there = f", {found.was_there} were there" if is_going_on else ""
+    say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
+    for words, how_many in found.oriented.items():
+        say(f"{folder}: {how_many} of them {words}")
+    for why, how_many in found.left_out.items():
+        say(f"{folder}: {how_many} of them {why}")
+    if results.not_begun:
+        click.echo(f"omnimirror: stopped; {folder} holds what was done", err=True)
+
+
+def _named(output: str, kind: str | None) -> Path:
+    """The file of one picture; ``-`` gets the suffix of its format."""
+    if kind in PIPE_FORMATS:
+        raise click.UsageError(f"--format {kind} belongs to videos; of a picture valid are {', '.join(PICTURES)}")
+    if output != "-":
+        if kind is not None:
+            raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+        format_of(output)  # refused before the picture is read
+        return Path(output)
+    return take_standard_output("--output", kind or PICTURES[0])
+
+
+def _told(blur_px: str) -> ToldBlur | str:
+    """One or two numbers, or the name of a file."""
+    try:
+        numbers = [float(part) for part in blur_px.split(",")]
+    except ValueError:
+        return blur_px
+    if len(numbers) > 2:
+        raise click.UsageError(f"--blur-px {blur_px} has {len(numbers)} numbers; give one, T,S or a file")
+    return numbers
+
+
+def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording: Recording) -> None:
+    """Straighten every frame under a progress bar, and say what became of it."""
+    try:
+        from .....dewarp.pipelines.video import Listener, straighten_video
+    except ModuleNotFoundError as e:
+        if e.name != "av":
+            raise
+        raise needs_pyav(source) from None
+    with frame_bar() as progress:
+        listener = Listener(notice, progress)
+        done = straighten_video(source, outputs, how, recording, listener)
+    name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
+    (width, height), outcome = done.view.size, done.outcome
+    told = f"{width} x {height} px, {outcome.frames} frames, {outcome.rate:.0f} a second"
+    remark(f"{name}: {done.view}, {told}")
+    if done.summary:
+        remark(f"{source}: {done.summary}")
+    if outcome.stopped and (outputs or outcome.is_signal):  # closing a window is how a mere preview ends
+        notice(f"stopped; {name} holds what was done" if outputs else "stopped")
+        sys.exit(outcome.exit_code)

@@ -1,0 +1,451 @@
+"""``omnimirror simulate``: pictures, videos and ground truth that a sensor would take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from rich.text import Text
+
+from .....base.colour import Light
+from .....base.errors import OutsideField
+from .....base.files import name_of, write_json
+from .....io import write_image
+from .....io.batch import VIDEOS_WRITTEN
+from .....io.pictures.images import format_of
+from .....optics.sensor_files import AnyCamera, bundled_sensors, load_camera, load_sensor
+from .....simulation.detector import Detector
+from .....simulation.radiometry import Radiometry
+from .....simulation.rendering.exposure import exposed
+from .....simulation.rendering.readout import Readout
+from .....simulation.rendering.tiles import LIGHT
+from .....simulation.scenes.contract import Distant, Scene
+from .....simulation.scenes.posed import Pose, PosedScene
+from ...help_pages import DocumentedCommand
+from ...options.common import SENSOR, WHOLE
+from ...options.declared import Options, flag, option, takes
+from ...options.housing import HousingOptions
+from ...options.scene import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
+from ...outputs import (
+    PICTURES,
+    format_option,
+    json_option,
+    notice,
+    output_console,
+    output_option,
+    plain_table,
+    say,
+    say_written,
+)
+
+if TYPE_CHECKING:
+    from .....simulation.datasets.recipe import CalibrationRecipe, VideoRecipe
+
+OF_PICTURES = ("bits", "bayer", "wavelengths_nm")
+
+
+class Simulate(click.Group):
+    """What follows is a sensor, unless it is the name of a command."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["picture", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=Simulate)
+def command() -> None:
+    """Show what a sensor would see.
+
+    'omnimirror simulate SENSOR ..' is short for 'omnimirror simulate picture SENSOR ..'.
+    """
+
+
+@command.command(
+    "picture",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=(
+        "omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png",
+        "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
+    ),
+)
+@click.argument("sensor", type=SENSOR)
+@takes(SceneOptions, "scene")
+@click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
+              help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
+@takes(FilmOptions, "film")
+@click.option("--distant", is_flag=True, help="Take the scene for infinitely far away: no parallax.")
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
+@output_option("--panorama", formats=PICTURES, help="Write its panorama, too.")
+@output_option("-o", "--output", formats=PICTURES, required=True,
+               help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
+@format_option(PICTURES)
+def picture(
+    sensor: str,
+    scene: SceneOptions,
+    stands: Pose | None,
+    film: FilmOptions,
+    distant: bool,
+    taking: TakingOptions,
+    housing: HousingOptions,
+    panorama: Path | None,
+    output: Path,
+) -> None:
+    """Take the picture, or the video, that SENSOR would take of a scene.
+
+    SENSOR is a sensor, or a camera as it was calibrated, whose pictures are sharp.
+
+    An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
+    (A), or camera, rod, rim or a lid hide it (H); the point where it leaves the mirror, or the outer side of its tube
+    or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
+    sensor's world frame.
+    """
+    seen, camera = scene.source().load(), housing.on(load_camera(sensor))
+    if film.path is not None:
+        named = {"pose": stands, "panorama": panorama, **taking.picked(*OF_PICTURES), "distant": distant or None}
+        if asked := [name for name, value in named.items() if value is not None]:
+            raise click.UsageError(f"{flag(asked[0])} belongs to pictures, not to a video along a --path")
+        _film(camera, seen, output, film, taking)
+        return
+    if film.given:
+        raise click.UsageError(f"{flag(next(iter(film.given)))} belongs to videos; give a --path")
+    if output.suffix.lower() in VIDEOS_WRITTEN:
+        raise click.UsageError(f"{output} is a video, which needs a --path of poses")
+    posed = PosedScene(seen, stands or Pose())
+    _photograph(camera, Distant(posed) if distant else posed, output, taking, panorama)
+
+
+def _photograph(
+    camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions, panorama: Path | None = None
+) -> None:
+    """Take the picture and write it as its file's kind holds it, and the panorama of its light."""
+    kind = format_of(output)
+    is_light = "float32" in kind.depths and "uint8" not in kind.depths
+    if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
+        raise click.UsageError(
+            f"{flag(asked[0])} belongs to pictures of whole numbers, and {output.suffix} holds light"
+        )
+    detector, radiometry = taking.detector(), taking.radiometry()
+    if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
+        raise click.UsageError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
+    if output.suffix.lower() == ".exr":
+        from .....io.pictures.exr import check_exr_can_be_written
+
+        check_exr_can_be_written(output)
+    readout = None if is_light or panorama is not None else Readout(detector, taking.seed)
+    with rows_bar("Exposing") as progress:
+        taken = exposed(
+            camera, scene, LIGHT if readout is None else readout.medium, samples=taking.samples,
+            blur=taking.is_blurred(camera), radiometry=radiometry, seed=taking.seed, progress=progress,
+            wavelengths_nm=taking.wavelengths_nm,
+        )  # fmt: skip
+    if readout is not None:
+        write_image(output, readout.numbers(taken))
+    elif not is_light:
+        write_image(output, detector.read(taken, taking.seed))
+    else:
+        taken *= detector.exposure
+        _write_light(output, camera, scene, taken, radiometry)
+    width, height = camera.image_size
+    say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
+    if panorama is not None:
+        _write_panorama(camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama)
+
+
+def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
+    if output.suffix.lower() == ".exr":
+        from .....simulation.datasets.calibration_set import write_truth
+
+        write_truth(output, camera, scene, light, radiometry)
+    else:
+        write_image(output, light)
+
+
+def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
+    from .....dewarp import Dewarper, views
+
+    dewarp = Dewarper(camera, views.panorama(camera), "cubic")
+    straight = dewarp(picture)
+    write_image(output, straight)
+    say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
+
+
+def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
+    from .....simulation.datasets.video import load_path, write_video
+
+    assert film.path is not None
+    done = 0
+    with rows_bar("Filming") as progress:
+
+        def written(frame: Any, total: int) -> None:
+            nonlocal done
+            done = frame.number + 1
+            progress(done, total)
+
+        try:
+            write_video(
+                camera, scene, path=load_path(film.path), output=output, bodies=film.moving(),
+                frame_rate=film.frame_rate, duration_s=film.duration_s, samples=taking.samples,
+                blur=taking.is_blurred(camera), radiometry=taking.radiometry(), detector=taking.detector(),
+                seed=taking.seed, written=written,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
+    width, height = camera.image_size
+    say(f"{output}: {width} x {height} px, {done} frames")
+
+
+def _stopped(output: Path, done: int, what: str) -> None:
+    """Say what is left of work that Ctrl-C has ended; the last word is the application's."""
+    held = f"holds the {done} {what} that were done" if done else "was not written"
+    notice(f"{output} {held}")
+
+
+@command.command(
+    "dataset",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",),
+)
+@click.argument("sensor", type=SENSOR, required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
+              help="Make that set again: its sensor, its options, no others.")  # fmt: skip
+@click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
+@takes(FilmOptions, "film")
+@click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
+@takes(SceneOptions, "scene")
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
+def dataset(
+    sensor: str | None,
+    output: Path,
+    again: Path | None,
+    views: int | None,
+    film: FilmOptions,
+    truth: bool,
+    scene: SceneOptions,
+    taking: TakingOptions,
+    housing: HousingOptions,
+) -> None:
+    """Write a calibration set, or with --path a video set, of what SENSOR would take.
+
+    A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
+    pose and the true pixels of the corners of all boards in view (7 rows of 11; null where a corner is hidden or out of
+    the field), and the corners' places in the hall (mm).
+
+    A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
+
+    A set that was stopped or killed goes on where it was when the same is asked for again. dataset.json also holds all
+    that --again needs to make the same files once more.
+    """
+    from .....simulation.datasets.recipe import VideoRecipe
+
+    if again is not None:
+        recipe = _made_before(again)
+    elif sensor is None:
+        raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
+    else:
+        recipe = _asked_for(lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking)
+    if isinstance(recipe, VideoRecipe):
+        _write_video_set(output, recipe)
+    else:
+        _write_calibration_set(output, recipe)
+
+
+def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of a set that was made before."""
+    from importlib.metadata import version
+
+    from .....simulation.datasets.recipe import load_recipe
+
+    context = click.get_current_context()
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
+            what = "a SENSOR" if name == "sensor" else flag(name)
+            raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
+    kept, this = load_recipe(again), version("omnimirror")
+    if kept.made_by != this:
+        notice(f"{again} is of omnimirror {kept.made_by}, and {this} may make other files")
+    return kept.recipe
+
+
+def _asked_for(
+    sensor: Callable[[], AnyCamera],
+    views: int | None,
+    film: FilmOptions,
+    truth: bool,
+    scene: SceneOptions,
+    taking: TakingOptions,
+) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of the set that the options ask for."""
+    from .....simulation.datasets.recipe import CalibrationRecipe, VideoRecipe
+
+    if taking.wavelengths_nm is not None:
+        raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
+    common: dict[str, Any] = {
+        "samples": taking.samples, "blur": taking.wants_blur, "seed": taking.seed, "radiometry": taking.radiometry(),
+        "detector": taking.detector(), "truth": truth,
+    }  # fmt: skip
+    if film.path is None:
+        source = click.get_current_context().get_parameter_source("scene")
+        is_named = source == click.core.ParameterSource.COMMANDLINE
+        if asked := [name for name in (*scene.given, *film.given) if name != "scene" or is_named]:
+            raise click.UsageError(f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is")
+        return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
+    from .....simulation.datasets.video import load_path
+
+    if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
+        raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
+    return VideoRecipe(
+        sensor=sensor(), scene=scene.source(), path=load_path(film.path), bodies=film.moving(),
+        frame_rate=film.frame_rate, duration_s=film.duration_s, **common,
+    )  # fmt: skip
+
+
+def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
+    from .....simulation.datasets.calibration_set import take_pictures
+
+    views, done = recipe.views, 0
+    with rows_bar("Taking pictures") as progress:
+        try:
+            for number, _ in enumerate(take_pictures(recipe, output), start=1):
+                done = min(number, views)
+                progress(done, views)
+        except KeyboardInterrupt:
+            _stopped(output, done, "pictures")
+            raise
+    say(f"{output}: {views} pictures, sensor.toml and dataset.json")
+
+
+def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
+    from .....simulation.datasets.calibration_set import take_frames
+
+    done = 0
+    with rows_bar("Filming") as progress:
+
+        def report(number: int, total: int) -> None:
+            nonlocal done
+            done = number
+            progress(number, total)
+
+        try:
+            frames = take_frames(recipe, output, report)
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
+    say(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+
+
+@dataclass(frozen=True)
+class ShardOptions(Options):
+    """How samples are stored."""
+
+    per_shard: int = option(type=WHOLE, default=100, help="Samples in each tar file.")
+
+
+@command.command(
+    "learning",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",),
+)
+@click.argument("sensor", type=SENSOR)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@takes(FilmOptions, "film")
+@takes(ShardOptions, "stored")
+@takes(SceneOptions, "scene")
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
+def learning(
+    sensor: str,
+    output: Path,
+    film: FilmOptions,
+    stored: ShardOptions,
+    scene: SceneOptions,
+    taking: TakingOptions,
+    housing: HousingOptions,
+) -> None:
+    """Write a set to learn from: what SENSOR would take along a --path, and what each pixel sees.
+
+    Shards of WebDataset, tar files in which each frame has a picture, its pose, and arrays: depth, directions and
+    origins of the rays, normals, labels, optical flow to the next frame. README.md beside them explains all of it.
+    """
+    from .....simulation.datasets.learning_set import write_learning_set
+    from .....simulation.datasets.video import load_path
+
+    if film.path is None:
+        raise click.UsageError("a set to learn from is taken along poses; give a --path")
+    if taking.wavelengths_nm is not None:
+        raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
+    camera, path, bodies = housing.on(load_camera(sensor)), load_path(film.path), film.moving()
+    with rows_bar("Taking frames") as progress:
+        try:
+            shards = write_learning_set(
+                camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate,
+                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
+                radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, progress=progress,
+                **stored.given,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, len([*output.glob("set-*.tar")]), "shards")
+            raise
+    say(f"{output}: {shards[0].name} to {shards[-1].name}, sensor.toml and README.md")
+
+
+@dataclass(frozen=True)
+class RoundTripOptions(Options):
+    """How the wall's pictures are taken."""
+
+    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
+
+
+@command.command(
+    "roundtrip",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",),
+)
+@click.argument("sensors", type=SENSOR, nargs=-1, metavar="[SENSOR...]")
+@takes(RoundTripOptions, "taking")
+@json_option()
+def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Path | None) -> None:
+    """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
+
+    Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
+    and straightened from the best single viewpoint; what share of the blurred picture's error is blur; then the largest
+    shifts found, and the one that Eq. 23 predicts. All sensors that come with the package unless some are named.
+    """
+    from .....simulation.round_trip import measure_round_trip
+
+    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + ["of it blur\n%"]
+    heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
+    table = plain_table("sensor", *heads, words=("sensor",))
+    console = output_console()
+    records: list[dict[str, Any]] = []
+    for name in sensors or bundled_sensors():
+        try:
+            with console.status(Text(f"Simulating {name}")):
+                found = measure_round_trip(load_sensor(name), **taking.given)
+        except OutsideField as e:
+            if name in sensors:
+                raise
+            notice(e)
+            continue
+        records.append({"sensor": name, "blur_share": found.blur_share} | asdict(found))
+        decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
+        numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
+        numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
+        table.add_row(name, *("-" if number == "nan" else number for number in numbers))
+    console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)

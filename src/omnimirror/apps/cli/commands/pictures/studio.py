@@ -1,0 +1,104 @@
+"""``omnimirror studio``: look through a sensor, and design one, in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .....base.errors import OmnimirrorError
+from .....base.files import write_text
+from ...help_pages import DocumentedCommand
+from ...options.common import WholeRange
+from ...options.declared import Options, option, takes
+from ...outputs import progress_bar, say
+from ...streams import is_quiet
+
+if TYPE_CHECKING:
+    from ....studio.studio import Studio
+
+
+@dataclass(frozen=True)
+class ListenOptions(Options):
+    """Where a server listens."""
+
+    host: str = option(default="127.0.0.1", help="Where to listen; beyond this machine, with a token.")
+    port: int = option(
+        type=WholeRange(0, 65535), default=0, show_default=False, help="Where to listen.  [default: any that is free]"
+    )
+
+
+@dataclass(frozen=True)
+class ServerOptions(ListenOptions):
+    """How the page is served."""
+
+    open_browser: bool = option(
+        "--open/--no-open", default=True, show_default=False, help="Whether to open the page in the browser."
+    )
+    folders: tuple[Path, ...] = option(
+        "--folder", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+        help="Offer the pictures and videos of a folder too.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PageOptions(Options):
+    """A page in the server's place."""
+
+    page: Path | None = option(
+        "--page", type=click.Path(dir_okay=False, path_type=Path),
+        help="Write a page instead that looks through the bundled sensors at any picture, without a server.",
+    )  # fmt: skip
+
+
+def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
+    """Serve until Ctrl-C, or say what is missing."""
+    try:
+        from ....studio.server import serve
+    except ModuleNotFoundError as e:
+        if e.name not in ("fastapi", "starlette", "uvicorn"):
+            raise
+        raise OmnimirrorError("the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'") from None
+    serve(make(), server.host, server.port, server.open_browser, click.echo)
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
+)
+@takes(PageOptions, "written")
+@takes(ServerOptions, "server")
+def command(server: ServerOptions, written: PageOptions) -> None:
+    """Open the studio in the browser: look through a sensor at pictures, videos and cameras, or design one.
+
+    It listens on this machine alone unless --host says otherwise.
+    """
+    if written.page is not None:
+        return _write_page(written.page)
+
+    def make() -> Studio:
+        from ....studio.look.sources import Sources
+        from ....studio.studio import Studio
+
+        return Studio(Sources(folders=server.folders))
+
+    run_studio(make, server)
+
+
+def _write_page(path: Path) -> None:
+    """The page that needs no server."""
+    from rich.console import Console
+
+    from ....studio import page_alone
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}")
+    with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
+        task = bar.add_task("simulating rooms", total=None)
+        text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
+    write_text(path, text)
+    say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")

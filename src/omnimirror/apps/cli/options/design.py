@@ -1,0 +1,307 @@
+"""What ``omnimirror design`` makes of its options: requirements, and how an optimised mirror is searched for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from ....base.arguments import float_of
+from ....design.catalogue.catalogue import TYPICAL
+from ....design.construct.families import FAMILIES
+from ....design.criteria.consistency import WAYS
+from ....design.criteria.like import tables_like
+from ....design.criteria.merits import DESIGN_MERITS
+from ....design.criteria.ranges import Range
+from ....design.criteria.requirement_file import load_requirements, requirements_of
+from ....design.criteria.requirements import PAPER_IMAGER, Requirements
+from ....design.optimise.optimiser import Progress
+from ....design.solve.designer import SearchOptions
+from ....design.solve.freeform import SHAPE
+from ....optics.batch.bases import FREE_FORMS
+from ....optics.lenses import BlurMode
+from ....optics.mirrors.generated import MAPPINGS
+from ....optics.sensor_files import Places, load_sensor
+from ..outputs import FIGURES, Output
+from .common import NUMBER, WHOLE, angle_range, number_or_range
+from .declared import Options, option
+
+SECTIONS: dict[str, tuple[str, ...]] = {
+    "field": (
+        "omega_max_deg", "omega_min_deg", "elevation_deg", "object_distance_mm", "object_plane_distance_mm",
+        "object_cylinder_radius_mm",
+    ),
+    "mount": ("camera_looks",),
+    "mirror": (
+        "mapping", "family", "optimise", "shape", "fit", "apex", "rim_radius_mm", "conic", "plane_distance_mm",
+        "cylinder_radius_mm", "mapping_csv",
+    ),
+    "lens": (
+        "kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm", "magnification", "fills", "image_circle_mm"
+    ),
+    "imager": ("width_px", "height_px", "pixel_pitch_um"),
+    "parts": ("catalogue", "most_price", "most_mass_g", "most_diameter_mm", "most_height_mm"),
+}  # fmt: skip
+"""The options that stand for entries of the requirement file, by their table."""
+
+OF_WAYS = {
+    "mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"),
+    "family": ("conic", "fit"),
+    "optimise": ("shape",),
+}
+"""Ways to say what mirror is wanted, and what belongs to each: an option for one puts a file's other ways aside."""
+
+PAPER_PIXELS = {n: getattr(PAPER_IMAGER, n) for n in SECTIONS["imager"]}
+
+PAPER: dict[str, dict[str, Any]] = {
+    "field": {"omega_max_deg": 135.0},
+    "mirror": {"rim_radius_mm": 43.9},
+    "lens": {"focal_length_mm": 11.6, "theta_max_deg": 12.0, "f_number": 4.0},
+    "imager": PAPER_PIXELS,
+}
+"""The paper's sensors: what is optimised where nothing else is said."""
+
+
+def whole_numbers(text: str) -> list[int]:
+    """Whole numbers above 0, parted by commas.
+
+    >>> whole_numbers("4,8,16")
+    [4, 8, 16]
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdigit() and int(part) > 0 for part in parts):
+        raise click.BadParameter(f"{text!r} is not a list of whole numbers above 0, such as 4,8,16")
+    return [int(part) for part in parts]
+
+
+def merit_list(text: str) -> list[str]:
+    """Names of merits, parted by commas."""
+    return [part.strip() for part in text.split(",")]
+
+
+def distances(text: str) -> float | tuple[float, float]:
+    """A distance in mm or two of them, ``NEAR:FAR``; ``inf`` is allowed.
+
+    >>> distances("inf"), distances("500:inf")
+    (inf, (500.0, inf))
+    """
+    try:
+        numbers = [float_of(part) for part in text.split(":")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or not all(n > 0 for n in numbers):
+        raise click.BadParameter(f"{text!r} is not a distance in mm above 0, or NEAR:FAR, such as 500:inf")
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+AskedLimit = tuple[str, float, dict[str, Any]]
+"""A quantity, a number, and what else the limit's table holds: the part of the field, the spatial frequency."""
+
+
+def limit(text: str) -> AskedLimit:
+    """A quantity, a number, and the part of the field if it is not all: ``QUANTITY=NUMBER[@FROM:TO]``.
+
+    One angle may stand for both ends; a part may be given by elevations, an MTF has its frequency in cycles per pixel.
+
+    >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
+    (('total_blur_px', 4.0, {}), ('resolution_px_per_deg', 3.5, {'omega_deg': [30.0, 120.0]}))
+    >>> limit("mtf:0.25=0.3@elevation=0")
+    ('mtf', 0.3, {'cycles_per_px': 0.25, 'elevation_deg': [0.0, 0.0]})
+    """
+    match = re.fullmatch(r"\s*(\w+)(?::([^=]+))?\s*=\s*([^@]+)(?:@(elevation=)?([^:]+)(?::(.+))?)?", text)
+    try:
+        if match is None:
+            raise ValueError
+        entries: dict[str, Any] = {} if match[2] is None else {"cycles_per_px": float_of(match[2])}
+        if match[5]:
+            ends = [float_of(match[5]), float_of(match[6] or match[5])]
+            entries["elevation_deg" if match[4] else "omega_deg"] = ends
+        return match[1], float_of(match[3]), entries
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not a limit QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as "
+            "total_blur_px=4@20:120"
+        ) from None
+
+
+def focus_range(text: str) -> Range:
+    """A distance in mm, or ``LOW:HIGH``, whose HIGH may be ``inf``.
+
+    >>> focus_range("250:inf")
+    (250.0, inf)
+    """
+    low, colon, high = text.partition(":")
+    return (number_or_range(low), np.inf) if colon and high.strip() == "inf" else number_or_range(text)  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class RequirementOptions(Options):
+    """What a sensor must do, as options that stand in the place of a requirement file's entries."""
+
+    mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="How the image is to be laid out.")
+    family: str | None = option("--mirror", metavar="FAMILY", help=f"Instead: {', '.join(FAMILIES)} or polynomial:N.")
+    optimise: str | None = option(
+        type=click.Choice([*DESIGN_MERITS]), help="Instead: the mirror of free form with the least of it."
+    )
+    shape: str | None = option(
+        metavar="FORM[:N]", help=f"What is optimised: {', '.join(FREE_FORMS)}; {SHAPE} by default."
+    )
+    fit: str | None = option(
+        metavar="FORM:N", help="Make it a polynomial:N or an asphere:N that keeps the mapping best."
+    )
+    like: str | None = option(
+        metavar="SENSOR", help="Field, rim, lens and imager as of a sensor file or a bundled sensor."
+    )
+    omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")
+    omega_min_deg: float | None = option(type=NUMBER, help="Where the field begins that matters.")
+    elevation_deg: tuple[float, float] | None = option(
+        type=angle_range,
+        metavar="LOW:HIGH",
+        help="Instead of both: elevations over the horizon, as the mount has them.",
+    )
+    camera_looks: str | None = option(
+        type=click.Choice(["up", "down", "forward"]), help="How the sensor stands; up by default."
+    )
+    apex: str | None = option(
+        type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg."
+    )
+    object_distance_mm: Range | None = option(
+        type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default."
+    )
+    object_plane_distance_mm: float | None = option(
+        type=NUMBER, help="Instead: objects on a plane, from the mirror vertex to it."
+    )
+    object_cylinder_radius_mm: float | None = option(
+        type=NUMBER, help="Instead, or with it: objects on a cylinder around the axis."
+    )
+    rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
+    conic: Range | None = option(
+        type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it."
+    )
+    plane_distance_mm: float | None = option(type=NUMBER, help="Of a ground-plane mapping: mirror vertex to the plane.")
+    cylinder_radius_mm: float | None = option(type=NUMBER, help="Of a cylinder mapping.")
+    mapping_csv: str | None = option(type=click.Path(), help="Of a tabulated mapping: columns omega_deg, height.")
+    kind: str | None = option(
+        "--lens", type=click.Choice(["perspective", "orthographic"]), help="perspective by default."
+    )
+    focal_length_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
+    theta_max_deg: Range | None = option(type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
+    f_number: Range | None = option(type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
+    focus_mm: Range | None = option(
+        type=focus_range, metavar="MM|LOW:HIGH", help="In focus; the best by default. HIGH may be inf."
+    )
+    magnification: Range | None = option(
+        type=number_or_range, metavar="MU|LOW:HIGH", help="Of a telecentric lens; by default the rim fills the imager."
+    )
+    fills: str | None = option(
+        type=click.Choice(["short-side", "long-side"]), help="Which side of the imager the rim may fill."
+    )
+    image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image that the lens covers.")
+    width_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
+    height_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
+    pixel_pitch_um: float | None = option(type=NUMBER, help="Of the imager; 5.2 by default.")
+    at_most: tuple[AskedLimit, ...] = option(
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
+        help="A limit, over a part of the field in degrees or all of it; may be repeated.",
+    )  # fmt: skip
+    at_least: tuple[AskedLimit, ...] = option(
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
+        help="Likewise; may be repeated.",
+    )  # fmt: skip
+    catalogue: tuple[Path, ...] = option(
+        "--parts", type=click.Path(path_type=Path), multiple=True, metavar="CATALOGUE", default=(), show_default=False,
+        help="Design with the lenses and imagers of these lists, or of 'typical'; may be repeated.",
+    )  # fmt: skip
+    most_price: float | None = option(type=NUMBER, help="Of the parts.")
+    most_mass_g: float | None = option(type=NUMBER, help="Of the whole.")
+    most_diameter_mm: float | None = option(type=NUMBER, help="Of the whole.")
+    most_height_mm: float | None = option(type=NUMBER, help="Of the whole.")
+    name: str | None = option(help="Of the sensor.")
+
+    def requirements(self, file: Path | None) -> Requirements:
+        """The requirements of a file with the options in place of its entries, or of the options alone."""
+        if file is not None and self.like is not None:
+            raise click.UsageError("give a requirement file or --like, not both")
+        given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
+        given["catalogue"] = [str(path) if str(path) == TYPICAL else str(path.absolute()) for path in self.catalogue]
+        changes: dict[str, Any] = {
+            section: found
+            for section, names in SECTIONS.items()
+            if (found := {k: v for k, v in given.items() if k in names and v != []})
+        }
+        title = {"name": self.name} if self.name else {}
+        sides = (("at_most", self.at_most), ("at_least", self.at_least))
+        limits = [_limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked]
+        if file is not None:
+            if self.elevation_deg is not None:
+                changes["field"] |= {"omega_min_deg": None, "omega_max_deg": None}
+            return load_requirements(file, _with_ways_aside(changes) | title, limits)
+        if not changes and self.like is None:
+            raise click.UsageError("give a requirement file, or a field and a mirror by options")
+        data = self._tables(changes)
+        return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
+
+    def _tables(self, changes: dict[str, Any]) -> dict[str, Any]:
+        """The tables of the sensor to be like, or of the paper's for a mirror of free form, with the changes."""
+        base = PAPER if self.optimise is not None else {}
+        if self.like is not None:
+            base = tables_like(load_sensor(self.like))
+        data = {section: base.get(section, {}) | changes.get(section, {}) for section in {**base, **changes}}
+        if data.get("lens", {}).get("kind") == "orthographic" and self.like is None:
+            data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
+        if "imager" in data:
+            data["imager"] = PAPER_PIXELS | data["imager"]
+        return data
+
+
+@dataclass(frozen=True)
+class SearchedOptions(Options):
+    """How a mirror of free form, or a front of them, is searched for."""
+
+    terms: list[int] | None = option(
+        type=whole_numbers, metavar="N[,N..]", help="The N of --shape; several give a table of convergence."
+    )
+    starts: int = option(type=WHOLE, default=4, help="From how many mirrors to optimise.")
+    seed: int = option(type=WHOLE, default=0, help="Of all that is drawn at random.")
+    resume: Path | None = option(
+        type=click.Path(path_type=Path),
+        help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.",
+    )
+    paper_mode: bool = option(
+        is_flag=True, default=False, show_default=False,
+        help="Merits of blur by the paper's Eq. 29 instead of the exact form.",
+    )  # fmt: skip
+    image_radius_px: float | None = option(type=NUMBER, help="Merits for an image of this radius, as the paper's 500.")
+    population: int = option(type=WHOLE, default=120, help="Designs of a front.")
+    generations: int = option(type=WHOLE, default=200, help="Of the front's evolution.")
+    figure: Path | None = option(type=Output(FIGURES), help="Draw the front, known mirrors marked.")
+    pick: int | None = option(type=WHOLE, help="Which design of the front to take.")
+
+    @property
+    def mode(self) -> BlurMode:
+        """By which form blur is computed while merits and limits are searched for."""
+        return "paper" if self.paper_mode else "exact"
+
+    def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
+        """How one optimised mirror is searched for."""
+        return SearchOptions(self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px)
+
+
+def _limit_table(quantity: str, number: float, entries: dict[str, Any], side: str) -> dict[str, Any]:
+    return {"quantity": quantity, side: number, **entries}
+
+
+def _with_ways_aside(changes: dict[str, Any]) -> dict[str, Any]:
+    """Changes that also take away (None) what a file says of other ways to a mirror than the one asked for."""
+    mirror = changes.get("mirror", {})
+    chosen = [way for way in WAYS if way in mirror]
+    if not chosen:
+        return changes
+    kept = {n for way in chosen for n in OF_WAYS[way]}
+    aside = {n for way in WAYS if way not in chosen for n in (way, *OF_WAYS[way])} - kept
+    return changes | {"mirror": dict.fromkeys(sorted(aside)) | mirror}

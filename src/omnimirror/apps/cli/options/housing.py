@@ -1,0 +1,133 @@
+"""What stands around the mirror, as options of all commands that ask for it: they complete the sensor's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import click
+
+from ....optics.housing import MATERIALS, SHELLS, CameraBody, FlatWindow, Housing, Rim, Rod, Shell
+from ....optics.sensor import Sensor
+from ....optics.sensor_files import AnyCamera
+from .common import NUMBER, distance, height
+from .declared import Options, flag, option
+
+Stood = TypeVar("Stood", bound=AnyCamera)
+
+SUPPORTS = ("rod", "tube", "dome")
+SIZES = {
+    "support_diameter_mm": ("diameter_mm", SUPPORTS),
+    "support_end_diameter_mm": ("end_diameter_mm", ("rod",)),
+    "gap_mm": ("gap_mm", ("rod",)),
+    "wall_mm": ("wall_mm", tuple(SHELLS)),
+    "refractive_index": ("refractive_index", tuple(SHELLS)),
+    "wall_material": ("material", tuple(SHELLS)),
+    "medium": ("medium", tuple(SHELLS)),
+    "dome_centre_mm": ("centre_mm", ("dome",)),
+}
+"""The options that are sizes of a support: the entry of its table, and the supports that have it."""
+
+
+@dataclass(frozen=True)
+class HousingOptions(Options):
+    """What stands around the mirror; None where the options say nothing."""
+
+    support: str | None = option(
+        type=click.Choice([*SUPPORTS, "none"]),
+        help="What holds the mirror: an opaque rod, a clear tube or dome.  [default: as the sensor's housing says]",
+    )
+    support_diameter_mm: float | None = option(
+        type=distance, metavar="MM",
+        help="Of the support, outer; of a rod at its foot.  [default: of a rod 4, else 3 mm around the rim]",
+    )  # fmt: skip
+    support_end_diameter_mm: float | None = option(
+        type=distance, metavar="MM", help="Of a rod that tapers: at the mirror."
+    )
+    gap_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="From the rod's foot to the lens.  [default: a quarter of the distance]"
+    )
+    wall_mm: float | None = option(type=NUMBER, metavar="MM", help="Of tube or dome.  [default: 3]")
+    refractive_index: float | None = option(type=NUMBER, metavar="N", help="Of tube or dome.  [default: 1.49]")
+    wall_material: str | None = option(
+        type=click.Choice(list(MATERIALS)), help="Of tube, dome or window, instead of its index."
+    )
+    medium: str | None = option(
+        type=click.Choice(list(MATERIALS)), help="What is outside tube, dome or window.  [default: air]"
+    )
+    dome_centre_mm: float | None = option(
+        type=height, metavar="MM", help="Height of a dome's centre over the vertex.  [default: midway to the lens]"
+    )
+    camera_diameter_mm: float | None = option(
+        type=distance, metavar="MM",
+        help="The camera, which the mirror shows in the middle.  [default: as the sensor's housing says]",
+    )  # fmt: skip
+    camera_height_mm: float | None = option(
+        type=height, metavar="MM", help="Of the camera's front over the lens's principal point.  [default: 0]"
+    )
+    rim_width_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="A dark edge about the mirror's rim.  [default: as the sensor's housing says]"
+    )
+
+    def on(self, camera: Stood) -> Stood:
+        """The sensor with the options in place of what its file says; of a calibrated camera no housing is known."""
+        if not self.given:
+            return camera
+        if not isinstance(camera, Sensor):
+            raise click.UsageError(
+                f"{flag(next(iter(self.given)))} belongs to a sensor's housing; of a calibrated camera nothing is "
+                "known but where its pixels look"
+            )
+        return replace(camera, housing=self.of(camera.housing))
+
+    def of(self, housing: Housing) -> Housing:
+        """A housing with the options in place of what it says.
+
+        >>> HousingOptions("rod", 3.0, camera_diameter_mm=30.0).of(Housing())
+        Housing(camera=CameraBody(diameter_mm=30.0, height_mm=0.0, lens_diameter_mm=24.0), rod=Rod(diameter_mm=3.0,
+        end_diameter_mm=None, gap_mm=None), shell=None, rim=None, secondary_rim=None)
+        """
+        if self.support is not None:
+            housing = _supported(housing, self.support)
+        housing = self._sized(housing)
+        camera, rim = housing.camera, housing.rim
+        if self.camera_diameter_mm is not None:
+            camera = replace(camera or CameraBody(1.0), diameter_mm=self.camera_diameter_mm)
+        if self.camera_height_mm is not None:
+            if camera is None:
+                raise click.UsageError("--camera-height-mm is of a camera; give --camera-diameter-mm")
+            camera = replace(camera, height_mm=self.camera_height_mm)
+        if self.rim_width_mm is not None:
+            rim = replace(rim or Rim(), width_mm=self.rim_width_mm)
+        return replace(housing, camera=camera, rim=rim)
+
+    def _sized(self, housing: Housing) -> Housing:
+        """The housing's rod, tube or dome with the sizes that are given."""
+        given = self.picked(*SIZES)
+        if not given:
+            return housing
+        there = {"rod": housing.rod, **({housing.shell.KIND: housing.shell} if housing.shell else {})}
+        kinds = [kind for kind, part in there.items() if part is not None]
+        for name in given:
+            if not kinds:
+                raise click.UsageError(f"{flag(name)} is a size of a --support, and there is none")
+            fitting = [kind for kind in kinds if kind in SIZES[name][1]]
+            if not fitting:
+                held = [kind for kind in SIZES[name][1] if kind in SUPPORTS]
+                raise click.UsageError(f"{flag(name)} belongs to --support {' and '.join(held)}")
+            if len(fitting) > 1:
+                raise click.UsageError(f"the sensor has a {' and a '.join(fitting)}; say which of them by --support")
+            field = "rod" if fitting[0] == "rod" else "shell"
+            housing = replace(housing, **{field: replace(getattr(housing, field), **{SIZES[name][0]: given[name]})})
+        return housing
+
+
+def _supported(housing: Housing, kind: str) -> Housing:
+    """The housing with a support of this kind and no other, as the housing has it or with all its sizes fitted."""
+    rod: Rod | None = None
+    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None  # it holds nothing
+    if kind == "rod":
+        rod = housing.rod or Rod()
+    elif kind in SHELLS:
+        shell = housing.shell if isinstance(housing.shell, SHELLS[kind]) else SHELLS[kind]()
+    return replace(housing, rod=rod, shell=shell)

@@ -1,0 +1,185 @@
+"""The scenes that can be named on the command line, and the options of the pictures taken of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ....cameras.camera import Camera
+from ....optics.sensor import Sensor
+from ....simulation.detector import BAYER, CURVES, Detector
+from ....simulation.radiometry import Radiometry
+from ....simulation.scenes.posed import Pose
+from ....simulation.scenes.sources import SceneSource
+from ....simulation.scenes.worlds.bodies import MovingBox, load_bodies
+from ....simulation.scenes.worlds.bundled import BUNDLED
+from ..streams import is_quiet
+from .common import NUMBER, WHOLE, _numbers, angle, distance, factor, three_wavelengths
+from .declared import Options, flag, option
+
+
+def pose(text: str) -> Pose:
+    """A pose as ``X,Y,Z``, ``X,Y,Z,PAN``, .. up to ``X,Y,Z,PAN,TILT,ROLL``, in mm and degrees.
+
+    >>> pose("500,0,-200,30")
+    Pose(x_mm=500.0, y_mm=0.0, z_mm=-200.0, pan_deg=30.0, tilt_deg=0.0, roll_deg=0.0)
+    """
+    count = min(max(3, text.count(",") + 1), 6)
+    return Pose(*_numbers(text, count, ",", "a pose X,Y,Z[,PAN[,TILT[,ROLL]]] in mm and deg"))
+
+
+def reflectivity(text: str) -> Any:
+    """A reflectivity as a share, a metal's name or its index, or three of them with commas between.
+
+    >>> reflectivity("0.9"), reflectivity("gold"), reflectivity("0.96+6.69j,0.9,1")
+    (0.9, 'gold', ((0.96+6.69j), 0.9, 1.0))
+    """
+    if "," in text:
+        return tuple(reflectivity(part) for part in text.split(","))
+    for kind in (float, complex):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text.strip()
+
+
+@dataclass(frozen=True)
+class SceneOptions(Options):
+    """What is looked at."""
+
+    scene: str = option(
+        default="room", metavar="NAME|FILE",
+        help=f"What to look at: {', '.join(BUNDLED)}, an equirectangular picture (HDR, EXR, JPEG, ..), or a mesh "
+        "(GLB, glTF, OBJ, PLY, STL).",
+    )  # fmt: skip
+    heading_deg: float | None = option(
+        type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
+    )
+    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000; of an STL 1]")
+    up: str | None = option(
+        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; of an STL z]"
+    )
+    background: str | None = option(metavar="FILE", help="Environment behind a mesh.  [default: nothing]")
+
+    def source(self) -> SceneSource:
+        """Where the scene comes from."""
+        source = SceneSource(self.scene, **self.picked("heading_deg", "unit_mm", "up", "background"))
+        if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
+            raise click.UsageError(f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none")
+        if self.heading_deg is not None and not (source.is_environment or self.background):
+            raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
+        return source
+
+
+RADIOMETRY = ("reflectivity", "vignetting", "sees_past")
+DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
+
+
+@dataclass(frozen=True)
+class TakingOptions(Options):
+    """How pictures are taken."""
+
+    blur: str | None = option(
+        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on",
+        help="Look through the whole aperture, or sharp.  [default: on; off for a calibrated camera, whose aperture "
+        "nobody knows]",
+    )  # fmt: skip
+    no_blur: bool | None = option(is_flag=True, help="The same as --blur off.")
+    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
+    seed: int = option(type=WHOLE, default=0, help="Of the rays' places and of the noise.")
+    reflectivity: Any = option(
+        type=reflectivity, metavar="SHARE|METAL|N+Kj",
+        help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
+        "[default: 1]",
+    )  # fmt: skip
+    vignetting: bool | None = option(
+        "--vignetting/--no-vignetting", help="The lens's natural one, cos^4.  [default: none]"
+    )
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Of the colours, which lens and cover refract each its own way.",
+    )
+    sees_past: bool | None = option("--sees-past/--black-past", help="What lies beside the mirror.  [default: black]")
+    exposure: float | None = option(
+        type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"
+    )
+    full_well_e: float | None = option(type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]")
+    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Noise of reading out, electrons.  [default: 0]")
+    black_level_dn: float | None = option(
+        type=NUMBER, metavar="DN",
+        help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
+    )  # fmt: skip
+    bits: int | None = option(
+        type=WHOLE, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
+    )
+    curve: str | None = option(type=click.Choice(CURVES), help="Of the values.  [default: srgb]")
+    bayer: str | None = option(
+        type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"
+    )
+
+    @property
+    def wants_blur(self) -> bool | None:
+        """Whether to look through the whole aperture; None: where the camera has one."""
+        if self.no_blur:
+            return False
+        return None if self.blur is None else self.blur == "on"
+
+    def is_blurred(self, camera: Camera) -> bool:
+        """Whether a camera looks through its whole aperture."""
+        return isinstance(camera, Sensor) if self.wants_blur is None else self.wants_blur
+
+    def radiometry(self) -> Radiometry | None:
+        """How much light comes; None if the options say nothing."""
+        asked = self.picked(*RADIOMETRY)
+        if not asked:
+            return None
+        if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
+            raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
+        return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
+
+    def detector(self) -> Detector:
+        """The imager's electronics."""
+        return Detector(**self.picked(*DETECTOR))
+
+
+@dataclass(frozen=True)
+class FilmOptions(Options):
+    """A video along poses."""
+
+    path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+    fps: float | None = option(type=NUMBER, help="Videos: frames a second.  [default: 25]")
+    duration_s: float | None = option(type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+    bodies: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: boxes that move in the scene, a TOML file."
+    )
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames a second."""
+        return 25.0 if self.fps is None else self.fps
+
+    def moving(self) -> tuple[MovingBox, ...]:
+        """What moves in the scene."""
+        return () if self.bodies is None else load_bodies(self.bodies)
+
+
+@contextmanager
+def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on stderr, told of rows or frames done."""
+    console = Console(stderr=True, quiet=is_quiet())
+    bar = Progress(
+        TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,199 @@
+"""The views that can be asked for on the command line, and the options that describe them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from inspect import signature
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+import numpy as np
+
+from ....cameras.camera import Camera
+from ....dewarp import views
+from ....dewarp.pipelines.request import plumb
+from ....dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
+from ....dewarp.viewpoints import Viewpoint
+from ....dewarp.views.sizes import PartialSize
+from .common import (
+    angle,
+    angle_range,
+    distance,
+    factor,
+    height,
+    height_range,
+    offset,
+    picture_size,
+    viewpoint,
+)
+from .declared import Options, flag, option, refuse_other
+
+if TYPE_CHECKING:
+    from ....optics.sensor_files import AnyCamera
+
+PLACE = ("distance_mm", "offset_mm")
+OPTIONS_OF_VIEW: dict[str, tuple[str, ...]] = {
+    "panorama": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "rows", "wall_mm", "zoom", *PLACE),
+    "perspective": ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "zoom", *PLACE),
+    "dome": ("pan_deg", "omega_deg", "pole", "zoom", *PLACE),
+    "sphere": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "zoom", *PLACE),
+    "ground": ("pan_deg", "height_mm", "mm_per_px", "zoom", "offset_mm"),
+    "planet": ("pan_deg", "hfov_deg", "pole", "zoom", *PLACE),
+    "cube": ("pan_deg", "layout", *PLACE),
+    "mosaic": ("pan_deg", "tilt_deg", "hfov_deg", "elevation_deg", *PLACE),
+}
+OPTIONS_OF_PRESET = ("pan_deg", "tilt_deg", "zoom", *PLACE)
+
+
+@dataclass(frozen=True)
+class ViewOptions(Options):
+    """What is to be seen, and how large."""
+
+    view: str | None = option(type=click.Choice(list(views.VIEWS)), help="What to show.  [default: panorama]")
+    preset: str | None = option(
+        type=click.Choice(list(views.PRESETS)),
+        help="Instead of --view: the paper's screen 28, 90 or 180 deg wide, the last one bent.",
+    )
+    pan_deg: float | None = option(
+        type=angle, metavar="DEG", help="Centre of the view, right of forward; top of a round one.  [default: 0]"
+    )
+    tilt_deg: float | None = option(
+        type=angle, metavar="DEG", help="Centre of a perspective view, above the horizon.  [default: 0]"
+    )
+    roll_deg: float | None = option(type=angle, metavar="DEG", help="Turn a perspective view clockwise.  [default: 0]")
+    hfov_deg: float | None = option(
+        type=angle, metavar="DEG",
+        help="Width of a perspective view, or of a planet.  [default: 90; of a planet, the field]",
+    )  # fmt: skip
+    span_deg: float | None = option(type=angle, metavar="DEG", help="Width of a panorama.  [default: 360]")
+    elevation_deg: tuple[float, float] | None = option(
+        type=angle_range, metavar="MIN:MAX",
+        help="Height of a panorama.  [default: the camera's field; of a sphere, all]",
+    )  # fmt: skip
+    omega_deg: tuple[float, float] | None = option(
+        type=angle_range, metavar="MIN:MAX",
+        help="The same as angles from the axis of the camera; of a dome, from its pole.",
+    )  # fmt: skip
+    rows: Rows | None = option(
+        type=click.Choice(["tilt", "height"]),
+        help="Rows of a panorama: linear in elevation, or in height on an upright wall.  [default: tilt]",
+    )
+    wall_mm: tuple[float, float] | None = option(
+        type=height_range, metavar="LOW:HIGH",
+        help="A panorama of the wall at --distance-mm between two heights over the mirror.",
+    )  # fmt: skip
+    distance_mm: float | None = option(
+        type=distance, metavar="MM",
+        help="How far the screen stands from its centre: where things are seen without parallax.  [default: inf]",
+    )  # fmt: skip
+    offset_mm: tuple[float, float, float] | None = option(
+        type=offset, metavar="X,Y,Z", help="Move the screen forward, left and up from the mirror.  [default: 0,0,0]"
+    )
+    viewpoint: Viewpoint | None = option(
+        type=viewpoint, metavar="exact|single|MM",
+        help="See near screens by the true reflection, or from one viewpoint on the axis.  [default: exact]",
+    )  # fmt: skip
+    height_mm: float | None = option(type=height, metavar="MM", help="How high the mirror stands over the ground.")
+    mm_per_px: float | None = option(
+        type=distance, metavar="MM", help="Scale of the ground.  [default: the picture's resolution]"
+    )
+    pole: Pole | None = option(
+        type=click.Choice(["nadir", "zenith"]), help="Middle of a dome or planet.  [default: nearer]"
+    )
+    layout: Layout | None = option(type=click.Choice(list(LAYOUTS)), help="Faces of a cube.  [default: cross]")
+    zoom: float | None = option(type=factor, metavar="FACTOR", help="Enlarge the view about its middle.  [default: 1]")
+    past_resolution: bool | None = option(is_flag=True, help="Let --zoom go past what the camera resolves.")
+    size: PartialSize | None = option(
+        type=picture_size, metavar="WxH",
+        help="Output size; 1440x, x360 or nothing to choose by the picture's resolution.",
+    )  # fmt: skip
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the screen stands at a finite distance."""
+        return self.distance_mm is not None and bool(np.isfinite(self.distance_mm))
+
+    def check(self) -> None:
+        """Refuse options that do not apply to the view asked for, or that contradict each other."""
+        if self.view and self.preset:
+            raise click.UsageError("--preset is a view of its own; leave out --view")
+        name = self.view or "panorama"
+        chosen = f"--view {name}"
+        owners = {f"--view {known}": names for known, names in OPTIONS_OF_VIEW.items()} | {chosen: options_of(name)}
+        if self.preset:
+            chosen = "--preset"
+            owners[chosen] = OPTIONS_OF_PRESET
+        refuse_other(self.given, owners, chosen)
+        if self.elevation_deg and self.omega_deg:
+            raise click.UsageError("--elevation-deg and --omega-deg say the same thing twice; give one of them")
+        if self.wall_mm:
+            self._check_wall()
+        if chosen == "--view ground" and self.height_mm is None:
+            raise click.UsageError("--view ground needs --height-mm, the height of the mirror over the ground")
+        if self.past_resolution and self.zoom is None:
+            raise click.UsageError("--past-resolution says how far --zoom may go; give a --zoom")
+        if self.viewpoint is not None and chosen != "--view ground" and not self.is_near:
+            raise click.UsageError("--viewpoint makes no difference to a distant screen; give it a --distance-mm")
+
+    def _check_wall(self) -> None:
+        if other := self.picked("elevation_deg", "omega_deg", "rows"):
+            raise click.UsageError(f"--wall-mm says what {flag(next(iter(other)))} says too; give one of them")
+        if not self.is_near:
+            raise click.UsageError("--wall-mm needs --distance-mm, the distance of the wall")
+
+    def of(self, camera: Camera) -> Shape:
+        """The view of a camera; one sentence on stderr where its zoom is not as asked."""
+        view: Shape
+        if self.preset:
+            view = views.preset(self.preset, **self.picked("size", "pan_deg", "tilt_deg", *PLACE))
+        else:
+            name = self.view or "panorama"
+            options = self.picked("size", *(option for option in options_of(name) if option != "zoom"))
+            view = _made(name, camera, options)
+        return view if self.zoom is None else _zoomed(camera, view, self.zoom, bool(self.past_resolution))
+
+
+def options_of(view: str) -> tuple[str, ...]:
+    """The options that belong to a view; of one that another package brings, its function's keywords say which."""
+    if view in OPTIONS_OF_VIEW:
+        return OPTIONS_OF_VIEW[view]
+    known = {f.name for f in fields(ViewOptions)} - {"view", "preset", "zoom"}
+    return (*(name for name in signature(views.VIEWS[view]).parameters if name in known), "zoom")
+
+
+def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
+    """The view of a name; what only the command line says is translated."""
+    if name in ("panorama", "sphere"):
+        _elevations_of_omega(camera, options)
+    if "wall_mm" in options:
+        low, high = options.pop("wall_mm")
+        if not low < high:
+            raise click.UsageError(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
+        elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
+        options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
+    return views.VIEWS[name](camera, **options)
+
+
+def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
+    """Put elevations (deg) in the place of angles from the camera's axis, which must be upright but for its lean."""
+    if "omega_deg" not in options:
+        return
+    up = plumb(cast("AnyCamera", camera)).axis[2]
+    if abs(up) < 0.5:
+        raise click.UsageError("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
+    low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))
+    options["elevation_deg"] = (low, high)
+
+
+def _zoomed(camera: Camera, view: Shape, zoom: float, past_resolution: bool) -> Shape:
+    most = views.largest_zoom(camera, view)
+    if zoom > most:
+        magnification = zoom / views.resolution(camera, view)
+        limited = "" if past_resolution else f"; it is limited to {most:.3g}, and --past-resolution lifts the limit"
+        click.echo(
+            f"omnimirror: zoom {zoom:g} goes past what the sensor resolves "
+            f"({magnification:.1f} output pixels per source pixel){limited}",
+            err=True,
+        )
+        zoom = zoom if past_resolution else most
+    return view.zoomed(zoom)

@@ -1,0 +1,185 @@
+"""A sensor on one self-contained page: its pictures, its figures, its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ...analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
+from ...analysis.figures import FIGURES, draw, render
+from ...analysis.meridional.focus import best_focus
+from ...base.arguments import checked
+from ...base.escaping import html_text, shell_word
+from ...base.files import write_text
+from ...base.quantities import QUANTITIES, explained
+from ...dewarp import Dewarper, screens, views
+from ...io import write_image
+from ...optics.sensor import Sensor
+from ...optics.tracing.obscuration import hidden_words
+from ...simulation.rendering.picture import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.worlds.room import Room
+from .pages import figure_html, page_html
+
+VIEW = screens.Plane((960, 600))
+Told = Callable[[str, float], None]
+"""Called with what is being made, and the share of everything that is done."""
+BY_PICTURE = 0.6  # the share that taking the picture has
+FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
+COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
+
+
+@checked
+def write_demo(
+    sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None
+) -> Path:
+    """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
+
+    What ``omnimirror demo`` does.
+
+    Parameters
+    ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    out
+        A folder, which takes all files.
+    blur
+        Whether the picture is taken through the lens's whole aperture, as far as one mirror is all there is: by way of
+        a second one it is sharp.
+    progress
+        Called with what is being made, and the share (0 to 1) of everything that is done.
+
+    Returns
+    -------
+    Path
+        Of the report, ``report.html``; beside it ``circle.png``, ``panorama.png``, ``view.png`` and
+        ``evaluation.csv``.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be used, or the folder cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=41.6))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = om.write_demo(small, folder, blur=False)
+    ...     sorted(path.name for path in report.parent.iterdir())
+    ['circle.png', 'evaluation.csv', 'panorama.png', 'report.html', 'view.png']
+    """
+    folder = Path(out)
+    result = evaluate(sensor)
+    result.to_csv(folder / "evaluation.csv")  # first, so that a folder that takes nothing is refused at once
+    tell = progress or (lambda what, share: None)
+    tell("Taking the picture", 0.0)
+    circle = take_picture(
+        sensor,
+        Room(),
+        samples=SHOWN_SAMPLES,
+        blur=blur and sensor.secondary is None,
+        progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows),
+    )
+    pictures = {
+        "circle": circle,
+        "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),
+        "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle),
+    }
+    for name, picture in pictures.items():
+        write_image(folder / f"{name}.png", picture)
+    write_text(folder / "report.html", report_html(result, folder, tell))
+    return folder / "report.html"
+
+
+def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
+    """The page with everything inside it, the pictures of ``folder`` included."""
+    sensor = result.sensor
+    lead = (sensor.notes.strip().splitlines() or [""])[0]
+    return page_html(
+        sensor.name,
+        "sensor",
+        heading=html_text(sensor.name),
+        lead=html_text(lead),
+        numbers=_numbers(result),
+        pictures=_pictures(folder),
+        figures=_figures(sensor, tell),
+        table=_table(result),
+        commands=html_text(_commands(sensor.name)),
+    )
+
+
+def _numbers(result: Evaluation) -> str:
+    sensor, best = result.sensor, best_focus(result.sensor)
+    near, far = result.depth_of_field_mm
+    low, high = sensor.field_deg
+    seen = (np.cos(np.radians(low)) - np.cos(np.radians(high))) / 2
+    resolution, rate = QUANTITIES["dh_domega_px_per_deg"], result.dh_domega_px_per_deg
+    area = QUANTITIES["worst_floored_area_deg2"]
+    entries = {
+        "Mirror": f"{sensor.mirror.KIND}, rim {2 * sensor.mirror.rim_radius_mm:g} mm across",
+        "Field": f"{low:.3g} to {high:.4g}°, {100 * seen:.0f} % of the sphere",
+        "Image circle": f"{2 * sensor.rim_radius_px:.0f} px across",
+        resolution.title: f"{rate.min():.2f} to {rate.max():.2f} {resolution.unit}",
+        "Focus": f"{result.focus_mm:.1f} mm (best for the floored blur area: {best.focus_mm:.1f})",
+        "Depth of field": f"{near:.1f} to {far:.1f} mm",
+        area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
+        "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
+        "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
+    }
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+
+
+def _pictures(folder: Path) -> str:
+    panorama = _picture(
+        folder / "panorama.png", "The field as a panorama: 360° around, and all the mirror sees up and down."
+    )
+    circle = _picture(
+        folder / "circle.png", "The picture on the imager, of a room with signs on its walls: text runs backwards."
+    )
+    view = _picture(folder / "view.png", "A perspective view straight ahead, 90° wide.")
+    return f'{panorama}<div class="pair">{circle}{view}</div>'
+
+
+def _picture(path: Path, caption: str) -> str:
+    return figure_html(path.read_bytes(), "png", caption)
+
+
+def _figures(sensor: Sensor, tell: Told) -> str:
+    """Wide figures one below the other, then the upright ones side by side."""
+    wide: list[str] = []
+    upright: list[str] = []
+    for i, name in enumerate(FIGURES_SHOWN):
+        tell("Drawing the figures", BY_PICTURE + (1 - BY_PICTURE) * i / len(FIGURES_SHOWN))
+        figure = draw(name, [sensor])
+        place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
+        place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
+    return f'{"".join(wide)}<div class="columns">{"".join(upright)}</div>'
+
+
+def _table(result: Evaluation) -> str:
+    head = "".join(
+        f'<th title="{html_text(explained(q))}">{html_text(q.heading)}'
+        f"<small>{html_text(q.unit) or '&nbsp;'}</small></th>"
+        for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
+    )
+    cells = result.texts(COLUMNS_SHOWN).values()
+    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _commands(name: str) -> str:
+    sensor = shell_word(name)
+    dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
+    width, height = VIEW.size
+    return "\n".join(
+        [
+            f"omnimirror demo {sensor} --out .",
+            f"omnimirror evaluate {sensor} --csv evaluation.csv",
+            f"{dewarp} --view panorama -o panorama.png",
+            f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png",
+        ]
+    )

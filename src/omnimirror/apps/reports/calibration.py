@@ -1,0 +1,248 @@
+"""A calibration on one self-contained page, and its figures: errors, residuals, coverage, parameters, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ...analysis.figures import render, save_figure
+from ...analysis.figures.calibration import (
+    coverage_map,
+    residual_histograms,
+    residual_vectors,
+    residuals_by_picture,
+    residuals_by_radius,
+)
+from ...analysis.figures.style import styled
+from ...base.arguments import checked
+from ...base.escaping import html_text
+from ...base.files import write_text
+from ...calibration.estimation.results import Calibration
+from .pages import figure_html, page_html
+
+Array = NDArray[np.float64]
+
+GRID = (48, 36)  # places at which the error of a direction is computed
+CAPTIONS = {
+    "coverage": "Boards and their corners, with the rings in which corners are counted. The darker, the less well is "
+    "it known in which direction a pixel looks.",
+    "residuals": "From each corner to where the camera sees it. Arrows that agree with their neighbours are what the "
+    "model cannot follow.",
+    "residuals-by-radius": "The same along and across the radius; means with their standard errors.",
+    "residuals-by-picture": "RMS of each picture in the fit, and in a fit that was made without it.",
+    "residual-histograms": "Residuals in both directions of the picture, and normal noise of the same size.",
+}
+
+
+@checked
+def write_calibration_report(calibration: Calibration, path: str | Path, command: str = "") -> Path:
+    """Write a calibration as a page with everything inside it.
+
+    Parameters
+    ----------
+    calibration
+        From :func:`omnimirror.calibrate_camera`.
+    path
+        Of the page, ``.html``.
+    command
+        That made it, to be shown.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from omnimirror.cameras.models import Unified
+    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> board = om.Board("chessboard", 11, 7, 30.0)
+    >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 5), board, model="unified")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_calibration_report(found, f"{folder}/calibration.html").name
+    'calibration.html'
+    """
+    path = Path(path)
+    write_text(path, calibration_html(calibration, command))
+    return path
+
+
+@checked
+def write_calibration_figures(calibration: Calibration, folder: str | Path, kind: str = "svg") -> list[Path]:
+    """Write the figures of a calibration into a folder.
+
+    Parameters
+    ----------
+    calibration
+        From :func:`omnimirror.calibrate_camera`.
+    folder
+        That takes them.
+    kind
+        ``"svg"``, ``"png"`` or ``"pdf"``.
+
+    Returns
+    -------
+    list of Path
+        Of coverage, residuals over the picture, by radius, by picture, and their distribution.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from omnimirror.cameras.models import Unified
+    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> board = om.Board("chessboard", 11, 7, 30.0)
+    >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 4), board, model="unified")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in om.write_calibration_figures(found, folder)][:2]
+    ['coverage.svg', 'residuals.svg']
+    """
+    return [save_figure(f, Path(folder) / f"{name}.{kind}") for name, f in calibration_figures(calibration).items()]
+
+
+def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
+    """The figures of a calibration by their names."""
+    fit = calibration.adjustment
+    seen = fit.seen
+    pixels, residuals = fit.question.stack.pixels[seen], fit.residuals[seen]
+    offset = pixels - calibration.coverage.centre_px
+    radius = np.hypot(*offset.T)
+    outward = offset / np.maximum(radius, 1e-9)[:, None]
+    radial = np.sum(residuals * outward, axis=1)
+    across = residuals[:, 1] * outward[:, 0] - residuals[:, 0] * outward[:, 1]
+    size = fit.model.image_size
+    names = [s.name for s in fit.sightings]
+    with styled():
+        return {
+            "coverage": coverage_map(
+                [s.pixels for s in fit.sightings], size, calibration.coverage.centre_px, calibration.coverage.radii_px,
+                direction_sigmas(calibration),
+            ),
+            "residuals": residual_vectors(pixels, residuals, size),
+            "residuals-by-radius": residuals_by_radius(radius, radial, across),
+            "residuals-by-picture": residuals_by_picture(names, *_by_picture(calibration)),
+            "residual-histograms": residual_histograms(residuals, fit.noise_px),
+        }  # fmt: skip
+
+
+def direction_sigmas(calibration: Calibration) -> Array:
+    """Standard deviation (deg) of directions on a grid (rows, columns) over the picture; NaN where nothing is seen."""
+    width, height = calibration.model.image_size
+    u, v = np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1])
+    rays = calibration.model.backproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+    sigmas = np.full(len(rays.valid), np.nan)
+    ahead = rays.directions[rays.valid] @ calibration.model.mount.rotation()
+    sigmas[rays.valid] = calibration.direction_sigma_deg(ahead)
+    return sigmas.reshape(GRID[1], GRID[0])
+
+
+def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
+    """RMS (px) of each picture in the fit, and left out of it."""
+    fit = calibration.adjustment
+    held = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
+    return tuple(  # type: ignore[return-value]
+        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices])
+        for e in (fit.residuals, held)
+    )
+
+
+def calibration_html(calibration: Calibration, command: str = "") -> str:
+    """The page."""
+    drawn = {
+        name: figure_html(render(figure, "svg"), "svg+xml", CAPTIONS[name], css="plot")
+        for name, figure in calibration_figures(calibration).items()
+    }
+    heading = f"Calibration: {calibration.model.KIND}"
+    return page_html(
+        heading,
+        "calibration",
+        heading=html_text(heading),
+        lead=html_text(_lead(calibration)),
+        numbers=_numbers(calibration),
+        notes="".join(f"<p>{html_text(note)}</p>" for note in calibration.notes),
+        coverage=drawn.pop("coverage"),
+        advice="".join(f"<p>{html_text(sentence)}</p>" for sentence in calibration.advice),
+        residuals="".join(drawn.values()),
+        candidates=_candidates(calibration),
+        parameters=_parameters(calibration),
+        free="".join(f"<p>Not determined: {html_text(str(c))}</p>" for c in calibration.free),
+        pictures=_pictures(calibration),
+        outliers=_outliers(calibration),
+        command=html_text(command or "omnimirror calibrate"),
+    )
+
+
+def _lead(calibration: Calibration) -> str:
+    board = f" of a board with {calibration.board}" if calibration.board is not None else ""
+    used = sum(p.used for p in calibration.pictures)
+    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} pictures{board}."
+
+
+def _numbers(calibration: Calibration) -> str:
+    fit = calibration.adjustment
+    entries = {
+        "RMS": f"{calibration.rms_px:.3f} px",
+        "RMS of pictures left out": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
+        "Noise of a coordinate": f"{fit.noise_px:.3f} px",
+        calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} left out",
+        "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
+        "Took": f"{calibration.seconds:.1f} s",
+    }
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+
+
+def _candidates(calibration: Calibration) -> str:
+    rows = [
+        (c.kind, str(c.parameters), f"{c.rms_px:.3f}", _number(c.held_out_rms_px), c.why)
+        for c in sorted(calibration.candidates, key=lambda c: c.rms_px)
+    ]
+    return _table(("model", "parameters", "RMS px", "left out px", ""), rows)
+
+
+def _parameters(calibration: Calibration) -> str:
+    rows = [
+        (p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit) for p in calibration.parameters
+    ]
+    return _table(("", "value", "sigma", "unit"), rows)
+
+
+def _pictures(calibration: Calibration) -> str:
+    rows = [
+        (p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}",
+         "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
+         "used" if p.used else p.reason or "")
+        for p in calibration.pictures
+    ]  # fmt: skip
+    return _table(("picture", "corners", "RMS px", "camera at mm", ""), rows)
+
+
+def _outliers(calibration: Calibration) -> str:
+    if not calibration.outliers:
+        return "<p>None.</p>"
+    rows = [(o.picture, str(o.corner), f"{o.residual_px:.2f}") for o in calibration.outliers]
+    return f'<div class="scroll">{_table(("picture", "corner", "residual px"), rows)}</div>'
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "-"
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose first column, and last where it has no heading, holds words."""
+    words = {0, len(headings) - 1} if not headings[-1] else {0}
+    styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
+    head = "".join(f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True))
+    lines = []
+    for row in rows:
+        first, *others = (f"{style}>{html_text(c)}" for c, style in zip(row, styles, strict=True))
+        lines.append(f"<tr><th{first}</th>{''.join(f'<td{cell}</td>' for cell in others)}</tr>")
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"

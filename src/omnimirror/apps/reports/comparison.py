@@ -1,0 +1,155 @@
+"""Sensors side by side on one page, or as one picture: table, curves, and what each sees of the same room."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from matplotlib import image
+from numpy.typing import NDArray
+
+from ...analysis.comparison import Comparison
+from ...analysis.figures import picture_sheet, render, side_by_side, table_sheet
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter
+from ...base.escaping import html_text, shell_command
+from ...base.files import write_text
+from ...dewarp import Dewarper, views
+from ...dewarp.camera_field import field_of
+from ...io import write_image
+from ...io.pictures.images import encoded
+from ...optics.sensor import Sensor
+from ...simulation.rendering.picture import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.contract import Scene
+from ...simulation.scenes.worlds.room import Room
+from .pages import figure_html, page_html
+
+PANORAMA_PX = 1440  # width of every panorama
+
+
+class Pictures(NamedTuple):
+    """What each sensor sees of one scene; pictures (rows, columns, 3) uint8 in RGB order."""
+
+    circles: list[NDArray[Any]]
+    panoramas: list[NDArray[Any]]
+
+
+@checked
+def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | None = None) -> Path:
+    """Write a comparison as one self-contained page (``.html``) or one picture (``.png``).
+
+    Parameters
+    ----------
+    comparison
+        From :func:`omnimirror.compare`.
+    path
+        Ends in .html or .png.
+    scene
+        What every sensor takes its picture of; the bundled room by default.
+
+    Returns
+    -------
+    Path
+        Of the file.
+
+    Raises
+    ------
+    InvalidParameter
+        A file name that ends in neither, before anything is computed.
+    OmnimirrorError
+        A sensor cannot be used, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> names = ("paper-spherical", "paper-hyperboloidal")
+    >>> sensors = [om.load_sensor(name) for name in names]
+    >>> small = [replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)) for s in sensors]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_comparison(om.compare(small), f"{folder}/both.html").name
+    'both.html'
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in (".html", ".png"):
+        raise InvalidParameter(f"a comparison is written as .html or .png, and {path.name} is neither")
+    pictures = take_pictures(comparison, Room() if scene is None else scene)
+    if kind == ".html":
+        write_text(path, comparison_html(comparison, pictures))
+    else:
+        write_image(path, comparison_sheet(comparison, pictures))
+    return path
+
+
+def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
+    """Every sensor's picture of the scene, and its panorama over the elevations that any of them sees."""
+    fields = [field_of(s) for s in comparison.sensors]
+    elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
+    circles, panoramas = [], []
+    for sensor in comparison.sensors:
+        circle = take_picture(sensor, scene, samples=SHOWN_SAMPLES)
+        view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
+        circles.append(circle)
+        panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))
+    return Pictures(circles, panoramas)
+
+
+def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
+    """The page with everything inside it."""
+    title = " · ".join(comparison.names)
+    return page_html(
+        title,
+        "comparison",
+        heading=html_text(title),
+        count=len(comparison.sensors),
+        table=_table(comparison),
+        curves=figure_html(
+            render(side_by_side(_in_place(comparison)), "svg"),
+            "svg+xml",
+            "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the "
+            "mirror's rim to them.",
+            css="plot",
+        ),
+        circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
+        panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
+        command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
+    )
+
+
+def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
+    """The same as one tall picture (rows, columns, 3) in RGB order."""
+    lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
+    figures = (
+        table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
+        side_by_side(_in_place(comparison)),
+        picture_sheet(comparison.names, pictures.circles, pictures.panoramas),
+    )
+    sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
+    return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
+
+
+def _in_place(comparison: Comparison) -> list[Sensor]:
+    """Its sensors as they were drawn: a curve over the field angle holds at all azimuths."""
+    return [sensor.aligned() for sensor in comparison.sensors]
+
+
+def _table(comparison: Comparison) -> str:
+    names = "".join(f"<th>{html_text(n)}</th>" for n in comparison.names)
+    rows = []
+    for row in comparison.rows:
+        cells = "".join(
+            f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>"
+            for text, best in zip(row.texts, row.best, strict=True)
+        )
+        q = row.quantity
+        head = f'<th title="{html_text(q.meaning)}">{html_text(q.title)} <small>{html_text(q.unit)}</small></th>'
+        rows.append(f"<tr>{head}{cells}</tr>")
+    return f"<table><thead><tr><th></th>{names}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _picture(picture: NDArray[Any], name: str) -> str:
+    return figure_html(encoded(picture, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]), "jpeg", name)

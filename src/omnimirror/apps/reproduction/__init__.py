@@ -1,0 +1,145 @@
+"""Reproduction of the paper: its statements with verdicts, and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...analysis.figures import FIGURES, PAPER, save_all, save_figure
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter
+from . import blur, shapes, tables
+from .claims import CheckedClaim, Claim, check_claims
+from .paper import Paper, paper_sensors
+
+__all__ = [
+    "ALL_FIGURES",
+    "CheckedClaim",
+    "Claim",
+    "Reproduction",
+    "all_claims",
+    "check",
+    "draw_figures",
+    "paper_sensors",
+    "reproduce_paper",
+]
+
+ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
+"""Names of the figures: the curves of :data:`omnimirror.analysis.figures.FIGURES`, diagrams and images."""
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Result of :func:`reproduce_paper`: rows of the table and written files."""
+
+    rows: list[CheckedClaim]
+    files: list[Path]
+
+    @property
+    def unexpected(self) -> list[CheckedClaim]:
+        """Rows whose verdict differs from the known one."""
+        return [r for r in self.rows if not r.as_expected]
+
+
+def all_claims() -> list[Claim]:
+    """Return all checked statements of the paper, by section."""
+    return [*shapes.claims(), *blur.claims()]
+
+
+def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
+    """Compute claims and return their verdicts.
+
+    >>> rows = check(all_claims()[:1])
+    >>> rows[0].verdict, round(rows[0].computed, 2)
+    ('agrees', 134.98)
+    """
+    return check_claims(list(all_claims() if claims is None else claims), Paper())
+
+
+def draw_figures(
+    out_dir: str | Path,
+    which: Iterable[str] | None = None,
+    formats: Sequence[str] = ("svg", "png"),
+    progress: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Draw the figures of the paper, computed with its approximations.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown figure.
+    OmnimirrorError
+        A file cannot be written.
+    """
+    names = _figure_names(which)
+    curves = [n for n in names if n in FIGURES]
+    files = save_all(paper_sensors(), out_dir, formats, curves, PAPER, progress)
+    for name in (n for n in names if n not in FIGURES):
+        from .pictures import PICTURES
+
+        if progress is not None:
+            progress(name)
+        figure = PICTURES[name]()
+        files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
+    return files
+
+
+def _figure_names(which: Iterable[str] | None) -> list[str]:
+    names = list(ALL_FIGURES if which is None else dict.fromkeys(which))
+    if unknown := [n for n in names if n not in ALL_FIGURES]:
+        raise InvalidParameter(f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}")
+    return names
+
+
+@checked
+def reproduce_paper(
+    out: str | Path = "reproduced",
+    *,
+    figures: bool = True,
+    only: Iterable[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Reproduction:
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
+
+    Parameters
+    ----------
+    out
+        Folder for ``numbers.csv``, ``numbers.md`` and the figures.
+    figures
+        Whether to draw the figures.
+    only
+        Names of the figures to draw; all by default.
+    progress
+        Called with the name of each step before it starts.
+
+    Returns
+    -------
+    Reproduction
+        One row per statement with its verdict, and the written files.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown figure; raised before any file is written.
+    OmnimirrorError
+        A file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result = om.reproduce_paper(folder, figures=False)
+    >>> [path.name for path in result.files], result.unexpected
+    (['numbers.csv', 'numbers.md'], [])
+    """
+    which = _figure_names(only)
+    if progress is not None:
+        progress("numbers")
+    rows, folder = check(), Path(out)
+    files = [folder / "numbers.csv", folder / "numbers.md"]
+    tables.write_csv(rows, files[0])
+    tables.write_markdown(rows, files[1])
+    if figures:
+        files += draw_figures(folder, which, progress=progress)
+    return Reproduction(rows, files)

@@ -1,0 +1,91 @@
+"""The paper's figures that are diagrams, photographs and straightened pictures: Figs. 1, 2, 13, 14 and 16 to 18.
+
+Where the paper has photographs, of a garden and of its prototypes, there are simulated pictures of a room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+from matplotlib.figure import Figure
+
+from ...analysis.figures import diagrams, three_pictures
+from ...analysis.figures.diagrams import Picture, Prototype
+from ...analysis.meridional.viewpoints import best_viewpoint
+from ...dewarp import Dewarper, views
+from ...optics.housing import CameraBody, Dome, Housing, Rod, Tube
+from ...optics.image_sensor import Imager
+from ...optics.sensor import Sensor
+from ...simulation.rendering.picture import SHOWN_SAMPLES, take_picture
+from ...simulation.scenes.worlds.room import Room
+from ...simulation.shells import ThroughShell
+from .paper import M, paper_sensors
+
+CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
+PANEL_PX, PANEL_SAMPLES = 360, 8  # resolution of a panel of Fig. 16 in print, rays per pixel
+
+
+def _sphere() -> Sensor:
+    return paper_sensors()[0]
+
+
+@cache
+def _circle() -> Picture:
+    """What the spherical sensor sees of the room through its whole aperture, as its camera did."""
+    return take_picture(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
+
+
+def fig1() -> Figure:
+    return diagrams.principle(_sphere(), _circle())
+
+
+def fig2() -> Figure:
+    return diagrams.design(_sphere())
+
+
+def fig13() -> Figure:
+    sensor = _sphere()
+    flat = (views.panorama(sensor), views.dome(sensor))
+    return diagrams.virtual_screens(sensor, [Dewarper(sensor, view)(_circle()) for view in flat])
+
+
+def fig14() -> Figure:
+    sensor = _sphere()
+    return diagrams.one_viewpoint(sensor, best_viewpoint(sensor, 3 * M).z_mm)
+
+
+def fig16() -> Figure:
+    """Draw the prototypes of Sec. 5.2; the paper prints no dimensions, these are assumed.
+
+    The clear rod tapers towards the lens along the chief rays; its image is that of the bare mirror with the camera in
+    the centre. Images have the resolution of the printed panels.
+    """
+    sphere = _sphere()
+    pitch = sphere.imager.pixel_pitch_um * sphere.imager.width_px / PANEL_PX
+    imager = Imager(PANEL_PX, PANEL_PX, pitch)
+    room, bare = Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA)))
+    lens = -bare.meridian.m
+    rod, tube, dome = Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0)
+    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # a tube's lid
+    taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
+    held = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
+    titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
+    return diagrams.prototypes([Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)])
+
+
+def fig17() -> Figure:
+    """A furnished room in place of the garden: circle, panorama, zoom."""
+    sensor = _sphere()
+    panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(_circle())
+    zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(_circle())
+    return three_pictures(_circle(), panorama, zoom)
+
+
+def fig18() -> Figure:
+    return diagrams.blur_geometry()
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)}
+"""Figures that are no curves of the sensors' evaluation, by name."""

@@ -1,0 +1,270 @@
+"""Sensors as the bench holds them: tables of a sensor file, their errors by entry, and other kinds of parts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .....analysis.meridional.focus import best_focus
+from .....base.errors import InvalidParameter, OmnimirrorError, SpecError
+from .....design.construct.families import FAMILIES
+from .....design.construct.fits import fit_mirror
+from .....design.construct.rim import MountedMirror, RimRay
+from .....optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
+from .....optics.mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
+from .....optics.mirrors.generated import MAPPINGS
+from .....optics.mirrors.generated.base import Mapped
+from .....optics.sensor import Sensor
+from .....optics.sensor_files import EntryError, NoFile, sensor_of, tables_of
+from ..messages import BenchSensor, Change, Trouble, distance_of
+
+NODES = 25  # of a profile, a spline or a table taken from another mirror
+SLOPES = 13
+ELLIPSOID_CONIC = -0.4
+NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
+AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
+FOCUS_DIGITS = 3  # of a millimetre, finer than a lens can be set
+TABLE_ROWS = 9
+THETA_DEG = 12.0  # where nothing says how wide the lens sees
+NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
+"""The entry that an error names first."""
+
+
+class Form(NoFile):
+    """Says which entry of the bench's form an error is about, also where only its sentence names it."""
+
+    def error(self, path: tuple[str, ...], message: str) -> SpecError:
+        named = NAMED.search(message)
+        return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
+
+
+def trouble_of(error: OmnimirrorError) -> Trouble:
+    """What the page says about an error, and beside which entry."""
+    return Trouble(path=getattr(error, "path", ()), sentence=str(error))
+
+
+def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
+    """The sensor of the tables, its lens where the mapping needs it if it follows.
+
+    Raises
+    ------
+    EntryError
+        It cannot be; the error says which entry is why.
+    """
+    form = Form()
+    mount = tables.get("mount", {})
+    if not follows or not isinstance(mount, dict):
+        return sensor_of(tables, form)
+    mount = {**mount, "mirror_distance_mm": 1.0}  # any, until the mirror says which
+    sensor = sensor_of({**tables, "mount": mount}, form)
+    if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
+        return sensor_of(tables, form)
+    distance = sensor.mirror.design_distance
+    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
+
+
+def in_place(sensor: Sensor) -> Sensor:
+    """The sensor with its mirror and cover on the lens's axis, for what holds in one meridian alone."""
+    return sensor if sensor.is_axial else sensor.aligned()
+
+
+def remark_on(sensor: Sensor) -> str | None:
+    """What of a sensor is not in its plots, in a sentence; None where all is."""
+    pose = sensor.mirror_pose
+    if pose.is_axial and sensor.is_ideal_but_for_pose:
+        return None
+    if pose.is_axial:
+        return (
+            "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; "
+            "cross-section, plots and requirements are those of the sensor without."
+        )
+    shift, tilt = (
+        f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
+    )
+    return (
+        f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
+        "so; cross-section, plots and requirements are those of the same mirror in its place."
+    )
+
+
+def why_not_optimised(sensor: Sensor) -> str | None:
+    """Why the mirror of a sensor cannot be optimised, in a sentence; None where it can."""
+    if sensor.secondary is not None:
+        return "Mirrors are optimised one at a time, and this sensor has two."
+    if not sensor.mirror_pose.is_axial:
+        return "Mirrors are optimised in their place, and this one is decentred or tilted."
+    if not sensor.is_ideal_but_for_pose:
+        return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
+    return None
+
+
+def on_bench(sensor: Sensor) -> BenchSensor:
+    """A sensor as the bench holds it."""
+    mirror = sensor.mirror
+    is_mapped = isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
+    return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
+
+
+def changed(change: Change) -> Sensor:
+    """The sensor with another kind of mirror or lens, or at its best focus.
+
+    Another mirror keeps the radius and the viewing angle of the rim, and the field where its kind can reach it;
+    kinds with many numbers take the shape of the mirror before.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such kind, or none for this field.
+    """
+    stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    sensor = in_place(stands)
+    if change.what == "focus":
+        best = best_focus(sensor, change.to, object_distance_mm=distance)
+        made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+    else:
+        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+        made = _focused(changed_part, distance)
+    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
+
+
+def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
+    if kind not in MIRRORS:
+        raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
+    mounted = recast(sensor, kind)
+    distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
+    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
+
+
+def recast(sensor: Sensor, kind: str) -> MountedMirror:
+    """A mirror of another kind for the same rim.
+
+    >>> import omnimirror as om
+    >>> mounted = recast(om.load_sensor("paper-spherical"), "hyperboloid")
+    >>> round(mounted.mirror.a_mm / 43.9, 3), round(mounted.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
+    (0.741, 3.55)
+    """
+    rim = rim_of(sensor)
+    cls = MIRRORS[kind]
+    if kind in FAMILIES:
+        return FAMILIES[kind](rim, ELLIPSOID_CONIC if kind == "ellipsoid" else None)
+    if cls in AS_BEFORE:
+        return rim.place(AS_BEFORE[cls](sensor, rim))
+    if kind not in MAPPINGS:
+        before = rim.place(sensor.mirror)
+        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").mounted
+    mirror = _mapped(cls, rim)
+    return MountedMirror(mirror, mirror.design_distance)
+
+
+def rim_of(sensor: Sensor) -> RimRay:
+    """Field angle, viewing angle and radius of the rim of a sensor."""
+    theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
+    omega = sensor.field_deg[1]
+    return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
+
+
+def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
+    """A generated mirror, for as much of the field as its mapping reaches."""
+    M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
+    omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
+    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
+    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
+    if "cylinder_radius_mm" in needed:
+        needed.append("omega_min_deg")
+    made: Mapped = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
+    return made
+
+
+def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
+    x = np.linspace(0.0, rim.rim_radius_mm, NODES)
+    apex = "pointed" if sensor.mirror.is_pointed else "smooth"
+    return SampledProfile(tuple(x), tuple(sensor.mirror.sag(x)), apex=apex)
+
+
+def spline_like(sensor: Sensor) -> SlopeSpline:
+    """The mirror as a spline of slopes; one that is a spline stays as it is."""
+    mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
+    return (
+        mirror
+        if isinstance(mirror, SlopeSpline)
+        else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
+    )
+
+
+def mapping_like(sensor: Sensor) -> TabulatedMapping:
+    """The mapping as a table at even heights; one that is a table stays as it is."""
+    if isinstance(sensor.mirror, TabulatedMapping):
+        return sensor.mirror
+    rim = rim_of(sensor)
+    top = sensor.rim_radius_px
+    low = float(sensor.image_height_px(sensor.meridian.trace([sensor.meridian.x_min]))[0])
+    rays = sensor.meridian.trace(sensor.x_from_height_px(np.linspace(low, top, NODES)))
+    omega, height = np.degrees(rays.omega), np.linspace(0.0, 100.0, NODES)
+    return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
+
+
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
+    SampledProfile: _sampled,
+    SlopeSpline: lambda sensor, rim: spline_like(sensor),
+    TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
+}
+"""Kinds that can take any shape, and how they take that of the mirror before."""
+
+
+def _as_table(sensor: Sensor) -> TabulatedLens:
+    """The lens as a table, a little past the rim."""
+    lens = sensor.lens
+    if not isinstance(lens, GaussianLens):
+        raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
+    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
+    tangent = np.tan(np.radians(angles))
+    heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
+    return TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)),
+        tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.place(tangent), 6)),
+        principal_point_mm=lens.principal_point_mm,
+    )  # fmt: skip
+
+
+def _with_lens(sensor: Sensor, kind: str) -> Sensor:
+    """The other kind of lens, with the rim's image as large as before."""
+    if kind == sensor.lens.KIND:
+        return sensor
+    M, height = sensor.mirror.rim_radius_mm, sensor.rim_radius_px * sensor.imager.pitch_mm
+    F = sensor.lens.image_f_number()
+    if kind == "orthographic":
+        telecentric = Orthographic(round(height / M, 6), round(F, 3), 0.0)
+        return replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0))
+    if kind == "table":
+        return replace(sensor, lens=_as_table(sensor))
+    if kind == "surfaces":
+        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
+    if kind != "perspective":
+        raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
+    mirror = _for_theta(sensor.mirror, THETA_DEG)
+    distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
+    focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
+    f_number = F * focal / height * np.tan(np.radians(THETA_DEG))
+    lens = Perspective(round(float(focal), 4), round(float(f_number), 3), float(distance))
+    return replace(sensor, lens=lens, mirror=mirror, mirror_distance_mm=float(distance))
+
+
+def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
+    """A generated mirror made for another viewing angle; any other stays as it is."""
+    if isinstance(mirror, Mapped):
+        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
+    return mirror
+
+
+def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
+    """At its best focus if it has one; if it has none, the evaluation will say why."""
+    try:
+        best = best_focus(sensor, object_distance_mm=object_distance_mm)
+    except OmnimirrorError:
+        return sensor
+    return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))

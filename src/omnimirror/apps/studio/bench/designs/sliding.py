@@ -1,0 +1,56 @@
+"""Where each slider could stand for the requirements to be met."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+from .....base.errors import OmnimirrorError
+from ..messages import Slide, SlidesAsk, SlidesOf
+from .judging import requirements_for, rows_of
+from .sensors import in_place, sensor_on_bench
+
+ANGLES = 61
+"""At which limits are looked at: marks on a slider are some hundred pixels from end to end."""
+
+
+def slid(asked: SlidesAsk) -> SlidesOf:
+    """How far each requirement is missed or kept with each number at each of its values, the others as they are.
+
+    Raises
+    ------
+    OmnimirrorError
+        The requirements themselves are wrong.
+    """
+    requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
+    return SlidesOf(
+        missed=tuple(tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides)
+    )
+
+
+def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] | None:
+    is_distance = slide.path == ("mount", "mirror_distance_mm")
+    try:
+        sensor = in_place(sensor_on_bench(_with(asked.tables, slide.path, value), asked.follows and not is_distance))
+        rows = rows_of(asked.requirements, requirements_for(asked.requirements, sensor), sensor, ANGLES)
+    except OmnimirrorError:
+        return None
+    return tuple(min(row.shortfall, 0.0) if row.is_met else row.shortfall for row in rows)
+
+
+def _with(tables: dict[str, Any], path: tuple[str, ...], value: float) -> dict[str, Any]:
+    """The tables with one number changed.
+
+    >>> _with({"mirror": {"coefficients": [1.0, 2.0]}}, ("mirror", "coefficients", "1"), 3.0)
+    {'mirror': {'coefficients': [1.0, 3.0]}}
+    """
+    changed = deepcopy(tables)
+    place: Any = changed
+    *way, last = path
+    for step in way:
+        place = place.setdefault(step, {})
+    if isinstance(place, list):
+        place[int(last)] = value
+    else:
+        place[last] = value
+    return changed

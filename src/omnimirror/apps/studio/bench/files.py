@@ -1,0 +1,217 @@
+"""Files of the bench: sensors and requirements opened and written, reports, drawings, tables, and pictures taken."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+
+from ....analysis.evaluation import evaluate
+from ....base.errors import InvalidParameter, SpecError
+from ....base.files import parse_toml
+from ....optics.image_sensor import Imager
+from ....optics.sensor import Sensor
+from ....optics.sensor_files import Places, format_sensor, sensor_of, tables_of
+from ..framing import framed
+from ..uploads import encoded, safe_name
+from .designs.judging import lens_table, requirements_for
+from .designs.sensors import in_place, on_bench, sensor_on_bench
+from .messages import Download, Opened, PictureAsk, Taken, distance_of
+
+ROWS = 361  # field angles of a table
+JPEG_QUALITY = 86
+MOST_ACROSS = 4096
+"""Pixels of a panorama's width, and of an imager's longer side in a report."""
+VERY_FAR = 1e12
+"""Millimetres: as good as infinite, which JSON cannot hold."""
+
+
+class File(NamedTuple):
+    """A file to be handed down."""
+
+    name: str
+    kind: str
+    data: bytes
+
+
+def opened(name: str, data: bytes) -> Opened:
+    """A sensor file, or a requirement file (which has a ``[field]``), that was handed up.
+
+    Raises
+    ------
+    OmnimirrorError
+        It is neither, or wrong; the message says where.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
+    tables = parse_toml(text, name)
+    where = Places(text, name)
+    if "field" in tables:
+        return Opened(sensor=None, requirements=_checked(tables, where))
+    return Opened(sensor=on_bench(sensor_of(tables, where)), requirements=None)
+
+
+def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
+    """The tables of a requirement file, once they are known to be right."""
+    from ....design.criteria.requirement_file import requirements_of
+
+    requirements_of(tables, where)
+    plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)
+    return plain
+
+
+def _replaced(value: Any, old: float, new: float) -> Any:
+    """The same data with one number in the place of another, and without entries that are nothing."""
+    if isinstance(value, dict):
+        return {k: _replaced(v, old, new) for k, v in value.items() if v is not None}
+    if isinstance(value, list):
+        return [_replaced(v, old, new) for v in value]
+    return new if value == old else value
+
+
+def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
+    """The text of a requirement file; what it leaves out is taken from the sensor.
+
+    Raises
+    ------
+    SpecError
+        The requirements are wrong.
+    """
+    sensor = in_place(sensor)
+    requirements = requirements_for(tables, sensor)
+    imager = tables_of(sensor)["imager"]
+    rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
+    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": lens_table(sensor)}
+    return tomli_w.dumps(_replaced({**own, **tables}, VERY_FAR, float("inf")))
+
+
+# -- handed down -----------------------------------------------------------------------------------
+
+
+def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
+    """A file of a design: what ``omnimirror evaluate``, ``export`` and ``demo`` write of it.
+
+    A report tells what of it is being made, and the share that is done.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be, or has no such file.
+    """
+    sensor = sensor_on_bench(asked.tables)
+    if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
+        what = OF_ONE_MERIDIAN[asked.kind]
+        raise InvalidParameter(
+            f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
+        )
+    return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
+
+
+def _sensor_file(sensor: Sensor, asked: Download) -> File:
+    return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
+
+
+def _table(sensor: Sensor, asked: Download) -> File:
+    distance = distance_of(asked.object_distance_mm)
+    result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
+    return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
+
+
+def _sag(sensor: Sensor, asked: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
+
+
+def _drawing(sensor: Sensor, asked: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
+
+
+def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
+    from ...reports import write_demo
+
+    width, height = sensor.imager.size
+    if max(width, height) > MOST_ACROSS:
+        raise InvalidParameter(
+            f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, "
+            "and omnimirror demo makes larger ones"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        data = write_demo(sensor, folder, progress=tell).read_bytes()
+    return File(f"{_stem(sensor)}-report.html", "text/html", data)
+
+
+KINDS: dict[str, Callable[[Sensor, Download], File]] = {
+    "sensor": _sensor_file,
+    "table": _table,
+    "sag": _sag,
+    "drawing": _drawing,
+}
+SLOW_KINDS = ("drawing", "report")
+
+
+OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
+"""Files of what holds from the axis to the rim, whichever way."""
+
+
+def _exported(sensor: Sensor, name: str, kind: str) -> File:
+    from ....manufacturing.exporter import export
+
+    return _written(name, kind, lambda path: export(sensor, path))
+
+
+def _written(name: str, kind: str, write: Callable[[Path], object]) -> File:
+    """What a function writes to a path, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return File(name, kind, path.read_bytes())
+
+
+def _stem(sensor: Sensor) -> str:
+    return safe_name(sensor.name)
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+def taken(ask: PictureAsk) -> bytes:
+    """The picture of the room that a sensor takes, and its panorama, on an imager of fewer pixels.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be.
+    """
+    from ....dewarp import Dewarper, views
+    from ....simulation.rendering.picture import take_picture
+    from ....simulation.scenes.worlds.room import Room
+
+    sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
+    picture = take_picture(sensor, Room(), samples=ask.samples)
+    view = views.panorama(sensor)
+    if view.size[0] > MOST_ACROSS:  # of a narrow field
+        view = views.panorama(sensor, (MOST_ACROSS, None))
+    panorama = Dewarper(sensor, view)(picture)
+    files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
+    return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+
+
+def coarser(sensor: Sensor, longest_px: int) -> Sensor:
+    """The same sensor before an imager of the same size with so many pixels along its longer side.
+
+    >>> import omnimirror as om
+    >>> small = coarser(om.load_sensor("paper-spherical"), 256)
+    >>> small.imager.size, round(small.rim_radius_px, 1)
+    ((256, 256), 125.4)
+    """
+    i = sensor.imager
+    share = longest_px / max(i.size)
+    centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
+    width, height = (max(1, round(side * share)) for side in i.size)
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]

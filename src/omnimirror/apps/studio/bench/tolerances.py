@@ -1,0 +1,155 @@
+"""Tolerances on the bench: what errors do to the picture while sliders move, and how many sensors will be good."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.errors import OmnimirrorError
+from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ....manufacturing.tolerancing.evaluator import TrialEvaluator
+from ....manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
+from ....manufacturing.tolerancing.perturbation import check_error_names, error_sources, group_of, perturbed
+from ....manufacturing.tolerancing.perturbed_states import is_vectorised
+from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, select_requirement_merits
+from ....manufacturing.tolerancing.tolerances import Tolerance, Tolerances
+from ....manufacturing.tolerancing.trial_images import Refocus
+from ....optics.sensor import Sensor
+from ....optics.sensor_files import tables_of
+from ..framing import framed
+from .answers import finite
+from .designs.sensors import in_place, sensor_on_bench
+from .tolerance_messages import Built, BuiltAsk, ErrorAlone, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
+
+Array = NDArray[np.float64]
+
+LAST_ZERNIKE = 11
+"""Beyond it form errors have no sliders: there would be eighty more."""
+SLOW_TRIALS = 60
+"""Of sensors that are built one by one, so that an answer takes seconds and not minutes."""
+STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
+KEPT = 8  # judges, each of a sensor and of what is asked of it
+
+
+def errors_known(ask: ErrorsAsk) -> ErrorsOf:
+    """The errors that the sensor of some tables can have."""
+    sensor = in_place(sensor_on_bench(ask.tables))
+    kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
+    known = tuple(
+        ErrorOf(name=k.name, unit=k.unit, meaning=k.meaning, group=group_of(k.name), **dict(k.typical_tolerances))
+        for k in kinds
+    )
+    return ErrorsOf(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
+
+
+def _has_slider(name: str) -> bool:
+    start, _, number = name.removesuffix("_um").rpartition("_")
+    return start != "mirror.zernike" or int(number) <= LAST_ZERNIKE
+
+
+def built(ask: BuiltAsk) -> bytes:
+    """A sensor with errors: where it shows objects, and what calibrations leave of that.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be, or an error is none that it can have.
+    """
+    meant = in_place(sensor_on_bench(ask.tables))
+    check_error_names(meant, ask.values)
+    values = {name: value for name, value in ask.values.items() if value} or {"imager.shift_x_px": 0.0}
+    is_quick = is_vectorised(meant, values)
+    evaluator = _judge(_told(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ())
+    merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value]) for name, value in values.items()})
+    left = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(len(CALIBRATIONS), 2, -1)
+    of = {name: [finite(float(v)) for v in column] for name, column in zip(evaluator.names, merits.T, strict=True)}
+    straight: list[float | None] = [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
+    header = Built(
+        objects=len(evaluator.field),
+        lost=int(merits[1, -1]),
+        radius_px=meant.rim_radius_px,
+        motion_px=tuple(of[after("motion_px", depth)][1] for depth in CALIBRATIONS),
+        direction_error_deg=tuple(of[after("direction_error_deg", depth)][1] for depth in CALIBRATIONS),
+        straightness_deg=tuple(straight),
+        blur_px=(of["blur_px"][0], of["blur_px"][1]),
+        focus_mm=(of["focus_distance_mm"][0], of["focus_distance_mm"][1]),
+        tables=_tables_of_built(meant, ask.values),
+    )
+    return framed(header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes())
+
+
+def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
+    try:
+        return tables_of(perturbed(meant, values))
+    except OmnimirrorError:  # no sensor has these numbers
+        return None
+
+
+def yielded(ask: YieldAsk) -> YieldOf:
+    """What each error does alone, and how many sensors are good.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be, an error is none that it can have, or the limit is none.
+    """
+    check_limits({ask.merit: ask.limit})
+    sensor = in_place(sensor_on_bench(ask.tables))
+    errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
+    tolerances = Tolerances(sensor, errors)
+    evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
+    trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
+    statistics = simulate_trials(evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed)
+    return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
+
+
+def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tuple[ErrorAlone, ...]:
+    """Of all errors at once, at plus and minus their tolerances."""
+    sizes = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
+    if not sizes:
+        return ()
+    ends = np.kron(np.eye(len(sizes)), [1.0, -1.0])
+    merits = evaluator.evaluate({name: size * row for (name, size), row in zip(sizes.items(), ends, strict=True)})
+    pairs = merits.reshape(len(sizes), 2, -1)
+    names = [after("motion_px", depth) for depth in CALIBRATIONS]
+    rows = []
+    for (name, size), pair in zip(sizes.items(), pairs, strict=True):
+        worst = {each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)}
+        rows.append(ErrorAlone(name=name, tolerance=size, motion_px=tuple(worst[n] for n in names), merit=worst[merit]))
+    return tuple(sorted(rows, key=lambda row: -np.inf if row.motion_px[0] is None else -row.motion_px[0]))
+
+
+def _worst(name: str, values: Array) -> float | None:
+    """The worse of two; None where rays are lost."""
+    return finite(float(values.min() if is_lower_limit(name) else values.max()))
+
+
+def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone, ...]) -> YieldOf:
+    of = statistics.yields
+    median, most = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
+    return YieldOf(
+        trials=statistics.trials,
+        lost=statistics.lost,
+        share=of.value,
+        low=of.low,
+        high=of.high,
+        median=median,
+        most=most,
+        rows=rows,
+    )
+
+
+def _told(tables: Mapping[str, Any]) -> str:
+    """Tables as a key."""
+    return json.dumps(tables, sort_keys=True)
+
+
+@lru_cache(maxsize=KEPT)
+def _judge(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
+    """Of the sensor of some tables; what it is judged against takes longer than a trial."""
+    return TrialEvaluator.of(in_place(sensor_on_bench(json.loads(tables))), refocus, required)

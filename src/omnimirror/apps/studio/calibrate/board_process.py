@@ -1,0 +1,73 @@
+"""A process that looks for boards. It imports no more than that takes: who hands up a picture waits for its start.
+
+Run as ``python -m omnimirror.apps.studio.calibrate.board_process`` it reads questions from its input, each a line of
+JSON, a
+line with the length of the picture, and the picture; to each it answers with a line.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import BinaryIO
+
+import numpy as np
+
+from ....base.errors import OmnimirrorError
+from ....calibration.targets import Board, Detection, find_board
+from ..messages import Problem
+from ..uploads import picture_in
+from .messages import BoardAsked, BoardLook, BoardSeen
+
+PLACES = 4
+"""Decimals of a pixel that travel: a hundredth of what a corner is known to."""
+
+
+def board_of(asked: BoardAsked) -> Board:
+    """The board that is asked about.
+
+    Raises
+    ------
+    InvalidParameter
+        There is none such.
+    """
+    a = asked
+    return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)
+
+
+def told(found: Detection) -> BoardSeen:
+    """What was found, as a message."""
+    return BoardSeen(
+        name=found.name,
+        image_size=found.image_size,
+        ids=tuple(int(i) for i in found.ids),
+        corners_px=tuple((float(u), float(v)) for u, v in np.round(found.corners_px, PLACES)),
+        sigma_px=None if found.sigma_px is None else tuple(float(s) for s in np.round(found.sigma_px, PLACES)),
+        reason=found.reason,
+        blur_px=found.blur_px if math.isfinite(found.blur_px) else None,
+        is_reversed=found.is_reversed,
+        begins_white=found.begins_white,
+        is_part=found.is_part,
+        time_s=found.time_s,
+    )
+
+
+def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
+    """What is found in a picture, or why it cannot be looked at."""
+    try:
+        return told(find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick))
+    except OmnimirrorError as e:
+        return Problem(detail=str(e))
+    except MemoryError:
+        return Problem(detail=f"{ask.name} takes more memory than the server has")
+
+
+def answer_all(questions: BinaryIO) -> None:
+    """Answer questions until there are no more."""
+    while line := questions.readline():
+        data = questions.read(int(questions.readline()))
+        print(look(BoardLook.model_validate_json(line), data).model_dump_json(), flush=True)
+
+
+if __name__ == "__main__":
+    answer_all(sys.stdin.buffer)

@@ -1,0 +1,106 @@
+"""The routes of calibrating: boards in pictures, pictures together, a calibration, straightened boards."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Annotated
+
+from fastapi import FastAPI, Query, Request, WebSocket
+from fastapi.responses import Response
+
+from ....base.errors import OmnimirrorError
+from ....interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
+from ..framing import unframed
+from ..schema import BYTES, FILE_BODY
+from ..uploads import collected
+from ..workers import Worker, Workers, relay, while_open
+from .detections import together
+from .looking import Lookers
+from .messages import (
+    STOP,
+    BoardLook,
+    BoardSeen,
+    CalibrateStart,
+    CalibrationAsk,
+    CalibrationNews,
+    StraightAsk,
+    Together,
+    TogetherAsk,
+)
+
+if TYPE_CHECKING:
+    from ..studio import Studio
+
+MOST_CALIBRATIONS = 2
+"""At once."""
+
+
+def add_calibrate(app: FastAPI, studio: Studio) -> None:
+    """Put the routes of calibrating into a server."""
+    _add_questions(app, studio.lookers)
+    _add_straight(app, studio)
+    _add_socket(app, Workers("omnimirror.apps.studio.calibrate.work", MOST_CALIBRATIONS, "calibrations"))
+
+
+def _add_questions(app: FastAPI, lookers: Lookers) -> None:
+    @app.get("/api/calibrate")
+    def start() -> CalibrateStart:
+        """What can be asked for."""
+        from ....calibration.estimation.ladder.models import KINDS
+        from ....calibration.physical import SensorModel
+        from ....calibration.targets.boards import families
+
+        return CalibrateStart(models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families()))
+
+    @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
+    async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
+        """The corners of a board in a picture, or why it is not found."""
+        data = await collected(request)
+        return await lookers.look(ask, data, request)
+
+    @app.post("/api/calibrate/together")
+    def pictures_together(ask: TogetherAsk) -> Together:
+        """Which pictures belong together, what of the field they cover, and which to take next."""
+        return together(ask)
+
+
+def _add_straight(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/calibrate/straight", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES})
+    async def straight(request: Request) -> Response:
+        """A board straightened by a camera, as JPEG; what is asked stands before the picture."""
+        from .straight import straightened  # brings the dewarper with it
+
+        ask, picture = unframed(await collected(request), StraightAsk)
+        made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
+        return Response(made, media_type="image/jpeg")
+
+
+def _add_socket(app: FastAPI, workers: Workers) -> None:
+    @app.websocket("/api/calibrate/work")
+    async def work(socket: WebSocket) -> None:
+        """One calibration: what is asked, each picture's board, then its news; closing the socket ends it."""
+        await while_open(socket, lambda socket: _work(socket, workers))
+
+
+async def _work(socket: WebSocket, workers: Workers) -> None:
+    try:
+        ask = await receive_message(socket, CalibrationAsk)
+        async with workers.one() as worker:
+            worker.tell(ask.model_dump_json())
+            for _ in range(ask.pictures):
+                seen = await receive_message(socket, BoardSeen)
+                await asyncio.to_thread(worker.tell, seen.model_dump_json())
+            await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+        return
+    except OmnimirrorError as e:
+        await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())
+    await socket.close()
+
+
+async def _stopped(socket: WebSocket, worker: Worker) -> None:
+    """Hand on that it is to stop, until the page goes."""
+    while (message := await socket.receive())["type"] != "websocket.disconnect":
+        if message.get("text") == STOP:
+            worker.tell(STOP)

@@ -1,0 +1,148 @@
+"""A board as one would read it, straightened by the camera that saw it: what shows whether the camera is right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.errors import InvalidParameter
+from ....calibration.estimation.bundle.observations import Sighting
+from ....calibration.targets import Board
+from ....cameras.models.base import CameraModel
+from ....dewarp import Dewarper
+from ....optics.sensor_files import parse_camera
+from ..uploads import eight_bits, encoded, picture_in
+from .messages import BoardPlace, StraightAsk
+
+Array = NDArray[np.float64]
+
+MARGIN = 1.5  # squares
+FINER = 2.5  # pixels of the view for one of the picture
+LONGEST_PX = 1200
+LARGEST_MM = 1e5
+LEAST_OF_LINE = 3  # corners that say whether a line is straight
+
+
+@dataclass(frozen=True)
+class BoardScreen:
+    """The plane of a board, as it is read: a perspective view that looks straight at it.
+
+    Parameters
+    ----------
+    place
+        Where the board stood.
+
+    Examples
+    --------
+    >>> rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    >>> place = BoardPlace(
+    ...     picture="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
+    ...     px_per_mm=2.0, is_upwards=False,
+    ... )
+    >>> screen = BoardScreen(place)
+    >>> screen.size, screen.targets_at(np.array([20.0]), np.array([20.0]))
+    ((121, 81), array([[  0.,   0., 500.]]))
+    """
+
+    place: BoardPlace
+
+    @property
+    def sides_mm(self) -> Array:
+        """Width and height of what is shown."""
+        return np.subtract(self.place.high_mm, self.place.low_mm) + 2 * self.place.margin_mm
+
+    @property
+    def _px_per_mm(self) -> float:
+        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self.sides_mm.max()))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        width, height = np.ceil(self.sides_mm * self._px_per_mm).astype(int) + 1
+        return max(int(width), 2), max(int(height), 2)
+
+    is_distant = False
+
+    def targets_at(self, u: Array, v: Array) -> Array:
+        """Points (..., 3) mm of the world."""
+        x = self.place.low_mm[0] - self.place.margin_mm + np.asarray(u) / self._px_per_mm
+        down = np.asarray(v) / self._px_per_mm - self.place.margin_mm
+        y = self.place.high_mm[1] - down if self.place.is_upwards else self.place.low_mm[1] + down
+        points = np.stack(np.broadcast_arrays(x, y, 0.0), axis=-1)
+        turned: Array = points @ np.reshape(self.place.rotation, (3, 3)).T + self.place.shift_mm
+        return turned
+
+    def __str__(self) -> str:
+        return f"the board in {self.place.picture}"
+
+
+def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace:
+    """Where a board stood that was seen, in the world's frame."""
+    assert sighting.motion is not None
+    to_world = model.mount.rotation()
+    low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
+    return BoardPlace(
+        picture=sighting.name,
+        rotation=tuple(float(x) for x in (to_world @ sighting.motion.rotation).ravel()),
+        shift_mm=tuple(float(x) for x in to_world @ sighting.motion.shift_mm),  # type: ignore[arg-type]
+        low_mm=(float(low[0]), float(low[1])),
+        high_mm=(float(high[0]), float(high[1])),
+        margin_mm=MARGIN * board.square_mm,
+        px_per_mm=FINER * _px_per_mm(sighting),
+        is_upwards=board.kind == "aprilgrid",
+    )
+
+
+def _px_per_mm(sighting: Sighting) -> float:
+    """How large the board is seen: the root of areas."""
+    areas = [np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])]
+    return float((areas[0] / areas[1]) ** 0.25)
+
+
+def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
+    """Where (k, 2) on the plane of the board its corners are seen."""
+    place = place_of(sighting, model, board)
+    rays = model.backproject(sighting.pixels)
+    rotation = np.reshape(place.rotation, (3, 3))
+    origins, ways = (rays.origins - place.shift_mm) @ rotation, rays.directions @ rotation
+    with np.errstate(invalid="ignore", divide="ignore"):
+        met: Array = origins[:, :2] - (origins[:, 2] / ways[:, 2])[:, None] * ways[:, :2]
+    return np.where(rays.valid[:, None], met, np.nan)
+
+
+def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
+    """How far a corner lies at most from the line that fits its row or its column best, on the straightened board.
+
+    In pixels as large as the picture's are there, on the average.
+    """
+    met = on_board_mm(sighting, model, board) * _px_per_mm(sighting)
+    points = sighting.points[:, :2]
+    worst = 0.0
+    for axis in (0, 1):
+        for at in np.unique(points[:, axis]):
+            line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
+            if len(line) >= LEAST_OF_LINE:
+                from_middle = line - line.mean(axis=0)
+                worst = max(worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max()))
+    return worst
+
+
+def straightened(ask: StraightAsk, data: bytes) -> bytes:
+    """The picture of a board as it is read, JPEG.
+
+    Raises
+    ------
+    OmnimirrorError
+        It is no picture, no camera, or not a picture of that camera; or there is no such board.
+    """
+    screen = BoardScreen(ask.place)
+    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
+        raise InvalidParameter(
+            f"the board in {ask.place.picture} is none: its corners lie from {ask.place.low_mm} to "
+            f"{ask.place.high_mm} mm"
+        )
+    picture = eight_bits(picture_in(data, ask.name))
+    camera = parse_camera(ask.camera_file, source="the camera")
+    return encoded(Dewarper(camera, screen)(picture), ".jpg")

@@ -1,0 +1,45 @@
+"""Binary messages: a header in words, and the bytes that it tells of.
+
+A message is the length of a JSON text (4 bytes, little-endian), the text padded with blanks to a multiple of 4
+bytes, and the bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TypeVar
+
+from ...interop.http_server.request_bodies import InvalidMessage, parse_message
+from .messages import Message
+
+M = TypeVar("M", bound=Message)
+
+
+def framed(header: Message, *parts: bytes) -> bytes:
+    """A message and the bytes it tells of.
+
+    >>> from .bench.messages import Trouble
+    >>> framed(Trouble(path=(), sentence="no"), b"abcd")
+    b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
+    """
+    text = header.model_dump_json().encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + b"".join(parts)
+
+
+def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
+    """Parse the message before the bytes, and return both.
+
+    Raises
+    ------
+    InvalidMessage
+        The message is not valid.
+
+    >>> from .bench.messages import Trouble
+    >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)
+    (Trouble(path=(), sentence='no'), b'abcd')
+    """
+    if len(data) < 4:
+        raise InvalidMessage("the body must be the length of a JSON message, the message and a file")
+    (length,) = struct.unpack_from("<I", data)
+    return parse_message(data[4 : 4 + length], kind), data[4 + length :]

@@ -1,0 +1,194 @@
+"""The routes of looking: cameras as tables, pictures, streams."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import PlainTextResponse, Response
+
+from .... import __version__
+from ....cameras.frames import Mount
+from ..framing import unframed
+from ..schema import BYTES, FILE_BODY, PNG, FileName
+from ..uploads import browser_picture, collected, safe_name
+from .cameras import Cameras, Known
+from .messages import (
+    CameraAsk,
+    CameraShown,
+    LevelAsk,
+    LevelFound,
+    RestoreAsk,
+    RimFound,
+    SensorEntry,
+    SensorFile,
+    Start,
+    StreamState,
+)
+from .pictures import level_of, restored_picture, rim_in, room_picture, shown_picture
+from .streams import Stream
+from .tables import camera_tables
+
+if TYPE_CHECKING:
+    from ..studio import Studio
+
+
+def add_look(app: FastAPI, studio: Studio) -> None:
+    """Put the routes of looking into a server."""
+    _add_start(app, studio)
+    _add_cameras(app, studio.cameras)
+    _add_files(app, studio.cameras)
+    _add_pictures(app, studio)
+    _add_streams(app, studio)
+
+
+def _add_start(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/start")
+    def start() -> Start:
+        """What there is to look at, and through what."""
+        first = next(iter(studio.sources.given), None)
+        return Start(
+            version=__version__,
+            sources=tuple(shown.message for shown in studio.sources.list()),
+            sensors=tuple(studio.cameras.entries()),
+            source=first.id if first else None,
+            sensor=studio.given.id if studio.given else None,
+        )
+
+
+def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
+    @app.get("/api/camera")
+    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
+        """A camera, standing as its file says or as asked."""
+        known = _known(cameras, ask.id)
+        stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
+        return known.model(Mount(**stands))
+
+    @app.get("/api/camera/tables", response_class=Response, responses={200: BYTES})
+    def tables(id: str, image_flipped: bool | None = None) -> Response:
+        """Its tables as little-endian float32; how a camera stands does not change them."""
+        known = _known(cameras, id)
+        flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
+        stands = known.standing(Mount(image_flipped=flipped))
+        return Response(camera_tables(stands).values.astype("<f4").tobytes(), media_type="application/octet-stream")
+
+
+def _add_files(app: FastAPI, cameras: Cameras) -> None:
+    @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
+    async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
+        """Take a calibration file: a sensor file, a camera file, or OCamCalib's text."""
+        data = await collected(request)
+        return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
+
+    @app.post("/api/sensor-file", response_class=PlainTextResponse)
+    def sensor_file(wanted: SensorFile) -> str:
+        """The file of a sensor whose circle was moved to fit a picture."""
+        _known(cameras, wanted.id)
+        return cameras.file_of(wanted)
+
+
+def _add_pictures(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/room", response_class=Response, responses={200: PNG})
+    async def room(id: str) -> Response:
+        """The picture that a camera takes of a room, simulated."""
+        known = _known(studio.cameras, id)
+        return _png(await studio.simulated.run(known, lambda: room_picture(known)))
+
+    @app.get("/api/picture", response_class=Response, responses={200: PNG})
+    async def picture(id: str) -> Response:
+        """A picture of the server's, as PNG of 8 bits."""
+        try:
+            shown = await asyncio.to_thread(studio.sources.find, id)
+        except KeyError:
+            raise HTTPException(404, f"there is no picture {id!r} here") from None
+        if shown.kind != "picture":
+            raise HTTPException(404, f"{shown.name} is no picture")
+        path = Path(shown.place)
+        return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
+
+    @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    async def convert(request: Request, name: FileName = "picture") -> Response:
+        """A picture that browsers do not read, as PNG of 8 bits."""
+        data = await collected(request)
+        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name))))
+
+    @app.post("/api/rim", openapi_extra=FILE_BODY)
+    async def rim(request: Request, name: FileName = "picture") -> RimFound:
+        """The rim of the mirror in a picture, and how sure it is."""
+        data = await collected(request)
+        return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
+
+    @app.post("/api/level", openapi_extra=FILE_BODY)
+    async def level(request: Request) -> LevelFound | None:
+        """How the camera leaned that took a picture, if that can be told; what is asked stands before the picture."""
+        ask, picture = unframed(await collected(request), LevelAsk)
+        _known(studio.cameras, ask.id)
+        camera = studio.cameras.looking(ask)
+        return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
+
+    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    async def restore(request: Request) -> Response:
+        """A picture without the blur of the sensor that took it; what is asked stands before the picture."""
+        ask, picture = unframed(await collected(request), RestoreAsk)
+        _known(studio.cameras, ask.id)
+        sensor = studio.cameras.fitted(ask)
+        return _png(await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture)))
+
+
+def _add_streams(app: FastAPI, studio: Studio) -> None:
+    @app.websocket("/api/stream")
+    async def stream(socket: WebSocket, id: str) -> None:
+        """Frames as JPEG, each when the page asks for one; what becomes of the stream as text."""
+        await socket.accept()
+        try:
+            shown = studio.sources.find(id)
+        except KeyError:
+            ended = StreamState(state="ended", sentence=f"there is no stream {id!r} here")
+            await socket.send_text(ended.model_dump_json())
+            await socket.close()
+            return
+        async with studio.streams.watch(shown) as watched:
+            await _serve(socket, watched)
+
+
+def _known(cameras: Cameras, id: str) -> Known:
+    try:
+        return cameras.find(id)
+    except KeyError:
+        raise HTTPException(404, f"there is no camera {id!r}; it may have been forgotten: load it again") from None
+
+
+def _png(data: bytes) -> Response:
+    return Response(data, media_type="image/png")
+
+
+async def _serve(socket: WebSocket, watched: Stream) -> None:
+    """To one page: a state when it changes, and after each of its requests the newest frame."""
+    count, state = 0, None
+    asked = asyncio.create_task(socket.receive())
+    wants = False
+    try:
+        while True:
+            news = asyncio.create_task(watched.after(count if wants else watched.count, state))
+            done, _ = await asyncio.wait({asked, news}, return_when=asyncio.FIRST_COMPLETED)
+            if asked in done:
+                if asked.result()["type"] == "websocket.disconnect":
+                    news.cancel()
+                    return
+                wants, asked = True, asyncio.create_task(socket.receive())
+            if news not in done:
+                news.cancel()
+                continue
+            number, jpeg, now = news.result()
+            if now != state:
+                state = now
+                await socket.send_text(now.model_dump_json())
+            if wants and jpeg is not None:
+                count, wants = number, False
+                await socket.send_bytes(jpeg)
+    except (WebSocketDisconnect, RuntimeError, OSError):
+        return
+    finally:
+        asked.cancel()

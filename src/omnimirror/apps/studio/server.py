@@ -1,0 +1,46 @@
+"""Run the studio's server until Ctrl-C."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import webbrowser
+from collections.abc import Callable
+
+from ...interop.http_server.auth import is_loopback
+from ...interop.http_server.server import listen, run_server, server_addresses
+from .app import create_app
+from .studio import Studio
+
+
+def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
+    """Serve the studio, print its address, and open it.
+
+    Parameters
+    ----------
+    studio
+        What to show; beyond this machine it gets a token, which the printed address holds.
+    host, port
+        Where to listen; port 0 takes any that is free.
+    open_browser
+        Whether to open the page.
+    tell
+        Told the address, in a sentence.
+
+    Raises
+    ------
+    OmnimirrorError
+        The address cannot be listened on.
+    KeyboardInterrupt
+        Ctrl-C ended it.
+    """
+    if not is_loopback(host):
+        studio.token = secrets.token_urlsafe(16)
+    listening = listen(host, port)
+    bound = listening.getsockname()[1]
+    query = f"?token={studio.token}" if studio.token else ""
+    addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
+    tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
+    if open_browser:
+        threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
+    run_server(create_app(studio), listening)

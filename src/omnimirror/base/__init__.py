@@ -1,0 +1,1 @@
+"""Errors, argument checks, files, parameters, quantities, numerics and native bindings."""

@@ -1,0 +1,80 @@
+"""Colours: light is linear and added as floats, pictures are sRGB in bytes, and both are in RGB order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InvalidParameter
+
+Light = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+STRETCH = 1 << 16  # values worked on at a time: they stay in the cache, and pictures need no second copy as floats
+
+
+def linear_from_srgb(srgb: ArrayLike) -> Light:
+    """Linear light of sRGB values, both with white at 1 (IEC 61966-2-1).
+
+    >>> linear_from_srgb([0.0, 0.5, 1.0]).round(4)
+    array([0.   , 0.214, 1.   ], dtype=float32)
+    """
+    s = np.asarray(srgb, dtype=np.float32)
+    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def srgb_bytes(linear: ArrayLike) -> Picture:
+    """sRGB bytes of linear light; light above 1 saturates, as it does in an imager.
+
+    >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
+    array([  0, 127, 255, 255], dtype=uint8)
+    """
+    light = np.asarray(linear)
+    picture = np.empty(light.shape, np.uint8)
+    values, numbers = light.reshape(-1), picture.reshape(-1)
+    for part in stretches(light.size):
+        numbers[part] = np.rint(255 * srgb_from_linear(values[part]))
+    return picture
+
+
+def stretches(count: int) -> Iterator[slice]:
+    """So many values in parts of at most ``STRETCH``.
+
+    >>> [part.stop for part in stretches(100_000)]
+    [65536, 100000]
+    """
+    for start in range(0, count, STRETCH):
+        yield slice(start, min(start + STRETCH, count))
+
+
+def srgb_from_linear(linear: ArrayLike) -> Light:
+    """sRGB values of linear light, both with white at 1; light above 1 saturates.
+
+    >>> srgb_from_linear([0.0, 0.214, 7.0]).round(3)
+    array([0. , 0.5, 1. ], dtype=float32)
+    """
+    x = np.asarray(np.clip(np.asarray(linear, dtype=np.float32), 0, 1))
+    curved = np.asarray(x ** (1 / 2.4))  # in place from here on: pictures are large
+    curved *= 1.055
+    curved -= 0.055
+    return np.multiply(x, 12.92, out=curved, where=x <= 0.0031308)
+
+
+def hex_colour(text: str) -> Light:
+    """Linear light (3,) of a colour written as on a web page.
+
+    Raises
+    ------
+    InvalidParameter
+        If the text is not # and six hexadecimal digits.
+
+    Examples
+    --------
+    >>> hex_colour("#ff8000").round(4)
+    array([1.    , 0.2159, 0.    ], dtype=float32)
+    """
+    if not re.fullmatch("#[0-9a-fA-F]{6}", text):
+        raise InvalidParameter(f"{text!r} is not a colour; write # and six hexadecimal digits, such as '#ff8000'")
+    return linear_from_srgb([int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)])

@@ -1,0 +1,291 @@
+"""The only door to the compiled part: whether it is there, its instructions, its threads, its kernels.
+
+The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2``,
+``avx512``, ``avx512-gather`` or ``neon`` it chooses the samplers' instructions instead of the machine's best. What is
+compiled, from which formulas and how it is tested, is told in native/README.md.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from .errors import InvalidParameter
+from .numerics.lazy import cached_property
+
+MOST_THREADS = 1024
+QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
+INTERFACE = 16  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+Array = NDArray[Any]
+Colour = float | Sequence[float]
+
+
+def usable_cores() -> int:
+    """How many cores this process may use: of the machine's those that its affinity and its container leave it.
+
+    Examples
+    --------
+    >>> 1 <= usable_cores() <= os.cpu_count()
+    True
+    """
+    affinity = getattr(os, "sched_getaffinity", None)  # of Linux
+    count = len(affinity(0)) if affinity else os.cpu_count() or 1
+    try:
+        quota, period = QUOTA.read_text(encoding="ascii").split()
+        return max(1, min(count, math.ceil(int(quota) / int(period))))
+    except (OSError, ValueError, ZeroDivisionError):  # there is no such file, or its first word is "max"
+        return count
+
+
+def kernel_array(values: Any, dtype: DTypeLike | None = None) -> Array:
+    """Return an array as kernels accept it: contiguous, aligned, of a type; the array itself if it is all that.
+
+    Examples
+    --------
+    >>> memory = bytearray(8 * 3 + 1)
+    >>> kernel_array(np.ndarray(3, float, memory, offset=1)).flags.aligned
+    True
+    """
+    return np.require(values, dtype, ("C_CONTIGUOUS", "ALIGNED"))
+
+
+class Backend:
+    """What computes: compiled kernels, or NumPy and OpenCV where there are none.
+
+    A room that has both ways asks :attr:`is_compiled` where it chooses between them, and then calls
+    :attr:`kernels` without asking again. There is one such object, :data:`backend`.
+
+    Examples
+    --------
+    >>> backend.name in ("avx512", "avx512-gather", "avx2", "neon", "plain", "opencv")
+    True
+    """
+
+    @cached_property
+    def module(self) -> Kernels | None:
+        """The compiled module; None where it was not built or is not wanted. Looked for once, at first use.
+
+        Where it was not built, or of another version, the log says so: results are the same, several times slower.
+        """
+        wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
+        if wanted == "0":
+            return None
+        try:
+            module = import_module("omnimirror.base._native")  # by name: the package as a whole is above this room
+        except ImportError as e:
+            log = logging.getLogger("omnimirror")
+            log.warning(
+                "the compiled samplers are missing: pictures are straightened by OpenCV, several times slower; "
+                "to have them, install omnimirror where a C++20 compiler works"
+            )
+            log.info("%s", e)
+            return None
+        if getattr(module, "INTERFACE", None) != INTERFACE:
+            logging.getLogger("omnimirror").warning(
+                "the compiled kernels are those of another version and are left alone: everything is several times "
+                "slower; install omnimirror again to have them"
+            )
+            return None
+        module.set_threads(usable_cores())
+        if wanted:
+            try:
+                module.use_instructions(wanted)
+            except ValueError:
+                sentence = f"OMNIMIRROR_NATIVE = {wanted!r} names no instructions of this machine"
+                raise InvalidParameter(sentence) from None
+        return cast(Kernels, module)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether there are kernels to be called."""
+        return self.module is not None
+
+    @property
+    def kernels(self) -> Kernels:
+        """The compiled kernels; only to be asked for where :attr:`is_compiled`."""
+        if self.module is None:
+            raise RuntimeError("nothing is compiled here; ask backend.is_compiled first")
+        return self.module
+
+    @property
+    def name(self) -> str:
+        """Who samples: ``"avx512"``, ``"avx512-gather"``, ``"avx2"``, ``"neon"``, ``"plain"`` or ``"opencv"``."""
+        return self.module.instructions() if self.module is not None else "opencv"
+
+    @property
+    def threads(self) -> int:
+        """On how many threads kernels run: at first, on as many as the process may use cores."""
+        if self.module is not None:
+            return self.module.get_threads()
+        import cv2
+
+        return int(cv2.getNumThreads())
+
+    def set_threads(self, count: int) -> None:
+        """Run kernels on so many threads, the caller's among them; they sleep between pictures.
+
+        Raises
+        ------
+        InvalidParameter
+            Unless from 1 to 1024.
+        """
+        if not 1 <= count <= MOST_THREADS:
+            raise InvalidParameter(f"{count} threads are not valid; valid are 1 to {MOST_THREADS}")
+        if self.module is not None:
+            self.module.set_threads(count)
+        else:
+            import cv2
+
+            cv2.setNumThreads(count)
+
+
+backend = Backend()
+"""What this process computes with."""
+
+
+class Kernels(Protocol):
+    """The functions and classes of ``omnimirror.base._native``.
+
+    Arrays must be contiguous unless said otherwise, and of exactly the type that is meant: nothing is converted.
+    They must be aligned too: :func:`kernel_array`. They are checked there once more, whatever has been checked before,
+    so that no argument makes a kernel read or write outside a buffer. Names ending in ``_out``, ``dst``, ``pixels`` and
+    the like are filled.
+    """
+
+    # -- the samplers: dewarp ------------------------------------------------------------------------
+
+    def Averages(
+        self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
+    ) -> object: ...
+    def PackedMap(
+        self, coordinates: Array, width: int, height: int, channels: int, deep: bool, interpolation: int
+    ) -> PackedMap: ...
+    def AxialCamera(
+        self, frame: Array, x: float, y: float, width: int, height: int,
+        first: float, last: float, radii: Array, origins: Array, viewpoint: float,
+    ) -> AxialCamera: ...  # fmt: skip
+    def remap(
+        self, src: Array, coordinates: Array, dst: Array, interpolation: int, border: Colour, averages: object = None
+    ) -> None: ...
+    def remap_polar(
+        self, src: Array, radii: Array, cosines: Array, sines: Array, x: float, y: float,
+        dst: Array, interpolation: int, border: Colour, averages: object = None,
+    ) -> None: ...  # fmt: skip
+    def remap_lattice(
+        self, src: Array, x: Array, y: Array, weights: Array, row_weights: Array, cells: Array, patches: Array,
+        dst: Array, interpolation: int, border: Colour, averages: object = None,
+    ) -> None: ...  # fmt: skip
+    def squared_sides_of_nodes(
+        self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
+    ) -> None: ...
+
+    # -- designs by the thousand: batch --------------------------------------------------------------
+
+    def evaluate_designs(
+        self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
+        pitch: float, image_radius: float, wavelength: float, inverse_distance: Array, least_omega: float,
+        search: tuple[int, float, float, int, float, int], lens: Array, lens_numbers: tuple[float, ...], walls: Array,
+        wall: tuple[int, float, float], columns: Array, results: Array,
+    ) -> None: ...  # fmt: skip
+
+    # -- exposing and sharpening pictures: simulate --------------------------------------------------
+
+    def Optics(self, **numbers: Any) -> object: ...
+    def Environment(self, light: Array) -> object: ...
+    def Surfaces(self, records: Array, sizes: Array, texels: Array) -> CompiledSurfaces: ...
+    def BlurKernels(
+        self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
+        pixels: Array, block: int, kernels: Array, tiles: Array, concentration: Array,
+    ) -> object: ...  # fmt: skip
+    def Sharpening(self, kernels: object, roots: Array, guess: Array) -> Sharpening: ...
+    def expose_environment(
+        self, optics: object, environment: object, points: Array, shifted: bool, seed: int, left: int, top: int,
+        light: Array,
+    ) -> None: ...  # fmt: skip
+    def expose_rays(
+        self, optics: object, points: Array, shifted: bool, seed: int, left: int, top: int,
+        origins: Array, directions: Array, weights: Array, fates: Array,
+    ) -> None: ...  # fmt: skip
+    def expose_surfaces(
+        self, optics: object, surfaces: CompiledSurfaces, points: Array, shifted: bool, seed: int, left: int, top: int,
+        light: Array, open_pixels: Array, open_rays: Array,
+    ) -> int: ...  # fmt: skip
+
+    def meet_boxes(self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array) -> None: ...
+    def lead_through_boxes(self, corners: Array, origins: Array, segments: Array, through: Array) -> None: ...
+
+    # -- sensors with errors: tolerancing ------------------------------------------------------------
+
+    def judge_trials(
+        self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
+        objects: tuple[Array | bool, ...], rows: tuple[Array | int, ...], search: tuple[int, float, float, float, int],
+        refocus: int, floor: float, merits: Array, moved: Array,
+    ) -> None: ...  # fmt: skip
+
+    # -- reflection points: tracing, torch --------------------------------------------------------------------
+
+    def find_reflections(
+        self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
+        middle: float, distant: bool, targets: Array, rows: Array, states: Array,
+    ) -> None: ...  # fmt: skip
+    def leave_wall(
+        self, wall: tuple[Any, ...], points: Array, directions: Array, vectors: Array, numbers: Array, flags: Array
+    ) -> None: ...
+    def find_covered(
+        self, mirror: tuple[Array, float, float, Array, Array], wall: tuple[Any, ...], ends: tuple[float, float],
+        search: tuple[int, float, float], pupils: tuple[Array, bool], targets: tuple[Array, bool], xy: Array,
+        settled: Array,
+    ) -> None: ...  # fmt: skip
+    def meet_mirror(
+        self, surface: tuple[Any, ...], search: tuple[Any, ...], depth: Array, most_tangent: float, ways: Array,
+        rows: Array, states: Array,
+    ) -> None: ...  # fmt: skip
+
+    # -- all of them ---------------------------------------------------------------------------------
+
+    def set_threads(self, count: int) -> None: ...
+    def get_threads(self) -> int: ...
+    def instructions(self) -> str: ...
+    def use_instructions(self, name: str) -> None: ...
+
+
+class PackedMap(Protocol):
+    """Coordinates packed to 6 bytes a pixel (8 for deep pictures), for pictures of one size and kind."""
+
+    @property
+    def nbytes(self) -> int: ...
+    def sample(
+        self, src: Array, dst: Array, border: Colour, coordinates: Array | None = None, averages: object = None
+    ) -> None: ...
+
+
+class AxialCamera(Protocol):
+    """The projection of a camera that is symmetric about an axis, from tables."""
+
+    def project(self, targets: Array, is_near: bool, pixels: Array, excess: Array | None) -> None: ...
+
+
+class CompiledSurfaces(Protocol):
+    """Flat textured surfaces, and the first of them that a ray meets."""
+
+    @property
+    def records(self) -> Array: ...
+
+    def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...
+
+
+class Sharpening(Protocol):
+    """The sharp picture that is looked for."""
+
+    def improve(self, costs: Array, steps: Array) -> None: ...
+    def log_steepness(self, logarithms: Array) -> None: ...
+    def blurred(self, light: Array) -> None: ...
+    def light(self, light: Array) -> None: ...

@@ -1,0 +1,416 @@
+"""One call takes a camera from one program's file to another's, and says what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ...base.arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.files import replacing
+from ...cameras.camera import Camera
+from ...cameras.frames import Mount
+from ...cameras.models import CameraModel, RadialModel
+from ...cameras.models.base import Optics
+from ...cameras.models.spread import FIELD_ROUNDING_DEG
+from ...dewarp.views import sphere
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import bundled_sensors, load_sensor
+from ..formats.base import Reading, Stored
+from ..formats.registry import Target, read_cameras, targets_of
+from ..physical import SensorModel
+from .fitting import Cost, Fitted, cost, fit, nearest_point, parallax
+from .flipping import flipped
+from .sampling import Sample, sample
+from .starts import STARTS, round_picture, start
+
+PIXELS = 20_000  # of a lattice over the picture, that costs are counted over
+FITTED = 8  # times fewer enter a fit
+ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
+NEAREST_MM, FARTHEST_MM = 1.0, 1e9
+DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
+REACH_REMEDY = (
+    "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
+    "(--rim-radius-px) where the field of the camera ends"
+)
+_Field: TypeAlias = tuple[float | None, float | None]  # of field angles, deg: the largest and the least
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """A camera file that was written, and how true it is.
+
+    Attributes
+    ----------
+    path
+    source : the format that was read; "" where the source was a camera
+    target : what was written, a layout of a format
+    camera : the camera as the file holds it
+    exact : whether the file has the very numbers of the source
+    costs : how far its picture lies from the source's, for points at each distance; of a central camera one row
+    viewpoint_mm : where the origin of the file's frame lies in the camera frame of the source
+    notes : assumptions and contradictions in the source, what the file does not hold, and the direction of its frame
+    """
+
+    path: Path
+    source: str
+    target: str
+    camera: Camera
+    exact: bool
+    costs: tuple[Cost, ...]
+    viewpoint_mm: tuple[float, float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """Over the field and all distances."""
+        return float(np.sqrt(np.mean([c.rms_px**2 for c in self.costs]))) if self.costs else 0.0
+
+    @property
+    def largest_px(self) -> float:
+        """Over the field and all distances."""
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+class _Made(NamedTuple):
+    """What a target can hold of a camera."""
+
+    target: Target
+    found: Fitted
+    costs: tuple[Cost, ...]
+    is_restricted: bool = False
+    """whether the camera sees more than the field of the fit"""
+
+    @property
+    def largest_px(self) -> float:
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+def convert(
+    source: str | Path | Camera,
+    target: str | Path,
+    *,
+    to: str | None = None,
+    from_: str | None = None,
+    camera: int | str = 0,
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+    image_size: tuple[int, int] | None = None,
+    flip: bool = False,
+    tolerance_px: float | None = None,
+    distance_mm: Iterable[float] = DISTANCES_MM,
+    field_deg: float | None = None,
+    inner_deg: float | None = None,
+) -> Conversion:
+    """Write a camera as another program's file.
+
+    Where the format holds the camera's model, its numbers are written as they are. Otherwise another model is fitted
+    within the calibrated field, if ``tolerance_px`` allows the error, and the conversion is refused if it does not.
+
+    Parameters
+    ----------
+    source
+        A camera file of any format, or a camera or sensor.
+    target
+        The file to write; its name says the format where ``to`` does not: cameras.txt is COLMAP's.
+    to : optional
+        A format, of ``omnimirror.calibration.formats.FORMATS``, or one of the models that it holds, such as
+        ``"kalibr-ds"``; of a format alone the model that holds the camera, else the one that fits best.
+    from_ : optional
+        The format of the source where its content does not say.
+    camera
+        Which camera of a rig: its number in the file from 0, or its name.
+    optics, mount, rim_radius_px, image_size
+        What files of other programs do not say: whether the camera looks at a mirror, how it stands, where its field
+        ends (px), and, of some, how large the picture is (px).
+    flip
+        Write the camera of the picture reversed left to right. A mirror's frame in the file is right-handed then.
+    tolerance_px : px, optional
+        The largest distance between the pixels of one point, over the whole field, that a fitted model may cost.
+    distance_mm
+        Where the points of a camera without a single viewpoint are, from its origin; each counts the same.
+    field_deg : deg, optional
+        Largest field angle of the fit, from what the centre of the image sees; by default the calibrated field that
+        the camera's file gives (:attr:`omnimirror.base.parameters.Uncertainty.field_deg`), otherwise all that it sees.
+    inner_deg : deg, optional
+        Fit no nearer to it than this: in the middle of its picture a camera sees itself, and calibration had nothing to
+        go by.
+
+    Returns
+    -------
+    Conversion
+        The file, and what it costs.
+
+    Raises
+    ------
+    SpecError
+        The source cannot be read; the message says where, and what would be valid.
+    InvalidParameter
+        No format of that name, or the format cannot hold the camera within the tolerance; the message says why, and
+        by how much.
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> camera = om.OCam((-130.0, 0.0, 1.9e-3, 2e-7), (320.0, 240.0), (640, 480), rim_radius_px=200.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     exact = om.convert(camera, f"{folder}/calib_results.txt")
+    ...     fitted = om.convert(camera, f"{folder}/a.yaml", to="opencv-omnidir", tolerance_px=0.5)
+    >>> exact.exact, fitted.exact, fitted.largest_px < 0.5
+    (True, False, True)
+    """
+    target = file_name("target", target)
+    instance("flip", flip, bool, "true or false")
+    reading = _reading(source, optics, mount, rim_radius_px, image_size)
+    allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
+    field = (
+        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
+        optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"),
+    )
+    far = _far(distance_mm)
+    targets = targets_of(target, to)
+    source = source.sensor if isinstance(source, SensorModel) else source
+    read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
+    made = _exactly(stored.camera, targets)
+    exact = made is not None
+    if made is None:
+        known = _calibrated_deg(stored.camera)
+        made = _fitted(stored.camera, targets, allowed, far, (known if field[0] is None else field[0], field[1]))
+    elif made.target.layout.is_panorama:
+        made = _panorama(stored.camera, made.target, far)
+        exact = not made.costs
+    written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
+    content = made.target.layout.write(written, stored.name)
+    notes = (*stored.notes, *_notes(stored.camera, written, made), *_field_notes(stored.camera, made, field[0]))
+    with replacing(target) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    x, y, z = (float(v) for v in made.found.viewpoint_mm)
+    return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
+
+
+# -- what is asked -------------------------------------------------------------------------------------
+
+
+def _reading(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> Reading:
+    choice("optics", optics, ("mirror", "fisheye"))
+    stands = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
+    rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
+    return Reading(str(source), optics, stands, rim, _size(image_size))
+
+
+def _far(distance_mm: Any) -> tuple[float, ...]:
+    far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
+    if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
+        raise InvalidParameter(
+            f"distance_mm = {shown(distance_mm)} is not valid; it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
+            "and inf"
+        )
+    return tuple(far.tolist())
+
+
+def _size(image_size: Any) -> tuple[int, int] | None:
+    if image_size is None:
+        return None
+    width, height = _row("image_size", image_size, 2)
+    return whole("image_size", width, 1), whole("image_size", height, 1)
+
+
+def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
+    found = [value] if isinstance(value, int | float) else value
+    if isinstance(found, str) or not isinstance(found, Iterable):
+        raise WrongKind(f"{name} = {shown(value)} is no row of numbers")
+    found = list(found)
+    if count is not None and len(found) != count:
+        raise InvalidParameter(f"{name} = {shown(value)} is valid as {count} numbers")
+    return found
+
+
+def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str) -> tuple[str, Stored]:
+    path = file_name("source", source)
+    if name is None and not path.exists() and str(source) in bundled_sensors():
+        return "omnimirror", Stored(str(source), load_sensor(source))
+    read, cameras = read_cameras(path, reading, name)
+    names = [c.name for c in cameras]
+    if isinstance(camera, str) and camera in names:
+        return read, cameras[names.index(camera)]
+    if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
+        raise InvalidParameter(f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}")
+    which = whole("camera", float(camera) if isinstance(camera, str) else camera)
+    if which >= len(cameras):
+        raise InvalidParameter(f"camera = {which} is not in {source}, which has {len(cameras)}, from 0")
+    return read, cameras[which]
+
+
+# -- what the file can hold ----------------------------------------------------------------------------
+
+
+def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
+    """The first target that holds the camera's own numbers."""
+    for target in targets:
+        if not target.layout.lacks(camera):
+            found: Any = camera
+            return _Made(target, Fitted(found, np.zeros(3)), ())
+    return None
+
+
+def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
+    """A panorama of a camera as distant things are drawn in it: what near ones cost, from the best place for it."""
+    seen = sample(camera, getattr(camera, "mount", Mount()), PIXELS)
+    found: Any = camera
+    if seen.is_central:
+        return _Made(target, Fitted(found, np.zeros(3)), ())
+    viewpoint = nearest_point(seen.origins, seen.directions)
+    scale = sphere(camera).size[0] / 360
+    return _Made(target, Fitted(found, viewpoint), tuple(parallax(seen, viewpoint, d, scale) for d in far))
+
+
+def _fitted(
+    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: _Field
+) -> _Made:
+    """The target whose model comes closest, if it is close enough."""
+    mount = getattr(camera, "mount", Mount())
+    all_of_it = sample(camera, mount, PIXELS)
+    seen = all_of_it.within(*field)
+    fitted = sample(camera, mount, PIXELS // FITTED).within(*field).with_rim_of(seen)
+    tried, reasons = [], []
+    for target in targets:
+        if target.layout.kind not in STARTS:
+            reasons.append(f"{target.name} {target.layout.lacks(camera)}")
+            continue
+        try:
+            tried.append(_best_of(target, fitted, seen, camera.image_size, far))
+        except OmnimirrorError as problem:
+            reasons.append(f"{target.name} ({target.layout.words}) {problem}")
+    usable = [made for made in tried if np.isfinite(made.largest_px)]
+    reasons += [
+        f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
+        f"{np.degrees(seen.omega.max()):.4g} deg from the axis"
+        for made in tried
+        if made not in usable
+    ]
+    if not usable:
+        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in STARTS for t in targets) else ""
+        raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
+    best = min(usable, key=lambda made: made.largest_px)
+    whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
+    if whole_field and allowed is not None:  # what serves the whole field goes before what comes closest
+        fullest = min(whole_field, key=lambda made: made.largest_px)
+        best = fullest if fullest.largest_px <= allowed else best
+    if allowed is None or best.largest_px > allowed:
+        verdict = (
+            f"give tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to allow that"
+            if allowed is None
+            else f"more than tolerance_px = {allowed:g}"
+        )
+        raise InvalidParameter(
+            f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
+            f"{_words(best, seen.is_central)}, {verdict}{_remedies(camera, best)}"
+        )
+    return best._replace(is_restricted=len(seen.pixels) < len(all_of_it.pixels))
+
+
+def _calibrated_deg(camera: Camera) -> float | None:
+    """Return the calibrated field (deg) of a camera, None where its file does not give it."""
+    known = getattr(camera, "uncertainty", None)
+    return None if known is None else known.field_deg
+
+
+def _rounded_up(value: float) -> float:
+    """Round a positive number up to two digits.
+
+    >>> _rounded_up(0.0341), _rounded_up(12.0)
+    (0.035, 12.0)
+    """
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / digit - 1e-9) * digit:.2g}")
+
+
+def _remedies(camera: Camera, best: _Made) -> str:
+    """Return what else makes a conversion possible: a smaller field, or a calibration without certain parameters."""
+    worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
+    remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
+    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):
+        options = " ".join(f"--fix {name}" for name in names)
+        remedies.append(f"or calibrate with {options} (fixed) for a camera that the format holds exactly")
+    return "".join(f", {remedy}" for remedy in remedies)
+
+
+def _best_of(target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
+    """The model of a target that fits best, or the first that is close enough."""
+    layout = target.layout
+    best = None
+    for model in start(layout.kind, layout.places, round_picture(fitted, size)):
+        free = [layout.places is None or p.name in layout.places for p in model.parameters]
+        found = fit(model, fitted, free, far)
+        at = (np.inf,) if seen.is_central else far
+        made = _Made(target, found, tuple(cost(found, seen, distance) for distance in at))
+        if best is None or made.largest_px < best.largest_px:
+            best = made
+        if best.largest_px < ENOUGH_PX:
+            break
+    assert best is not None
+    return best
+
+
+def _words(made: _Made, is_central: bool) -> str:
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
+    where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
+    return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+
+
+def _field_notes(source: Camera, made: _Made, field_deg: float | None) -> Iterable[str]:
+    """Yield the field in which the file holds, where that is the calibrated field."""
+    known = _calibrated_deg(source)
+    if known is None or field_deg is not None or made.target.layout.kind in (RadialModel, Sensor):
+        return
+    if made.is_restricted:
+        yield (
+            f"the fit is restricted to the calibrated field of 0 to {known:.4g} deg; use field_deg (--field-deg) to "
+            "include angles beyond it, where the camera is an extrapolation"
+        )
+    elif not made.costs and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG:
+        yield (
+            f"the calibrated field of 0 to {known:.4g} deg is not in the file: beyond it the camera is an extrapolation"
+        )
+
+
+def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:
+    """What somebody who uses the file has to know."""
+    target = made.target
+    if np.any(made.found.viewpoint_mm):
+        x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)
+        yield f"the file's frame begins at ({x:g}, {y:g}, {z:g}) mm of the camera frame, where one viewpoint does best"
+    if target.layout.is_panorama:
+        width, height = sphere(source).size
+        yield (
+            f"it is of a panorama, which has to be made of every picture first: omnimirror dewarp --view sphere "
+            f"--size {width}x{height}; its frame looks forward, with the world's right and down"
+        )
+        return
+    if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
+        return
+    if written.is_picture_reversed:
+        yield (
+            "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
+            "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"
+        )
+    elif written.mount.image_flipped:
+        yield "the file is of the picture flipped left to right"
+    reach = np.degrees(getattr(written, "omega_max", 0.0))
+    if reach > target.layout.reach_deg:
+        yield (
+            f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
+            f"reaches {reach:.4g} deg"
+        )
+    if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
+        yield "where the field ends is not in the file: rim_radius_px"
+    if getattr(source, "mount", Mount()) != Mount():
+        yield "how the camera stands is not in the file"

@@ -1,0 +1,312 @@
+"""The steps of a calibration in their order, each leaving the best so far for whoever stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import InvalidParameter, OmnimirrorError
+from ...cameras.models.base import CameraModel
+from ...cameras.models.spheres import Unified
+from ...cameras.models.splines import ViewpointSpline
+from ..helpers import Helpers
+from ..physical import SensorModel
+from .bundle.adjustment import CAUCHY, Adjustment, Prior, adjust, shared_names
+from .bundle.board_shape import BoardShape
+from .bundle.edges import StraightEdges
+from .bundle.linearisation import UNSEEN_PX, Loss
+from .bundle.observations import Sighting
+from .bundle.sides import from_the_front
+from .bundle.steps import SETTLED
+from .checks import check_poses, listed, without_strangers
+from .choice import TriedModel, chosen
+from .ladder.conversion import is_central
+from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
+from .ladder.rungs import ROUGHLY, begun, climbed, field_of
+from .leaving_out import HeldOut, held_out
+from .outliers import Outlier, frozen, without_outliers
+from .stillness import SEVERAL, check_still, flipped_pictures, reason
+
+THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
+TERMS = "mirror.coefficients"
+ENOUGH = 200  # points, of which none is left out of that
+AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
+HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
+FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
+FREEDOM = 0.5  # of what was measured; a model with more unknowns follows wrong points too
+FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
+
+
+class Stopped(Exception):
+    """Someone asked to stop."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Tells how far it is, and asks whether to go on."""
+
+    progress: Callable[[str, float], None] | None
+    stop: Callable[[], bool] | None
+
+    def at(self, what: str, share: float) -> None:
+        """Now ``what`` is done, after a share of all."""
+        if self.stop is not None and self.stop():
+            raise Stopped
+        if self.progress is not None:
+            self.progress(what, share)
+
+
+@dataclass(frozen=True)
+class Foreknown:
+    """What is known of parameters beforehand, whatever the model."""
+
+    fixed: tuple[str, ...] = ()
+    priors: tuple[Prior, ...] = ()
+
+    def of(self, model: CameraModel, shape: BoardShape | None) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
+        """Fixed names and priors of what a model has, its own priors among them."""
+        names = shared_names(model, shape)
+        said = {p.name for p in self.priors}
+        own = (Prior(*p) for p in getattr(model, "priors", ()))
+        priors = (*self.priors, *(p for p in own if p.name not in said))
+        return tuple(n for n in self.fixed if n in names), tuple(p for p in priors if p.name in names)
+
+    def check(self, fits: Iterable[Adjustment]) -> None:
+        """Whether some model has each of the names."""
+        names = dict.fromkeys(name for fit in fits for name in fit.names)
+        for name in (*self.fixed, *(p.name for p in self.priors)):
+            if name not in names:
+                raise InvalidParameter(f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are")
+
+
+@dataclass
+class Course:
+    """The best so far."""
+
+    fit: Adjustment | None = None
+    held: HeldOut | None = None
+    outliers: tuple[Outlier, ...] = ()
+    candidates: tuple[TriedModel, ...] = ()
+    strangers: dict[str, str] = field(default_factory=dict)
+    wandering: Adjustment | None = None
+    """the best fit of several viewpoints"""
+    failures: dict[str, str] = field(default_factory=dict)
+    """models that could not be fitted: kind and why"""
+    edges: StraightEdges | None = None
+    """those of the edges that the best model makes straight"""
+
+
+@dataclass(frozen=True)
+class CalibrationPlan:
+    """What is to be done."""
+
+    sightings: tuple[Sighting, ...]
+    image_size: tuple[int, int]
+    centre_px: tuple[float, float] | None
+    empty: Unified
+    """for optics and mount"""
+    wanted: tuple[str | CameraModel, ...]
+    """kinds, or a model of one to begin with"""
+    known: Foreknown
+    shape: BoardShape | None
+    is_mirrored_alike: bool
+    """whether the board looks the same from behind, so that a detector may count its corners backwards"""
+    seed: int
+    edges: StraightEdges | None = None
+
+
+def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
+    """Begin, climb to every model, reject outliers by the best, compare, and choose."""
+    with Helpers() as spread:
+        if SensorModel.KIND in map(_kind, plan.wanted):
+            spread.begin()
+        watch.at("placing boards", 0.0)
+        base = _lowest_rung(plan, course)
+        _climb_and_choose(base, plan, watch, course, spread)
+    watch.at("done", 1.0)
+
+
+def _lowest_rung(plan: CalibrationPlan, course: Course) -> Adjustment:
+    """A unified model of pictures that are not all alike, their boards seen from the front."""
+    fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+    low = begun(
+        plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
+    )  # fmt: skip
+    course.fit, course.strangers = low.fit, low.strangers
+    check_poses(low.fit.sightings)
+    return replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
+
+
+def _climb_and_choose(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
+    """From the lowest rung to the model that is chosen."""
+    fits = _all_climbed(base, plan, watch, course, spread)
+    plan.known.check(fits.values())
+    judge = _judge(fits)
+    watch.at("looking for outliers", 0.4)
+    judge = _agreeing(_without_strangers(judge, course), fits, plan, course)
+    if plan.edges is not None:
+        watch.at("straightening edges", 0.45)
+        course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)
+    names = {_kind(w) for w in plan.wanted}
+    wandering = [fit for fit in fits.values() if not is_central(fit.model)]
+    if wandering:
+        course.wandering = _frozen(min(wandering, key=lambda fit: fit.question.noise_px), judge, course)
+    course.fit = judge if judge.model.KIND in names else course.fit
+    _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course, spread)
+
+
+def _compare(fits: dict[str, Adjustment], plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
+    """Leave pictures out of each model's fit, the best fits first; not of one whose fit alone is worse than that."""
+    compared: list[tuple[Adjustment, HeldOut | None]] = []
+    for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
+        watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
+        is_beaten = course.held is not None and fit.rms_px > HOPELESS * course.held.rms_px
+        compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed, spread=spread)))
+        best, course.candidates = chosen(compared)
+        course.fit, course.held = compared[best]
+
+
+def _kind(wanted: str | CameraModel) -> str:
+    return wanted if isinstance(wanted, str) else wanted.KIND
+
+
+def _all_climbed(
+    base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers
+) -> dict[str, Adjustment]:
+    """Robust fits of the wanted models, and of those by which outliers are told."""
+    ladder: list[str | CameraModel] = list(plan.wanted)
+    if len(base.sightings) >= FEWEST_FOR_JUDGES:
+        ladder += [kind for kind in JUDGES if kind not in map(_kind, ladder)]
+    fits: dict[str, Adjustment] = {}
+    unified = base.model
+    assert isinstance(unified, Unified)
+    for number, wanted in enumerate(sorted(ladder, key=_order)):
+        kind = _kind(wanted)
+        watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
+        try:
+            starts = [wanted] if isinstance(wanted, CameraModel) else _starts(wanted, unified, base, fits)
+            fits[kind] = _best_climbed(base, starts, plan, spread)
+        except OmnimirrorError as e:
+            course.failures[kind] = str(e)
+            continue
+        if course.fit is None or fits[kind].question.noise_px < course.fit.question.noise_px:
+            course.fit = fits[kind]
+    failed = [f"{k}: {why}" for k, why in course.failures.items() if k in map(_kind, plan.wanted)]
+    if len(failed) == len(plan.wanted):
+        raise InvalidParameter("; ".join(failed))
+    return fits
+
+
+def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
+    """Models of a kind to begin with; how large a mirror is the viewpoints that were found may tell.
+
+    Of an unknown mirror there are several: pictures that hardly tell its distance leave more than one valley, and only
+    one of them is the deepest.
+    """
+    usual, wandering = begun_as(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)
+    if kind != SensorModel.KIND:
+        return [usual]
+    sized = None if wandering is None else mirror_like(unified, wandering, field_of(base))
+    far = mirror_farther(unified, field_of(base))
+    return [usual, far] if sized is None else [sized, usual, far]
+
+
+def _best_climbed(
+    base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: Helpers
+) -> Adjustment:
+    """From the start that leaves the least after some steps with some of the points, gross errors counted as such."""
+
+    def known(into: CameraModel) -> dict[str, Any]:
+        fixed, priors = plan.known.of(into, plan.shape)
+        return {"shape": plan.shape, "fixed": fixed, "priors": priors}
+
+    if len(starts) == 1:
+        return climbed(base, starts[0], **known(starts[0]))
+    every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
+    some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
+    jobs = [(some, into, known(into), is_conic_first) for into, is_conic_first in product(starts, (False, True))]
+    found = spread.map(_trial, jobs)
+    tried = [fit for fit in found if isinstance(fit, Adjustment)]
+    options = [own for fit, (_, _, own, _) in zip(found, jobs, strict=True) if isinstance(fit, Adjustment)]
+    if not tried:
+        raise next(fit for fit in found if isinstance(fit, OmnimirrorError))
+    loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
+    sums = [loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)) for fit in tried]
+    number = int(np.argmin(sums))
+    best = tried[number]
+    placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
+    best = best.again(placed, loss="cauchy", settled=ROUGHLY)
+    return adjust(best.model, best.sightings, **options[number] | {"shape": best.shape}, loss="cauchy", settled=ROUGHLY)
+
+
+def _trial(
+    some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
+) -> Adjustment | OmnimirrorError:
+    """Some steps from a start; or why it leads to no mirror, since another may."""
+    try:
+        return _some_steps(some, into, known, is_conic_first)
+    except OmnimirrorError as e:
+        return e
+
+
+def _some_steps(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
+    """Some steps from a start; with a mirror's aspheric terms free at once, or once the conic fits.
+
+    With its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is; with its
+    terms free, into one where they make up for a conic of the wrong size.
+    """
+    terms = tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
+    fit = climbed(some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS)
+    if not terms:
+        return fit
+    freed = known | {"fixed": (*known["fixed"], *AXIS), "shape": fit.shape}
+    return adjust(fit.model, fit.sightings, **freed, loss="cauchy", settled=ROUGHLY, most_steps=TRIAL_STEPS)
+
+
+def _order(wanted: str | CameraModel) -> int:
+    kinds = list(KINDS)
+    return kinds.index(wanted) if isinstance(wanted, str) and wanted in kinds else len(kinds)
+
+
+def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
+    """The fit without pictures that even the best model does not explain."""
+    found = without_strangers(fit)
+    if not found:
+        return fit
+    course.strangers |= found
+    return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
+
+
+def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: Course) -> Adjustment:
+    """The fit without outliers, of pictures that agree where the mirror's centre lies; the others are named."""
+    fit, course.outliers = without_outliers(robust)
+    odd: dict[str, str] = {}
+    if plan.is_mirrored_alike:  # the stiffer of two models shows more, if it explains what is seen
+        odd = flipped_pictures(fit) or flipped_pictures(_frozen(fits.get(Unified.KIND, fit), fit, course))
+    odd = odd or check_still(fit)
+    if odd:
+        course.strangers |= odd
+        fit, course.outliers = without_outliers(
+            robust.again([s for s in robust.sightings if s.name not in odd], loss="cauchy")
+        )
+        if more := check_still(fit):
+            raise InvalidParameter(f"{listed([*odd, *more])}: {reason(SEVERAL, fit)}")
+    return fit
+
+
+def _judge(fits: dict[str, Adjustment]) -> Adjustment:
+    """The fit by which outliers are told: the best of those that the pictures determine well."""
+    sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
+    return min(sound, key=lambda fit: fit.question.noise_px) if sound else min(fits.values(), key=lambda f: f.unknowns)
+
+
+def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
+    """A model by least squares on the corners that are left for all."""
+    names = {s.name for s in judge.sightings}
+    kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
+    is_far = fit.question.noise_px > FAR * judge.question.noise_px
+    return fit.again(kept, settled=ROUGHLY if is_far else SETTLED, edges=course.edges)

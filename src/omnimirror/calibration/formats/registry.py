@@ -1,0 +1,209 @@
+"""Every format by name: reading a file of any of them, and finding what can be written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...base.arguments import WrongKind, choice, shown
+from ...base.errors import InvalidParameter, SpecError
+from ...base.files import LARGEST_TEXT, read_bytes
+from ...base.numerics.registry import Registry
+from ...cameras.models import RadialModel
+from ...cameras.models.consistency import doubts
+from ...optics.sensor_files.camera_file import NUMBERS_OF_A_CALIBRATION
+from . import basalt, camodocal, colmap, kalibr, opencv_fisheye, opencv_omnidir, opencv_pinhole, own, ros
+from .base import CameraFile, CameraFormat, Layout, Reading, Stored
+from .scaramuzza import matlab, multicol, ocamcalib, py_ocamcalib, py_omnicalib
+
+OURS = {
+    "ocamcalib": ocamcalib.FORMAT,
+    "py-ocamcalib": py_ocamcalib.FORMAT,
+    "py-omnicalib": py_omnicalib.FORMAT,
+    "matlab": matlab.FORMAT,
+    "opencv-omnidir": opencv_omnidir.FORMAT,
+    "opencv-fisheye": opencv_fisheye.FORMAT,
+    "opencv-pinhole": opencv_pinhole.FORMAT,
+    "camodocal": camodocal.FORMAT,
+    "multicol": multicol.FORMAT,
+    "basalt": basalt.FORMAT,
+    "kalibr": kalibr.FORMAT,
+    "ros": ros.FORMAT,
+    "colmap": colmap.FORMAT,
+    "omnimirror": own.FORMAT,
+}
+
+
+def _check_format(name: str, kind: Any) -> None:
+    if not isinstance(kind, CameraFormat):
+        raise WrongKind(f"{shown(kind)} is no omnimirror.calibration.formats.CameraFormat")
+    taken = [layout for layout in kind.layouts for f in OURS.values() if layout in f.layouts]
+    if taken:
+        raise InvalidParameter(f"{taken[0]} is written by another format; choose another name")
+
+
+FORMATS: Registry[CameraFormat] = Registry("omnimirror.camera_formats", "a camera format", OURS, _check_format)
+"""Every format of cameras by the word that names it."""
+
+
+def register_camera_format(name: str, kind: CameraFormat) -> None:
+    """Make a format of cameras known to :func:`omnimirror.convert` and ``omnimirror convert``.
+
+    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.camera_formats"]`` with ``mine = "my_package:FORMAT"``.
+
+    Parameters
+    ----------
+    name
+        Such as ``"mine"``.
+    kind
+        How a file is recognised, read and written.
+
+    Raises
+    ------
+    InvalidParameter
+        Another format has this name, or writes what one of these is called.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.calibration.formats import FORMATS, CameraFormat, Layout
+    >>> two = Layout(om.OCam, lambda camera, name: "{} {}".format(*camera.centre_px), "the centre alone")
+    >>> om.register_camera_format("docs", CameraFormat("centre", lambda f: False, lambda f, r: [], {"docs": two}))
+    >>> FORMATS["docs"].layouts["docs"].write(om.OCam((-100.0,), (5.0, 4.0), (11, 9)), "")
+    '5.0 4.0'
+    >>> FORMATS.withdraw("docs")
+    """
+    FORMATS.register(name, kind)
+
+
+# -- reading -------------------------------------------------------------------------------------------
+
+
+def read_cameras(path: str | Path, reading: Reading, name: str | None = None) -> tuple[str, list[Stored]]:
+    """The cameras of a file, and the name of its format.
+
+    Parameters
+    ----------
+    path
+    reading
+        What files do not say.
+    name : optional
+        The format, of :data:`FORMATS`; otherwise it is recognised.
+
+    Returns
+    -------
+    str, list of Stored
+
+    Raises
+    ------
+    SpecError
+        The file cannot be read, or is of no known format; the message says where and what would be valid.
+    """
+    if name is not None:
+        choice("from_", name, FORMATS)
+    try:
+        data = read_bytes(path, LARGEST_TEXT)
+    except FileNotFoundError:
+        raise SpecError(f"there is no camera file {path}") from None
+    except OSError as e:
+        raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
+    file = CameraFile.of(str(path), data)
+    name = _recognised(file) if name is None else name
+    stored = FORMATS[name].read(file, reading)
+    return name, [one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading))) for one in stored]
+
+
+def _recognised(file: CameraFile) -> str:
+    """Return the one format that recognises a file.
+
+    Raises
+    ------
+    SpecError
+        None does, or several do.
+    """
+    found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
+        raise SpecError(
+            f"{file.source} is ambiguous: it can be read as {titles}; "
+            "give its format (from_, on the command line --from)"
+        )
+    if file.has(NUMBERS_OF_A_CALIBRATION.strip('":')):
+        raise SpecError(
+            f"{file.source} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        )
+    if file.problem:
+        raise file.problem
+    known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
+    raise SpecError(f"{file.source} is not recognised as a camera file; say which it is, of {known}")
+
+
+def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
+    """List contradictions in the numbers of a file of another program, and with what was given."""
+    if name == "omnimirror" or not isinstance(camera, RadialModel):
+        return []
+    (width, height), given = camera.image_size, reading.image_size
+    unused = [] if given in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
+    return [*unused, *doubts(camera)]
+
+
+# -- writing -------------------------------------------------------------------------------------------
+
+
+class Target(NamedTuple):
+    """Something that can be written."""
+
+    name: str
+    """Of the layout."""
+    format: CameraFormat
+    layout: Layout
+
+
+def targets_of(path: str | Path, to: str | None) -> list[Target]:
+    """What may be written to a file, the preferred first: one layout, or all of a format.
+
+    Parameters
+    ----------
+    path
+        Its name says the format where ``to`` does not.
+    to
+        Of :data:`FORMATS`, or of the layouts of one.
+
+    Raises
+    ------
+    InvalidParameter
+        There is none of this name, or the file's name says nothing.
+    """
+    named = {t.name: t for t in _all_targets()}
+    known = ", ".join(dict.fromkeys([*FORMATS, *named]))
+    if to is not None:
+        if not isinstance(to, str):
+            raise WrongKind(f"to = {shown(to)} is no name of a format; valid are {known}")
+        if to in named and to not in FORMATS:
+            return [named[to]]
+        if to in FORMATS:
+            return _of_path(FORMATS[to], path)
+        raise InvalidParameter(f"to = {shown(to)} is not known; valid are {known}")
+    for kind in FORMATS.values():
+        if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
+            return _of_path(kind, path)
+    raise InvalidParameter(f"{Path(path).name} does not say which format is wanted; give to, one of {known}")
+
+
+def _all_targets() -> Iterator[Target]:
+    for kind in FORMATS.values():
+        for name, layout in kind.layouts.items():
+            yield Target(name, kind, layout)
+
+
+def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
+    """All layouts of a format; of those that differ by the file's suffix, the one that has it."""
+    suffix = Path(path).suffix.lower()
+    all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
+    fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
+    return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it

@@ -1,0 +1,198 @@
+"""Other processes that compute beside this one, where Python itself takes the time and threads would wait for another.
+
+They are begun by themselves and not by :mod:`multiprocessing`: what forks must not have threads, and what spawns runs
+again whatever script asked, unless that is guarded. A helper reads jobs from its input and writes what came out.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import SimpleQueue
+from threading import Thread
+from typing import IO, Any, Generic, Self, TypeVar
+
+from ..base.native import usable_cores
+
+T = TypeVar("T")
+MOST = 7  # helpers, of some 100 MB each
+
+
+class Helpers:
+    """Processes that share jobs with this one; begun when there are jobs, as many as cores are free at most.
+
+    Examples
+    --------
+    >>> with Helpers() as spread:
+    ...     spread.map(divmod, [(7, 2), (9, 4)])
+    [(3, 1), (2, 1)]
+    """
+
+    def __init__(self) -> None:
+        self._begun: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """End all, whatever they are at."""
+        for helper in self._begun:
+            helper.kill()
+            helper.wait()
+            for stream in (helper.stdin, helper.stdout):
+                with suppress(OSError):  # what it was told last may not have reached it
+                    stream.close()  # type: ignore[union-attr]
+        self._begun = []
+
+    def begin(self) -> None:
+        """Have them ready for jobs that will come, while this process does something else."""
+        self._enough(usable_cores() - 1)
+
+    def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
+        """What a function of a module gives for each of its arguments, in their order.
+
+        Raises
+        ------
+        Exception
+            What one of them raised.
+        """
+        results: list[T | None] = [None] * len(jobs)
+        for number, found in self.each(function, jobs):
+            results[number] = found
+        return results  # type: ignore[return-value]
+
+    def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
+        """The same one by one, as they are done, each with its number."""
+        waiting, done = deque(enumerate(jobs)), SimpleQueue[_Done[T]]()
+        for helper in self._enough(min(len(jobs), usable_cores()) - 1):
+            Thread(target=_take, args=(helper, function, waiting, done), daemon=True).start()
+        left = len(jobs)
+        try:
+            while left:
+                try:
+                    number, job = waiting.popleft()
+                except IndexError:  # helpers have the last ones in hand
+                    finished = [done.get()]
+                else:
+                    finished = [_Done(number, function(*job))]
+                while not done.empty():
+                    finished.append(done.get())
+                for one in finished:
+                    if one.failure is not None:
+                        raise one.failure
+                    if one.number is not None:
+                        left -= 1
+                        yield one.number, one.found  # type: ignore[misc]
+        finally:
+            waiting.clear()
+            if left:  # broken off: what helpers still have in hand nobody waits for
+                self._end()
+
+    def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
+        """So many helpers that live, if they can be had."""
+        count = min(count, MOST)
+        self._begun = [helper for helper in self._begun if helper.poll() is None]
+        with suppress(OSError):  # no more processes, or no interpreter to be named: then without
+            while len(self._begun) < count and sys.executable:
+                self._begun.append(_one_more())
+        return self._begun[: max(count, 0)]
+
+
+@dataclass(frozen=True)
+class _Done(Generic[T]):
+    """What came of a job."""
+
+    number: int | None = None
+    """none: a helper has died, and there may be jobs to do"""
+    found: T | None = None
+    failure: Exception | None = None
+
+
+class _Dead(Exception):
+    """A helper has ended, or cannot be told the job."""
+
+
+def _take(
+    helper: subprocess.Popen[bytes],
+    function: Callable[..., T],
+    waiting: deque[tuple[int, Any]],
+    done: SimpleQueue[_Done[T]],
+) -> None:
+    """Have a helper do jobs until none waits; what it had in hand when it died waits again, which is told."""
+    while True:
+        try:
+            number, job = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            done.put(_Done(number, _asked(helper, function, job)))
+        except _Dead:
+            waiting.appendleft((number, job))
+            return done.put(_Done())
+        except Exception as e:
+            return done.put(_Done(failure=e))
+
+
+def _one_more() -> subprocess.Popen[bytes]:
+    """A process that waits for jobs, finds modules as this one does, and does not hear Ctrl-C."""
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    where = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+        env=os.environ | where | one_thread,
+    )  # fmt: skip
+
+
+def _asked(helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+    assert helper.stdin is not None
+    assert helper.stdout is not None
+    try:
+        message = pickle.dumps((function, job))
+    except Exception as e:  # of a class that has no name elsewhere, say
+        raise _Dead from e
+    try:
+        helper.stdin.write(len(message).to_bytes(8, "little") + message)
+        helper.stdin.flush()
+        found, failure = pickle.loads(_message(helper.stdout))
+    except (OSError, EOFError, ValueError) as e:  # ValueError: its pipe was closed
+        raise _Dead from e
+    if failure is not None:
+        raise failure
+    return found
+
+
+def _message(stream: IO[bytes]) -> bytes:
+    head = stream.read(8)
+    if len(head) < 8:
+        raise EOFError
+    return stream.read(int.from_bytes(head, "little"))
+
+
+def _serve() -> None:
+    """Do jobs until nobody asks any more."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what a job prints is no answer
+    with suppress(BrokenPipeError):
+        while True:
+            try:
+                function, job = pickle.loads(_message(sys.stdin.buffer))
+            except Exception:  # no more jobs, or one of a script's own class: whoever asked does it
+                return
+            try:
+                message = pickle.dumps((function(*job), None))
+            except Exception as e:
+                message = pickle.dumps((None, e))
+            answers.write(len(message).to_bytes(8, "little") + message)
+            answers.flush()
+
+
+if __name__ == "__main__":
+    _serve()

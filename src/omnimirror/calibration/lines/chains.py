@@ -1,0 +1,204 @@
+"""Edges of a picture as chains of points, long and smooth enough to be images of straight edges, sub-pixel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import number
+from ..rim.edges import levels_of
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+BLUR_PX = 1.2
+LEAST_CONTRAST = 2.5  # grey levels a pixel, of an edge that is followed
+BAND = 1 << 22  # pixels that are filtered at once
+HALO, BESIDE = 16, 2  # rows beside these that filters look at, and from one to the next along a gradient
+STRONG = 2.0  # times that, somewhere on every edge
+DEGREE = 5  # of the curves that chains are compared with; a straight edge bends no more than that
+ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and largest distance of a chain from its curve
+STEP_PX = 2.0  # between the points that are kept: neighbours tell the same
+LEAST_SHARE = 0.06  # of the field's radius; shorter chains say little
+EDGE_PX = 4.0  # to the rim, whose own edge is no edge of the world
+NEIGHBOURS = [(-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # straight ones first
+FORK = 5  # neighbours of a pixel in which lines meet; on a flight of stairs each has four
+REACH, CORNER_DEG = 6, 25.0  # edge points to either side between which a line turns, and by how much at a corner
+
+
+def edge_chains(
+    picture: NDArray[Any],
+    *,
+    centre_px: tuple[float, float] | None = None,
+    radius_px: float | None = None,
+    inner_radius_px: float = 0.0,
+    least_length_px: float | None = None,
+) -> list[Array]:
+    """Chains of edge points (n, 2) px of a picture.
+
+    Parameters
+    ----------
+    picture : (height, width, 3) or (height, width)
+        RGB, of any depth; opacity is left out.
+    centre_px, radius_px
+        Circle of the field; edges at its rim and outside are left out. The picture's largest circle by default.
+    inner_radius_px
+        Inside of which the camera sees itself.
+    least_length_px
+        Of a chain; 6 % of the radius by default.
+
+    Returns
+    -------
+    list of (n, 2) arrays
+        Longest first.
+
+    Examples
+    --------
+    >>> picture = np.zeros((200, 200), np.uint8)
+    >>> picture[:, 90:] = 200
+    >>> (chain,) = edge_chains(picture)
+    >>> float(chain[:, 0].round(1).min()), float(chain[:, 0].round(1).max())
+    (89.5, 89.5)
+    """
+    levels = levels_of(picture)
+    height, width = levels.shape[:2]
+    u, v = centre_px or ((width - 1) / 2, (height - 1) / 2)
+    radius = min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)
+    least = max(LEAST_SHARE * radius, 12.0) if least_length_px is None else least_length_px
+    is_edge, points = _edges(levels)
+    rows, columns = np.nonzero(is_edge)
+    places = rows * width + columns
+    away = np.hypot(columns - u, rows - v)
+    outside = (away > radius - EDGE_PX) | (away < inner_radius_px + EDGE_PX)
+    is_edge[rows[outside], columns[outside]] = False
+    found: list[Array] = []
+    for path in _paths(is_edge):
+        for piece in _between_corners(points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]):
+            found += _smooth_parts(piece, least)
+    return sorted((_thinned(chain) for chain in found), key=len, reverse=True)
+
+
+def _edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
+    """Which pixels are edges (h, w), thin, and where exactly each (n, 2), row by row, runs: on the gradient's ridge.
+
+    In bands of rows, so that no more of a large picture is held than what finds connected edges needs of it.
+    """
+    import cv2
+
+    height, width = levels.shape[:2]
+    tall = max(BAND // width, HALO)
+    bands = [slice(first, min(first + tall, height)) for first in range(0, height, tall)]
+    steps = [np.empty((height, width), np.int16) for _ in range(2)]
+    for band in bands:
+        for step, slope in zip(steps, _slopes(levels, band), strict=True):
+            step[band] = np.clip(16 * slope, -32767, 32767)
+    low, high = 16 * LEAST_CONTRAST, 16 * LEAST_CONTRAST * STRONG
+    is_edge: Mask = cv2.Canny(steps[0], steps[1], low, high, L2gradient=True) > 0
+    return is_edge, np.concatenate([_ridge(levels, is_edge, band) for band in bands])
+
+
+def _slopes(levels: NDArray[Any], rows: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How smoothed grey levels rise to the right and downwards in some rows, the same as of the whole picture."""
+    import cv2
+
+    first = max(rows.start - HALO, 0)
+    part = levels[first : rows.stop + HALO].astype(np.float32)
+    grey = part @ LUMA if part.ndim == 3 and part.shape[2] == 3 else part.reshape(part.shape[:2])
+    smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_PX)
+    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    inside = slice(rows.start - first, rows.stop - first)
+    return dx[inside], dy[inside]  # type: ignore[return-value]  # OpenCV does not say of what
+
+
+def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:
+    """Where (n, 2) px edges in some rows run exactly."""
+    first = max(band.start - BESIDE, 0)
+    dx, dy = _slopes(levels, slice(first, min(band.stop + BESIDE, len(levels))))
+    size = np.hypot(dx, dy)
+    rows, columns = np.nonzero(is_edge[band])
+    rows = rows + band.start - first
+    here = size[rows, columns]
+    along = np.stack([dx[rows, columns], dy[rows, columns]]) / np.where(here > 0, here, 1.0)
+    before, after = (_between(size, columns + s * along[0], rows + s * along[1]) for s in (-1.0, 1.0))
+    bend = before - 2 * here + after
+    offset = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, 1.0), 0.0)
+    offset = np.clip(offset, -0.7, 0.7)
+    return np.stack([columns + offset * along[0], rows + first + offset * along[1]], axis=-1)
+
+
+def _between(values: NDArray[np.float32], x: Array, y: Array) -> Array:
+    """Values (n,) between pixels, bilinear."""
+    height, width = values.shape
+    c, r = (np.clip(np.floor(a).astype(int), 0, size - 2) for a, size in ((x, width), (y, height)))
+    fx, fy = x - c, y - r
+    upper = values[r, c] * (1 - fx) + values[r, c + 1] * fx
+    lower = values[r + 1, c] * (1 - fx) + values[r + 1, c + 1] * fx
+    between: Array = upper * (1 - fy) + lower * fy
+    return between
+
+
+def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
+    """Edge pixels (n, 2), row and column, in the order of the lines that they form; forks end them."""
+    height, width = is_edge.shape
+    padded = np.pad(is_edge, 1).astype(np.int8)
+    count = sum(padded[1 + r : 1 + r + height, 1 + c : 1 + c + width] for r, c in NEIGHBOURS)
+    left = {(int(r), int(c)) for r, c in np.argwhere(is_edge & (count < FORK))}
+    paths = []
+    while left:
+        start = left.pop()
+        ends = []
+        for _ in range(2):  # to one side, then to the other
+            way, at = [], start
+            while True:
+                near = ((at[0] + r, at[1] + c) for r, c in NEIGHBOURS)
+                following = next((p for p in near if p in left), None)
+                if following is None:
+                    break
+                left.discard(following)
+                way.append(following)
+                at = following
+            ends.append(way)
+        paths.append(np.array([*ends[1][::-1], start, *ends[0]]))
+    return paths
+
+
+def _between_corners(points: Array) -> list[Array]:
+    """Pieces (n, 2) of a line that turns nowhere sharply."""
+    if len(points) <= 2 * REACH + 1:
+        return [points]
+    steps = points[REACH:] - points[:-REACH]
+    angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turn = np.degrees(np.abs(angle[REACH:] - angle[:-REACH]))  # at points REACH to -REACH
+    cuts, sharp = [0], turn > CORNER_DEG
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], sharp, [False]]).astype(int)))
+    for begin, end in edges.reshape(-1, 2):
+        cuts.append(int(begin + turn[begin:end].argmax()) + REACH)
+    return [points[a + (a > 0) : b] for a, b in zip(cuts, [*cuts[1:], len(points)], strict=True)]
+
+
+def _smooth_parts(points: Array, least: float) -> list[Array]:
+    """Pieces of a chain that are smooth curves, corners being where it is cut; the others are dropped."""
+    if len(points) < least / np.sqrt(2):
+        return []
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    if length[-1] < least:
+        return []
+    t = 2 * length / length[-1] - 1
+    basis = np.polynomial.legendre.legvander(t, DEGREE)
+    coefficients, *_ = np.linalg.lstsq(basis, points, rcond=None)
+    off = np.hypot(*(basis @ coefficients - points).T)
+    if np.sqrt((off**2).mean()) <= ROUGH_PX and off.max() <= WORST_PX:
+        return [points]
+    margin = max(3, len(points) // 10)
+    cut = margin + int(off[margin:-margin].argmax()) if len(points) > 2 * margin else len(points) // 2
+    return _smooth_parts(points[:cut], least) + _smooth_parts(points[cut + 1 :], least)
+
+
+def _thinned(points: Array) -> Array:
+    """Points about two pixels apart."""
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    kept: Array = points[np.unique(np.searchsorted(length, np.arange(0.0, length[-1], STEP_PX)))]
+    return kept

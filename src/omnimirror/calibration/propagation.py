@@ -1,0 +1,276 @@
+"""Propagation of a calibration's covariance to directions and to points of a floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import checked, finite, instance, number, optional_number, vectors, whole
+from ..base.errors import InvalidParameter
+from ..base.parameters import Uncertainty
+from ..cameras.camera import Rays
+from ..cameras.frames import turned
+from ..cameras.models.base import CameraModel
+from ..cameras.models.spread import direction_sigma_deg, field_angles, larger_sigma, spread_at, within_field
+from ..optics.sensor import Sensor
+from .physical import SensorModel
+
+Array = NDArray[np.float64]
+
+MOST_STEPS = 2000  # of a map, whose rows are computed at once
+HIGHEST_MM = 1e9  # of a camera over a floor
+FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every purpose
+
+
+@checked
+def direction_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
+    """Return the standard deviation (n,) in deg of the directions that pixels see, along the larger axis.
+
+    Formula: :func:`omnimirror.cameras.models.spread.direction_spread`. The orientation of the camera in the world, its
+    mount, is taken as exact.
+
+    Parameters
+    ----------
+    camera
+        A calibrated sensor, or a camera model.
+    pixels : (n, 2)
+        Pixels (u, v), integers at their centres.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+
+    Returns
+    -------
+    (n,) array
+        Degrees; NaN where a pixel sees nothing, and outside of the field.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no covariance, or one of other parameters.
+
+    Examples
+    --------
+    A focal length known to 0.1 %: off the axis, the error of directions grows with how fast they turn.
+
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> pixels = [[811.5, 511.5], [961.5, 511.5]]
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]]).round(3)
+    array([0.078, 0.189])
+    >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]], field_deg=90.0).round(3)
+    array([0.078,   nan])
+    """
+    known = _known(camera, covariance, field_deg)
+    rays = known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    directions = turned(rays.directions, known.model.mount.rotation())
+    return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
+
+
+@checked
+def floor_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    height_mm: float,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
+    """Return the standard deviation (n,) in mm of the points of a level floor that pixels see, along the larger axis.
+
+    Parameters
+    ----------
+    camera
+        A calibrated sensor, or a camera model.
+    pixels : (n, 2)
+        Pixels (u, v), integers at their centres.
+    height_mm
+        Height of the world's origin, a sensor's mirror vertex, over the floor; below 0 for a ceiling.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+
+    Returns
+    -------
+    (n,) array
+        Millimetres; NaN where a pixel sees no floor, or one farther away than 100 heights, and outside of the field.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no covariance, or one of other parameters.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> pixels = [[711.5, 511.5], [811.5, 511.5], [961.5, 511.5]]
+    >>> om.floor_uncertainty(model, pixels, height_mm=1500.0, covariance=[[0.0116**2]]).round(1)
+    array([ 2.1, 10.6,  nan])
+    """
+    height = number("height_mm", height_mm, low=-HIGHEST_MM, high=HIGHEST_MM, unit="mm")
+    if height == 0:
+        raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
+    known = _known(camera, covariance, field_deg)
+    model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    along = _to_floor(rays, height)
+    points = rays.origins + along[:, None] * rays.directions
+    world = model.mount.rotation()
+    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # the world's x and y in the camera frame
+    sigma = larger_sigma(spread_at(model, known.covariance, turned(points, world), level, distant=False))
+    return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
+
+
+@dataclass(frozen=True)
+class UncertaintyMap:
+    """Errors over the image, on a grid of pixels.
+
+    Parameters
+    ----------
+    columns, rows
+        Coordinates of the grid, px.
+    sigma
+        Standard deviations (rows, columns); NaN where nothing is seen, and outside of the field.
+    unit
+        ``"deg"`` or ``"mm"``.
+    field_deg
+        Field angle (deg) that the map is restricted to; None where it is not restricted.
+    is_restricted
+        Whether pixels see something outside of that field, of which the map says nothing.
+    """
+
+    columns: Array
+    rows: Array
+    sigma: Array
+    unit: str
+    field_deg: float | None = None
+    is_restricted: bool = False
+
+    def summary(self) -> dict[str, float]:
+        """Return the median, the 95th percentile and the largest of all finite values."""
+        seen = self.sigma[np.isfinite(self.sigma)]
+        if not seen.size:
+            return {}
+        return {
+            f"median_{self.unit}": float(np.median(seen)),
+            f"percentile_95_{self.unit}": float(np.percentile(seen, 95)),
+            f"largest_{self.unit}": float(seen.max()),
+        }
+
+
+@checked
+def uncertainty_map(
+    camera: Sensor | CameraModel,
+    *,
+    height_mm: float | None = None,
+    covariance: ArrayLike | Uncertainty | None = None,
+    steps: int = 96,
+    field_deg: float | None = None,
+) -> UncertaintyMap:
+    """Compute the errors of directions, or of points on a floor, over the whole image.
+
+    Parameters
+    ----------
+    camera
+        A calibrated sensor, or a camera model.
+    height_mm
+        Height of the camera over the floor; without it the errors are those of directions.
+    covariance
+        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+    steps
+        Number of grid points along the longer side of the image.
+    field_deg : deg, optional
+        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+
+    Returns
+    -------
+    UncertaintyMap
+        On its grid.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no covariance, or one of other parameters.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
+    >>> om.uncertainty_map(model, covariance=[[0.0116**2]], steps=16).summary()["median_deg"] < 0.2
+    True
+    """
+    whole("steps", steps, 1, MOST_STEPS)
+    width, height = camera.image_size
+    step = max(width, height) / steps
+    columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    if height_mm is None:
+        sigma, unit = direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg), "deg"
+    else:
+        sigma = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg)
+        unit = "mm"
+    known = _known(camera, covariance, field_deg)
+    rays = known.model.backproject(pixels)
+    inside = within_field(known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg)
+    is_restricted = bool((rays.valid & ~inside).any())
+    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted)
+
+
+def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
+    """Return the largest field angle (deg) that pixels (n, 2) see: the calibrated field of what was measured there."""
+    rays = model.backproject(pixels)
+    directions = turned(rays.directions[rays.valid], model.mount.rotation())
+    return float(field_angles(model, directions).max()) if len(directions) else None
+
+
+def _to_floor(rays: Rays, height_mm: float) -> Array:
+    """Return lengths (n,) in mm of rays to a floor; NaN where they do not meet it within 100 heights."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
+        return np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height_mm)), along, np.nan)
+
+
+class _Known(NamedTuple):
+    """A model, the covariance of its parameters, and the field in which it holds."""
+
+    model: CameraModel
+    covariance: Array
+    field_deg: float | None
+
+
+def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None) -> _Known:
+    """Return the model, the covariance of its parameters, and the field: the given one, or the calibrated field."""
+    instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
+    field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
+    given = camera.uncertainty if covariance is None else covariance
+    if given is None:
+        raise InvalidParameter(
+            "nothing is known of the camera's uncertainty; it is valid with a covariance of its parameters, which "
+            "calibration writes into the table [uncertainty] of its file"
+        )
+    if isinstance(given, Uncertainty):
+        field = given.field_deg if field is None else field
+        if isinstance(camera, Sensor | SensorModel):
+            sensor = camera if isinstance(camera, Sensor) else camera.sensor
+            return _Known(SensorModel(sensor, given.names), given.of(given.names), field)
+        return _Known(camera, given.of([p.name for p in camera.parameters]), field)
+    model = SensorModel(camera) if isinstance(camera, Sensor) else camera
+    names = [p.name for p in model.parameters]
+    matrix = finite("covariance", given)
+    if matrix.shape != (len(names), len(names)):
+        raise InvalidParameter(
+            f"covariance has shape {matrix.shape}; the camera's parameters are {', '.join(names)}, so that it is valid "
+            f"as {len(names), len(names)}"
+        )
+    return _Known(model, matrix, field)

@@ -1,0 +1,398 @@
+"""The rim of the mirror in one picture, or in several pictures of one sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import check_fields, checked
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from .candidates import rings, rings_of
+from .choice import UNLISTED, confidence, odds
+from .cues import Ring
+from .edges import SHORT_SIDE_PX, EdgePoints, Working, at_working_size, edges_of, levels_of
+from .ellipses import Ellipse
+from .middle import camera_image
+from .placing import clearness, placed
+
+Array = NDArray[np.float64]
+Picture = NDArray[Any]
+
+SURE = 0.6
+"""Confidence from which a rim is taken for found."""
+OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions at which the outline must be found
+SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # of the radius, or working pixels, by which it may differ between them
+SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # of the radius: rings that may be the mirror of which this is the housing
+MOST_CANDIDATES = 3
+SAME_RIM = 0.015  # of the radius, by which rings differ that are one rim
+CLOSE_ODDS = 4.0  # of the most probable one, from which on others of that rim are tried as well
+SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
+NOT_FOUND = -6.0  # log odds of a ring in a picture that does not show it
+LEAST_SIDE_PX = 48
+MOST_NAMED = 5  # pictures in a message
+CANDIDATE_ENTRIES = ("centre_px", "semi_axes_px", "angle_deg", "confidence")
+
+
+@dataclass(frozen=True)
+class CameraImage:
+    """The camera's own image in the middle, as a disc."""
+
+    centre_px: tuple[float, float]
+    radius_px: float
+
+
+@dataclass(frozen=True)
+class FoundRim:
+    """The ellipse in which a mirror ends, in pixels of the picture; integers are pixel centres.
+
+    Examples
+    --------
+    >>> rim = FoundRim((319.5, 239.5), (201.0, 199.0), 30.0, 0.97, (640, 480), CameraImage((320.5, 239.5), 40.0))
+    >>> rim.annulus_px, rim.is_sure
+    ((41.0, 199.0), True)
+    """
+
+    centre_px: tuple[float, float]
+    """(u, v)."""
+    semi_axes_px: tuple[float, float]
+    """The longer and the shorter one."""
+    angle_deg: float
+    """Direction of the longer one, from image right towards image bottom, 0 to 180."""
+    confidence: float
+    """0 to 1, from the agreement between working resolutions; below :data:`SURE` the outline is not accepted."""
+    image_size: tuple[int, int]
+    """(width, height) of the picture."""
+    inner: CameraImage | None = None
+    """The camera's own image; None where none is seen."""
+    pictures: tuple[FoundRim, ...] = ()
+    """The rim in every single picture, of several that were looked at together."""
+    candidates: tuple[Any, ...] = ()
+    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, the best first."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def radius_px(self) -> float:
+        """Radius of the circle of the same area, px."""
+        return float(np.sqrt(self.semi_axes_px[0] * self.semi_axes_px[1]))
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the confidence is enough."""
+        return self.confidence >= SURE
+
+    @property
+    def annulus_px(self) -> tuple[float, float]:
+        """Radii about the centre between which the picture shows the world: of the camera's own image, and the rim."""
+        inner = 0.0
+        if self.inner is not None:
+            away = float(np.hypot(*np.subtract(self.inner.centre_px, self.centre_px)))
+            inner = self.inner.radius_px + away
+        return inner, self.semi_axes_px[1]
+
+    def points(self, count: int = 360) -> Array:
+        """Points (count, 2) px on the ellipse, once round.
+
+        Parameters
+        ----------
+        count
+            How many.
+
+        Returns
+        -------
+        (count, 2) array
+            px
+        """
+        turn, lean = np.arange(count) * (2 * np.pi / count), np.radians(self.angle_deg)
+        x, y = self.semi_axes_px[0] * np.cos(turn), self.semi_axes_px[1] * np.sin(turn)
+        u, v = x * np.cos(lean) - y * np.sin(lean), x * np.sin(lean) + y * np.cos(lean)
+        return np.stack([u + self.centre_px[0], v + self.centre_px[1]], axis=1)
+
+    def to_json(self) -> dict[str, Any]:
+        """As a file holds it.
+
+        Returns
+        -------
+        dict
+            Of numbers, lists and None.
+        """
+        inner = self.inner
+        camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        found = {
+            "centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg,
+            "confidence": self.confidence, "accepted": self.is_sure, "camera_image": camera,
+            "annulus_px": list(self.annulus_px), "image_size": list(self.image_size),
+        }  # fmt: skip
+        found["candidates"] = [
+            {name: value for name, value in one.to_json().items() if name in CANDIDATE_ENTRIES}
+            for one in self.candidates
+        ]
+        return found | ({"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {})
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What is seen in one picture at one working resolution."""
+
+    picture: Picture
+    working: Working
+    edges: EdgePoints
+    rings: list[Ring]
+    odds: Array
+    """(members, n)"""
+    others: tuple[_Seen, ...] = ()
+    """The same at other working resolutions."""
+
+    @cached_property
+    def mean(self) -> Array:
+        """Of the committee (n,)."""
+        return np.asarray(self.odds.mean(axis=0))
+
+    @cached_property
+    def places(self) -> Array:
+        """Centres and radii (n, 3) of its rings."""
+        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
+
+    def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
+        """Which of its rings (n,) are an ellipse but for a share of its radius, shape aside."""
+        away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
+        return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
+
+    def like(self, ellipse: Ellipse) -> int | None:
+        """The most probable of its rings at the place of one in another picture."""
+        near = np.nonzero(self.near(ellipse, SAME_SENSOR))[0]
+        return int(near[np.argmax(self.mean[near])]) if len(near) else None
+
+    def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
+        """Log odds (resolutions,) of an ellipse at this and the other resolutions, and of the best ring beside it."""
+        odds, rivals = [], []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            near = one.near(here, max(SAME_SCALES, SAME_SCALES_PX / here.radius))
+            odds.append(float(one.mean[near].max(initial=NOT_FOUND)))
+            rivals.append(float(one.mean[~near].max(initial=UNLISTED)))
+        return np.array(odds), np.array(rivals)
+
+    def pooled(self, ellipse: Ellipse) -> float:
+        """Mean log odds of an ellipse over the resolutions."""
+        return float(self.ranked(ellipse)[0].mean())
+
+    def chance(self, ellipse: Ellipse) -> float:
+        """Share of the way round with edges beside an ellipse that are parallel to it."""
+        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
+        return float(np.median(near)) if near else 0.0
+
+    def within(self, ellipse: Ellipse) -> float:
+        """Share of the way round of the clearest ring about the same centre within, over the resolutions."""
+        clearest = []
+        for one in (self, *self.others):
+            here = ellipse.scaled(self.working.scale / one.working.scale)
+            inner = [
+                ring.close
+                for ring in one.rings
+                if here.offset_share(ring.ellipse) < SAME_CENTRE
+                and WITHIN[0] < ring.ellipse.radius / here.radius < WITHIN[1]
+            ]
+            clearest.append(max(inner, default=0.0))
+        return float(np.mean(clearest))
+
+    def confidence(self, ellipse: Ellipse) -> float:
+        """How sure it is that an ellipse is the rim."""
+        return confidence(*self.ranked(ellipse), self.chance(ellipse), self.within(ellipse))
+
+    def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
+        """The most probable rings that differ from an ellipse and from one another."""
+        found: list[Ellipse] = []
+        for i in np.argsort(-self.mean):
+            one = self.rings[i].ellipse
+            if self.mean[i] > UNLISTED and not any(other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)):
+                found.append(one)
+            if len(found) == count:
+                break
+        return found
+
+    def alike(self, k: int) -> NDArray[np.intp]:
+        """The rings that are the same as one, and about as probable: which of them is the rim, placing tells."""
+        near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
+        return np.nonzero(near)[0]
+
+
+@checked
+def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
+    """The rim of the mirror in a picture, or in several pictures of one sensor, to a part of a pixel.
+
+    Edges vote for circles; an ellipse is laid through the edges of each; what speaks for each being the rim is
+    weighed (:mod:`omnimirror.calibration.rim.choice`), and the best is placed in the full picture. The weights were
+    learned from simulated photographs. This is done at three working resolutions, whose short sides are 240, 360 and
+    500 px: the confidence is high where all of them have the same circle as the best one.
+
+    Parameters
+    ----------
+    pictures : (rows, columns[, channels]) array, or a sequence of them
+        Pictures as they came from one camera, all of one size, in which the mirror stays at its place.
+
+    Returns
+    -------
+    FoundRim
+        The most probable one, however little probable: check ``is_sure``. Rejected ones are its ``candidates``.
+
+    Raises
+    ------
+    InvalidParameter
+        No picture, one that is too small, or several of different sizes.
+
+    Examples
+    --------
+    A mirror under a bright sky, on black:
+
+    >>> import omnimirror as om
+    >>> v, u = np.mgrid[:240, :320]
+    >>> inside = np.hypot(u - 170, v - 110) < 90
+    >>> scene = 120 + 60 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170)))
+    >>> rim = om.find_rim(np.where(inside, scene, 10.0).astype(np.uint8))
+    >>> np.round(rim.centre_px), round(rim.radius_px)
+    (array([170., 110.]), 90)
+    """
+    many = [pictures] if isinstance(pictures, np.ndarray) else list(pictures)
+    _check(many)
+    seen = [_seen(picture) for picture in many]
+    size = (many[0].shape[1], many[0].shape[0])
+    if not any(one.rings for one in seen):
+        return _nothing(size)
+    ellipse, together = _agreed(seen)
+    singles = []
+    for one in seen:
+        k = one.like(ellipse)
+        starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
+        alone = together if len(seen) == 1 else 0.0 if k is None else one.confidence(one.rings[k].ellipse)
+        singles.append((_rim(one, starts, alone, size), k is not None))
+    if len(singles) == 1:
+        rim = singles[0][0]
+        others = [
+            _candidate(seen[0], other, rim.confidence, size) for other in seen[0].distinct(ellipse, MOST_CANDIDATES)
+        ]
+        return replace(rim, candidates=(*(() if rim.is_sure else (rim,)), *others))
+    pooled = _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
+    return pooled if pooled.is_sure else replace(pooled, candidates=(pooled,))
+
+
+def _candidate(one: _Seen, ring: Ellipse, best: float, size: tuple[int, int]) -> FoundRim:
+    """A circle that was not chosen, with what the best one leaves of its confidence."""
+    ellipse = ring.scaled(one.working.scale)
+    sure = min(one.confidence(ring), 1 - best, float(np.nextafter(SURE, 0)))
+    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, sure, size)
+
+
+def _check(pictures: list[Picture]) -> None:
+    if not pictures:
+        raise InvalidParameter("there is no picture to look for a rim in; give at least one")
+    for picture in pictures:
+        if picture.ndim not in (2, 3) or min(picture.shape[:2]) < LEAST_SIDE_PX:
+            raise InvalidParameter(
+                f"a picture of the shape {picture.shape} holds no rim; valid are (rows, columns) or (rows, columns, "
+                f"channels) of at least {LEAST_SIDE_PX} px each side"
+            )
+    check_alike(pictures, [f"picture {number}" for number in range(len(pictures))])
+
+
+def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
+    """Refuse pictures of several sizes, which are not of one sensor, and name those of another size than most."""
+    sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+    usual = max(sizes, key=sizes.count, default=(0, 0))
+    odd = [f"{name} is {width} x {height}" for name, (width, height) in zip(names, sizes, strict=True)
+           if (width, height) != usual]  # fmt: skip
+    if odd:
+        told = ", ".join(odd[:MOST_NAMED]) + (f" and {len(odd) - MOST_NAMED} more" if len(odd) > MOST_NAMED else "")
+        raise InvalidParameter(
+            f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
+            f"{told} px; look at those apart"
+        )
+
+
+def _seen(picture: Picture) -> _Seen:
+    """Detect the rings of a picture at the working resolution, and at the others as far as it has the pixels."""
+    working = at_working_size(picture)
+    edges = edges_of(working)
+    found = rings_of(picture, working, edges)
+    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    others = tuple(_at_resolution(picture, side) for side in sorted(sides))
+    return _Seen(picture, working, edges, found, odds(found, working), others)
+
+
+def _at_resolution(picture: Picture, side: int) -> _Seen:
+    """Detect the rings of a picture at another working resolution."""
+    working = at_working_size(picture, side)
+    edges = edges_of(working)
+    found = rings(working, edges)
+    return _Seen(picture, working, edges, found, odds(found, working))
+
+
+def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
+    """The ring that all pictures together make the most probable, and its confidence.
+
+    Pictures of one sensor share their surroundings, so that n of them are worth the square root of n.
+    """
+    if len(seen) == 1:
+        one = seen[0]
+        listed = np.nonzero(one.mean >= min(UNLISTED + 1, one.mean.max()))[0]
+        ellipse = max((one.rings[i].ellipse for i in listed), key=one.pooled)
+        return ellipse, one.confidence(ellipse)
+    every = [ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED]
+    sums = np.zeros((len(seen[0].odds), len(every)))
+    for one in seen:
+        for i, ellipse in enumerate(every):
+            k = one.like(ellipse)
+            sums[:, i] += NOT_FOUND if k is None else np.maximum(one.odds[:, k], NOT_FOUND)
+    sums /= np.sqrt(len(seen))
+    mean = sums.mean(axis=0)
+    best = int(np.argmax(mean))
+    pairs = [one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None]
+    odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
+    chance = float(np.median([one.chance(every[best]) for one in seen]))
+    within = float(np.median([one.within(every[best]) for one in seen]))
+    return every[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
+
+
+def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
+    """The clearest of rings placed in the full picture."""
+    levels = levels_of(one.picture)
+    levels = levels.reshape(*levels.shape[:2], -1)
+    scale = one.working.scale
+    tried = [placed(levels, start.scaled(scale), scale) for start in starts]
+    ellipse = max(tried, key=lambda one: clearness(*one))[0]
+    disc = camera_image(one.working, one.edges, ellipse.scaled(1 / scale))
+    inner = None
+    if disc is not None:
+        large = disc.scaled(scale)
+        inner = CameraImage(large.centre, large.radius)
+    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner)
+
+
+def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> FoundRim:
+    """The middle of the rims of several pictures."""
+    u, v = np.median([rim.centre_px for rim in good], axis=0)
+    stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in good]
+    angles = 2 * np.radians([rim.angle_deg for rim in good])
+    stretch = float(np.median(stretches * np.cos(angles))), float(np.median(stretches * np.sin(angles)))
+    middle = Ellipse((float(u), float(v)), float(np.median([rim.radius_px for rim in good])), stretch)
+    discs = [rim.inner for rim in good if rim.inner is not None]
+    inner = None
+    if len(discs) > len(good) / 2:
+        x, y, radius = np.median([(*disc.centre_px, disc.radius_px) for disc in discs], axis=0)
+        inner = CameraImage((float(x), float(y)), float(radius))
+    return FoundRim(
+        middle.centre, middle.semi_axes, middle.angle_deg, confidence, every[0].image_size, inner, tuple(every)
+    )  # fmt: skip
+
+
+def _nothing(size: tuple[int, int]) -> FoundRim:
+    """What is said of a picture without any ring: the largest circle in it, with no confidence."""
+    width, height = size
+    radius = min(size) / 2
+    return FoundRim(((width - 1) / 2, (height - 1) / 2), (radius, radius), 0.0, 0.0, size)

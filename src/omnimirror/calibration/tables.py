@@ -1,0 +1,29 @@
+"""Lines of tables that people write, with errors that name file and line."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+
+from ..base.arguments import float_of, shown
+from ..base.errors import InvalidParameter
+
+
+def cells_of(line: str, place: str) -> list[str]:
+    """The cells of a line."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as e:
+        raise InvalidParameter(f"{place} is no line of a CSV file: {e}") from None
+
+
+def number_of(entries: dict[str, str], name: str, place: str) -> float:
+    """A cell that holds a number."""
+    try:
+        value = float_of(entries[name])
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise InvalidParameter(f"{place}: {name} = {shown(entries[name])} is no number")
+    return value

@@ -1,0 +1,221 @@
+"""The boards that are photographed: where their corners lie, and which of them stand beside each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import check_fields, choice, number, whole
+from ...base.errors import InvalidParameter
+
+Array = NDArray[np.float64]
+Kind = Literal["chessboard", "charuco", "aprilgrid"]
+
+KINDS: tuple[str, ...] = get_args(Kind)
+LARGEST = 200
+"""Corners, squares or tags along a side."""
+MARKER_SHARE = 0.75
+"""Of a ChArUco square that its marker takes, where nothing else is said."""
+FAMILIES = {"charuco": "5X5_1000", "aprilgrid": "APRILTAG_36H11"}
+"""Of markers, by the kind of board: those that Kalibr prints, and OpenCV's with the fewest mistakes for their size."""
+APRIL_BITS = 6
+BORDER_BITS = {"charuco": 1, "aprilgrid": 2}
+"""Width of the black frame of a marker, in its bits."""
+
+
+class CornerWindow(NamedTuple):
+    """What about a corner shows two white and two black quarters and nothing else, in :attr:`Board.square_mm`."""
+
+    half: float = 0.45
+    """Half of the side of a square about the corner."""
+    arm: float = np.inf
+    """Half of the width of the cross along the edges that is free of markers."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board with corners at known places.
+
+    Counted as the programs count that such boards are printed with: a chessboard by its inner corners and a ChArUco
+    board by its squares (OpenCV), an April grid by its tags (Kalibr). Its frame has X to the right, as one
+    reads it, and Z = 0; Y points down on chessboards and ChArUco boards and up on April grids, as in those programs.
+    The origin is the first corner: at the upper left, of April grids at the lower left.
+
+    Parameters
+    ----------
+    kind
+        ``"chessboard"``, ``"charuco"`` or ``"aprilgrid"``.
+    columns, rows
+        Inner corners, squares or tags, from 2 on (a chessboard has at least 3 corners one way).
+    square_mm : mm
+        Side of a square, or of a tag to the outer edge of its black frame.
+    marker_mm : mm, optional
+        ChArUco: side of a marker; three quarters of the square by default.
+    spacing
+        April grid: the gap between tags over their side, as Kalibr's ``tagSpacing``.
+    family
+        Of the markers, as OpenCV names them without DICT\\_: ``"4X4_50"``. By default ``"5X5_1000"``, and on April
+        grids ``"APRILTAG_36H11"``.
+    legacy
+        ChArUco: whether the first square of a board with an even number of rows is white, as before OpenCV 4.6.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such board.
+
+    Examples
+    --------
+    >>> board = Board("chessboard", 11, 7, 30.0)
+    >>> len(board.points_mm), board.points_mm[12]
+    (77, array([30., 30.,  0.]))
+    """
+
+    kind: Kind = "chessboard"
+    columns: int = 11
+    rows: int = 7
+    square_mm: float = 30.0
+    marker_mm: float | None = None
+    spacing: float = 0.3
+    family: str | None = None
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        choice("kind", self.kind, KINDS)
+        whole("columns", self.columns, 2, LARGEST)
+        whole("rows", self.rows, 2, LARGEST)
+        number("square_mm", self.square_mm, above=0, unit="mm")
+        number("spacing", self.spacing, above=0, high=1)
+        if self.marker_mm is not None:
+            number("marker_mm", self.marker_mm, above=0, unit="mm")
+            if self.kind != "charuco":
+                raise InvalidParameter(
+                    f"marker_mm belongs to boards of kind charuco, and this is one of kind {self.kind}"
+                )
+            if self.marker_mm >= self.square_mm:
+                raise InvalidParameter(
+                    f"marker_mm = {self.marker_mm:g} is not valid; it is valid below square_mm = {self.square_mm:g}"
+                )
+        if self.kind == "chessboard":
+            if self.family is not None:
+                raise InvalidParameter("family belongs to boards with markers, and a chessboard has none")
+            if max(self.columns, self.rows) < 3:
+                raise InvalidParameter("a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on")
+        elif self.family is not None:
+            choice("family", self.family.upper(), families())
+            if self.marker_count > (most := capacity(self.family)):
+                raise InvalidParameter(
+                    f"family {self.family} has {most} markers, and a board of {self} needs {self.marker_count}"
+                )
+
+    def __str__(self) -> str:
+        what = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
+        return f"{self.columns} x {self.rows} {what}"
+
+    @property
+    def lattice_size(self) -> tuple[int, int]:
+        """Columns and rows of its corners."""
+        if self.kind == "charuco":
+            return self.columns - 1, self.rows - 1
+        if self.kind == "aprilgrid":
+            return 2 * self.columns, 2 * self.rows
+        return self.columns, self.rows
+
+    @property
+    def corner_count(self) -> int:
+        """Number of its corners."""
+        return int(np.prod(self.lattice_size))
+
+    @property
+    def lattice(self) -> NDArray[np.int_]:
+        """Column and row (n, 2) of each corner; the index is the corner's id."""
+        columns, rows = self.lattice_size
+        return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
+
+    @property
+    def points_mm(self) -> Array:
+        """Its corners (n, 3) in mm, in the frame of the board; the index is the corner's id."""
+        flat = self._along_mm(self.lattice.T).T
+        return np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
+
+    @property
+    def marker_side_mm(self) -> float:
+        """Side of a marker in mm: of its black frame, where it has any."""
+        if self.kind == "charuco" and self.marker_mm is None:
+            return MARKER_SHARE * self.square_mm
+        return self.square_mm if self.marker_mm is None else self.marker_mm
+
+    @property
+    def marker_family(self) -> str:
+        """The markers' family, ``""`` for a chessboard."""
+        return (self.family or FAMILIES.get(self.kind, "")).upper()
+
+    @property
+    def border_bits(self) -> int:
+        """Width of the black frame of its markers, in bits of a marker."""
+        return BORDER_BITS.get(self.kind, 0)
+
+    @property
+    def has_markers(self) -> bool:
+        """Whether its corners can be told from each other."""
+        return self.kind != "chessboard"
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it looks the same after half a turn, so that the order of its corners changes between pictures."""
+        return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
+
+    @property
+    def surroundings(self) -> CornerWindow:
+        """What about a corner shows the corner alone."""
+        if self.kind == "charuco":
+            return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
+        if self.kind == "aprilgrid":
+            return CornerWindow(min(0.7 * self.spacing, 0.45), self.border_bits / (APRIL_BITS + 2 * self.border_bits))
+        return CornerWindow()
+
+    @property
+    def polarity(self) -> NDArray[np.int_]:
+        """Sign (n,) of each corner's contrast: -1 where the quarter towards the origin of x and y is black."""
+        first = 1 if self.kind == "charuco" and self.legacy and self.rows % 2 == 0 else -1
+        return np.asarray(first * (1 - 2 * (self.lattice.sum(axis=1) % 2)))
+
+    @property
+    def marker_count(self) -> int:
+        """Number of its markers, which bear the numbers from 0."""
+        if self.kind == "chessboard":
+            return 0
+        return self.columns * self.rows // (2 if self.kind == "charuco" else 1)
+
+    def _along_mm(self, places: NDArray[Any]) -> Array:
+        """Where columns or rows lie along their side."""
+        if self.kind == "aprilgrid":
+            return np.asarray(self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float)
+        return self.square_mm * np.asarray(places, dtype=float)
+
+
+def families() -> list[str]:
+    """The families of markers that OpenCV knows.
+
+    >>> "4X4_50" in families()
+    True
+    """
+    import cv2
+
+    return sorted({name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")})
+
+
+def capacity(family: str) -> int:
+    """How many markers a family has."""
+    return len(dictionary(family).bytesList)
+
+
+def dictionary(family: str) -> Any:
+    """OpenCV's markers of a family."""
+    import cv2
+
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family.upper()}"))

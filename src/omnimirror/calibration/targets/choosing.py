@@ -1,0 +1,239 @@
+"""From a video of a board, the frames worth using: sharp, in new places of the picture, at new angles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import checked, file_name, instance, number, whole
+from ...base.errors import MediaError
+from ...cameras.camera import Camera
+from .boards import Board
+from .detections import Detection
+from .finding import BLURRED_PX, compared, find_board
+from .search.greys import edge_blur_px, grey, scaled
+from .search.local_maps import maps_about
+
+Array = NDArray[np.float64]
+
+CELLS = 16
+"""Across the longer side of the picture, to count what of it boards have covered."""
+SCALES = (0.12, 0.25, 0.25)
+"""What makes a new view: of the longer side that the board has moved, of its size, and of its slant and turn."""
+ENOUGH_NEW = 0.5
+"""Least gain of a frame: half a new view, or ten new cells."""
+CELL_GAIN = 0.05
+BLUR_LOSS = 0.5
+BLURRED = 2.0  # times the usual blur
+QUICK_PX = 500  # longer side of the picture that sharpness is compared in
+
+
+@checked
+def choose_frames(
+    video: str | Path,
+    board: Board,
+    *,
+    count: int = 30,
+    every_s: float = 0.5,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    camera: Camera | None = None,
+    stored_orientation: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> list[Detection]:
+    """Frames of a video to calibrate with.
+
+    Of each half second the sharpest frame is searched for the board. Of those that show it frames are chosen one after
+    the other, each as far as can be from those before in where the board lies in the picture, how large it is, and how
+    it is slanted and turned, until nothing new is left. The same video gives the same frames.
+
+    Parameters
+    ----------
+    video
+        A video file, or numbered pictures such as ``f%04d.png``.
+    board
+        The board in it.
+    count
+        How many frames to choose at most.
+    every_s
+        Of how many seconds one frame is looked at.
+    start_s, duration_s
+        The part of the video.
+    camera
+        As for :func:`find_board`.
+    stored_orientation
+        Take frames as stored, without the rotation in the display matrix of the video.
+    progress
+        Called with the number of frames looked at, and how many there will be, where the file tells.
+
+    Returns
+    -------
+    list[Detection]
+        Of every frame that was looked at, in their order, with its time; those chosen are the ones that are
+        :attr:`~Detection.used`, and the others say why not. Ctrl-C ends the search and chooses among what was found.
+
+    Raises
+    ------
+    InvalidParameter
+        The part does not lie in the video.
+    MediaError
+        There is no such video, or it cannot be read at all.
+
+    Examples
+    --------
+    >>> choose_frames("missing.mp4", Board())
+    Traceback (most recent call last):
+    ...
+    omnimirror.base.errors.MediaError: there is no video missing.mp4
+    """
+    from ...io.video.reader import VideoReader
+
+    path = file_name("video", video)
+    instance("board", board, Board, "a board")
+    whole("count", count, 1)
+    number("every_s", every_s, above=0, unit="s")
+    found: list[Detection] = []
+    with VideoReader(path, start_s, duration_s, with_sound=False, stored_orientation=stored_orientation) as reader:
+        expected = reader.expected_frames
+        total = None if expected is None else max(1, round(expected / float(reader.frame_rate) / every_s))
+        try:
+            for time_s, picture in _sharpest(reader, every_s):
+                name = f"{path.name} at {start_s + time_s:.2f} s"
+                found.append(replace(find_board(picture, board, name=name, camera=camera), time_s=start_s + time_s))
+                if progress is not None:
+                    progress(len(found), total)
+        except KeyboardInterrupt:
+            pass
+        except MediaError as e:
+            if not found:
+                raise
+            found.append(Detection(path.name, (0, 0), reason=str(e)))
+    return chosen(compared(found, board), board, count=count)
+
+
+def chosen(detections: Sequence[Detection], board: Board, *, count: int = 30) -> list[Detection]:
+    """The same detections, those that add nothing to the others with a reason not to use them.
+
+    Parameters
+    ----------
+    detections
+        Of one sensor.
+    board
+        The board in them.
+    count
+        How many to leave at most.
+
+    Examples
+    --------
+    >>> board = Board("chessboard", 3, 3)
+    >>> places = 10.0 * board.lattice + 20
+    >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
+    >>> [d.reason for d in chosen(again, board)]
+    [None, 'it shows the board much as a does']
+    """
+    judged = list(detections)
+    usable = [i for i, d in enumerate(judged) if d.used]
+    if not usable:
+        return judged
+    usual = float(np.median([judged[i].blur_px for i in usable]))
+    for i in [i for i in usable if judged[i].blur_px > BLURRED * usual]:
+        blur = judged[i].blur_px
+        judged[i] = replace(
+            judged[i], reason=f"it is blurred: its edges are spread over {blur:.1f} px, and usually over {usual:.1f} px"
+        )
+    usable = [i for i in usable if judged[i].used]
+    views = np.array([_view(judged[i], board) for i in usable])
+    cells = [_cells(judged[i]) for i in usable]
+    sharp = -BLUR_LOSS * np.array([judged[i].blur_px / usual - 1 for i in usable])
+    taken, covered = [int(np.argmax([len(c) for c in cells] + sharp))], set()
+    covered |= cells[taken[0]]
+    while len(taken) < min(count, len(usable)):
+        apart = np.linalg.norm(views[:, None] - views[taken], axis=2).min(axis=1)
+        gain = np.minimum(apart, 2.0) + CELL_GAIN * np.array([len(c - covered) for c in cells])
+        gain[taken] = -np.inf
+        best = int(np.argmax(gain + sharp))
+        if gain[best] < ENOUGH_NEW:
+            break
+        taken.append(best)
+        covered |= cells[best]
+    for k, i in enumerate(usable):
+        if k not in taken:
+            like = usable[taken[int(np.argmin(np.linalg.norm(views[taken] - views[k], axis=1)))]]
+            judged[i] = replace(judged[i], reason=f"it shows the board much as {judged[like].name} does")
+    return judged
+
+
+def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) -> str | None:
+    """Why a picture adds nothing to those that were taken already, one phrase; None where it adds something.
+
+    Parameters
+    ----------
+    candidate
+        What a camera sees now.
+    taken
+        Of the same camera; those that are not :attr:`~Detection.used` do not count.
+    board
+        The board in them.
+
+    Examples
+    --------
+    >>> board = Board("chessboard", 3, 3)
+    >>> here = Detection("here", (200, 100), np.arange(9), 10.0 * board.lattice + 20, blur_px=1.0)
+    >>> there = Detection("there", (200, 100), np.arange(9), 10.0 * board.lattice + [120, 30], blur_px=1.0)
+    >>> why_not_new(here, [here, there], board), why_not_new(here, [there], board)
+    ('it shows the board much as here does', None)
+    """
+    if not candidate.used:
+        return candidate.reason
+    before = [d for d in taken if d.used and d.image_size == candidate.image_size]
+    if candidate.blur_px > BLURRED_PX:
+        return f"it is blurred: its edges are spread over {candidate.blur_px:.1f} px"
+    if not before:
+        return None
+    apart = np.linalg.norm([_view(d, board) for d in before] - _view(candidate, board), axis=1)
+    covered: set[tuple[int, int]] = set().union(*map(_cells, before))
+    if min(float(apart.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
+        return None
+    return f"it shows the board much as {before[int(np.argmin(apart))].name} does"
+
+
+def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]]]:
+    """Of each stretch of the video the sharpest frame and its time, s."""
+    from ...io.video.frames import image_of_frame
+
+    stretch, best = 0, None
+    for frame in reader.frames():
+        time_s = float(frame.time or 0.0)
+        if best is not None and int(time_s / every_s) > stretch:
+            yield best[1:]
+            best = None
+        stretch = int(time_s / every_s)
+        picture = image_of_frame(frame)
+        values = grey(picture)
+        blur = edge_blur_px(scaled(values, min(1.0, QUICK_PX / max(values.shape))))
+        if best is None or blur < best[0]:
+            best = blur, time_s, picture
+    if best is not None:
+        yield best[1:]
+
+
+def _view(detection: Detection, board: Board) -> Array:
+    """Where the board lies, how large it is and how it is slanted and turned, each in steps that make a new view."""
+    places = board.points_mm[detection.ids, :2] / board.square_mm
+    middle = places.mean(axis=0, keepdims=True)
+    shape = maps_about(places, detection.corners_px, middle, reach=float(np.ptp(places, axis=0).max()))
+    size = np.sqrt(np.abs(np.linalg.det(shape.first[0]))) + 1e-6
+    where = shape.pixels[0] / max(detection.image_size)
+    turned = (shape.first[0] / size).ravel()
+    return np.concatenate([where / SCALES[0], [np.log(size) / SCALES[1]], turned / 2 / SCALES[2]])
+
+
+def _cells(detection: Detection) -> set[tuple[int, int]]:
+    """Cells of the picture that hold a corner of the board."""
+    side = max(detection.image_size) / CELLS
+    return set(map(tuple, np.floor(detection.corners_px / side).astype(int).tolist()))

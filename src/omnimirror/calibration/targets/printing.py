@@ -1,0 +1,320 @@
+"""Boards as they are printed: drawn from black rectangles, at true scale, with a line to check the scale by."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import checked, choice, file_name, number
+from ...base.errors import InvalidParameter, MediaError
+from ...base.escaping import xml_text
+from ...base.files import replacing
+from .boards import Board, dictionary
+
+Array = NDArray[np.float64]
+
+SUFFIXES = (".pdf", ".svg", ".png")
+PAPERS_MM = {
+    "A0": (1189, 841), "A1": (841, 594), "A2": (594, 420), "A3": (420, 297), "A4": (297, 210), "letter": (279.4, 215.9),
+}  # fmt: skip
+"""Longer and shorter side."""
+MOST_PX = 30_000
+RULER_MM, TEXT_MM, LINE_MM = 100.0, 3.0, 0.3
+POINTS_PER_MM = 72 / 25.4
+WHITE_MARGIN = 1.0  # of a square: what detectors want to see around a board
+
+
+class BoardSheet(NamedTuple):
+    """What is printed, mm from the upper left of the paper."""
+
+    size_mm: tuple[float, float]
+    """Width and height."""
+    black_mm: Array
+    """(k, 4): left, top, width and height of what is black."""
+    first_corner_mm: tuple[float, float]
+    """Where the board's corner 0 lies."""
+    words: str
+    """What the foot of the sheet says."""
+
+
+def sheet_of(board: Board, *, margin_mm: float | None = None, paper: str | None = None) -> BoardSheet:
+    """A board laid out on paper.
+
+    Parameters
+    ----------
+    board
+    margin_mm
+        White around it; a square wide by default.
+    paper
+        One of :data:`PAPERS_MM`, turned as it fits; by default the sheet is as large as the board and its margin.
+
+    Raises
+    ------
+    InvalidParameter
+        The board does not fit on the paper; or there is no such paper or margin.
+    """
+    black, (width, height), corner = _drawn(board)
+    margin = number("margin_mm", WHITE_MARGIN * board.square_mm if margin_mm is None else margin_mm, low=0, unit="mm")
+    if paper is None:
+        size = (width + 2 * margin, height + 2 * margin)
+    else:
+        choice("paper", paper, PAPERS_MM)
+        size = PAPERS_MM[paper] if width >= height else PAPERS_MM[paper][::-1]
+        if width > size[0] or height > size[1]:
+            raise InvalidParameter(
+                f"a board of {width:g} x {height:g} mm does not fit on {paper} ({size[0]:g} x {size[1]:g} mm); "
+                "smaller squares or a larger paper are valid"
+            )
+    left, top = (size[0] - width) / 2, (size[1] - height) / 2
+    return BoardSheet(size, black + np.array([left, top, 0, 0]), (left + corner[0], top + corner[1]), words_of(board))
+
+
+def words_of(board: Board) -> str:
+    """What a board is, as the command line and Python take it.
+
+    >>> words_of(Board("chessboard", 11, 7, 30.0))
+    'omnimirror chessboard 11x7, squares of 30 mm; the line is 100 mm long'
+    """
+    what = "tags" if board.kind == "aprilgrid" else "squares"
+    markers = f", markers of {board.marker_side_mm:g} mm {board.marker_family}" if board.kind == "charuco" else ""
+    gaps = f", spacing {board.spacing:g}, {board.marker_family}" if board.kind == "aprilgrid" else ""
+    size = f"{board.columns}x{board.rows}, {what} of {board.square_mm:g} mm"
+    return f"omnimirror {board.kind} {size}{markers}{gaps}; the line is {RULER_MM:g} mm long"
+
+
+@checked
+def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None) -> NDArray[np.uint8]:
+    """A picture of a board, black on white.
+
+    Parameters
+    ----------
+    board
+        What is drawn.
+    px_per_mm
+        Pixels per millimetre; edges lie where rounding to pixels leaves them.
+    margin_mm
+        White around it; a square wide by default.
+
+    Returns
+    -------
+    (height, width) array of bytes
+
+    Raises
+    ------
+    InvalidParameter
+        The picture would be larger than 30000 px a side.
+
+    Examples
+    --------
+    >>> draw_board(Board("chessboard", 11, 7, 30.0), px_per_mm=2.0).shape
+    (600, 840)
+    """
+    return _raster(sheet_of(board, margin_mm=margin_mm), number("px_per_mm", px_per_mm, above=0, high=1e4))
+
+
+@checked
+def write_board(
+    board: Board,
+    path: str | Path,
+    *,
+    margin_mm: float | None = None,
+    paper: str | None = None,
+    dpi: float = 300.0,
+) -> Path:
+    """Write a board to print at true scale: without scaling to the page, and measured afterwards.
+
+    PDF and SVG hold rectangles in millimetres, and a line of 100 mm with what the board is; PNG holds its resolution.
+
+    Parameters
+    ----------
+    board
+        What is printed.
+    path
+        Its suffix says the kind of file: ``.pdf``, ``.svg`` or ``.png``.
+    margin_mm
+        White around it; a square wide by default, with a paper what is left of it.
+    paper
+        ``"A0"`` to ``"A4"`` or ``"letter"``; by default the page is as large as the board and its margin.
+    dpi
+        Dots per inch, of a PNG.
+
+    Returns
+    -------
+    Path
+        Where it was written.
+
+    Raises
+    ------
+    InvalidParameter
+        The board does not fit on the paper, or makes no picture.
+    MediaError
+        The suffix is none of these.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = write_board(Board("aprilgrid", 6, 6, 88.0), f"{folder}/grid.pdf")
+    ...     path.read_bytes()[:8]
+    b'%PDF-1.4'
+    """
+    path = file_name("path", path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise MediaError(f"cannot write {path}: boards are written as {', '.join(SUFFIXES)}")
+    sheet = sheet_of(board, margin_mm=margin_mm, paper=paper)
+    match path.suffix.lower():
+        case ".pdf":
+            data = _pdf(sheet)
+        case ".svg":
+            data = _svg(sheet).encode()
+        case _:
+            data = _png(_raster(sheet, number("dpi", dpi, above=0) / 25.4), dpi)
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+    return path
+
+
+# -- what is black -----------------------------------------------------------------------------------
+
+
+def _drawn(board: Board) -> tuple[Array, tuple[float, float], tuple[float, float]]:
+    """Black rectangles (k, 4), width and height of the board, and its corner 0, mm from its upper left, down."""
+    side = board.square_mm
+    if board.kind == "aprilgrid":
+        gap = board.spacing * side
+        size = (board.columns * (side + gap) + gap, board.rows * (side + gap) + gap)
+        return np.array(list(_april(board, gap, size[1]))), size, (gap, size[1] - gap)
+    more = 1 if board.kind == "chessboard" else 0
+    columns, rows = board.columns + more, board.rows + more
+    first = 1 if board.legacy and board.kind == "charuco" and rows % 2 == 0 else 0
+    squares = [(c, r) for r in range(rows) for c in range(columns)]
+    black = [(c * side, r * side, side, side) for c, r in squares if (c + r) % 2 == first]
+    if board.kind == "charuco":
+        inset = (side - board.marker_side_mm) / 2
+        white = [(c, r) for c, r in squares if (c + r) % 2 != first]
+        for marker, (c, r) in enumerate(white):
+            cells = _marker(board, marker)
+            black += _cells(cells, c * side + inset, r * side + inset, board.marker_side_mm / len(cells))
+    return np.array(black), (columns * side, rows * side), (side, side)
+
+
+def _april(board: Board, gap: float, height: float) -> Iterator[tuple[float, float, float, float]]:
+    """As Kalibr prints it: tags from the lower left, upside down, and a black square at every meeting of gaps."""
+    side = board.square_mm
+    for row in range(board.rows + 1):
+        for column in range(board.columns + 1):
+            left, top = column * (side + gap), height - row * (side + gap) - gap
+            yield left, top, gap, gap
+            if row < board.rows and column < board.columns:
+                cells = np.rot90(_marker(board, row * board.columns + column), 2)
+                yield from _cells(cells, left + gap, top - side, side / len(cells))
+
+
+def _marker(board: Board, number: int) -> NDArray[np.bool_]:
+    """Which cells of a marker are black."""
+    import cv2
+
+    family = dictionary(board.marker_family)
+    cells = int(family.markerSize) + 2 * board.border_bits
+    drawn = cv2.aruco.generateImageMarker(family, number, cells, borderBits=board.border_bits)
+    return np.asarray(drawn) < 128
+
+
+def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> list[tuple[float, float, float, float]]:
+    """Black cells, as one rectangle where they follow each other in a row."""
+    found = []
+    for row, cells in enumerate(black):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
+        found += [(left + a * side, top + row * side, (b - a) * side, side) for a, b in edges.reshape(-1, 2)]
+    return found
+
+
+# -- files -------------------------------------------------------------------------------------------
+
+
+def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
+    width, height = (round(min(length * px_per_mm, 1e9)) for length in sheet.size_mm)
+    if not 1 <= min(width, height) <= max(width, height) <= MOST_PX:
+        raise InvalidParameter(
+            f"a picture of {width} x {height} px is not valid; it is valid from 1 to {MOST_PX} px a side"
+        )
+    picture = np.full((height, width), 255, np.uint8)
+    corners = np.concatenate([sheet.black_mm[:, :2], sheet.black_mm[:, :2] + sheet.black_mm[:, 2:]], axis=1)
+    for left, top, right, bottom in np.rint(corners * px_per_mm).astype(int):
+        picture[top:bottom, left:right] = 0
+    return picture
+
+
+def _png(picture: NDArray[np.uint8], dpi: float) -> bytes:
+    """A PNG that says how many pixels a metre has, so that it is printed at true scale."""
+    from ...io.pictures.images import encoded
+
+    data = encoded(picture, ".png")
+    head = 8 + 25  # signature, and the first chunk, which is of one length
+    metre = round(dpi / 0.0254)
+    chunk = b"pHYs" + struct.pack(">IIB", metre, metre, 1)
+    return data[:head] + struct.pack(">I", 9) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[head:]
+
+
+def _foot(sheet: BoardSheet) -> tuple[float, float, float]:
+    """Left end and height of the line below the board, and how long it is; 0 where there is no room."""
+    width, height = sheet.size_mm
+    below = height - float((sheet.black_mm[:, 1] + sheet.black_mm[:, 3]).max())
+    has_room = below >= 4 * TEXT_MM and width >= RULER_MM + 2 * TEXT_MM
+    return max(TEXT_MM, float(sheet.black_mm[:, 0].min())), height - TEXT_MM, RULER_MM if has_room else 0.0
+
+
+def _svg(sheet: BoardSheet) -> str:
+    width, height = sheet.size_mm
+    bars = "".join(f"M{x:.6g} {y:.6g}h{w:.6g}v{h:.6g}h{-w:.6g}z" for x, y, w, h in sheet.black_mm)
+    left, bottom, ruler = _foot(sheet)
+    foot = (
+        f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" stroke-width="{LINE_MM}"/>'
+        f'<text x="{left:.6g}" y="{bottom - 1.5:.6g}" font-family="sans-serif" font-size="{TEXT_MM}">'
+        f"{xml_text(sheet.words)}</text>"
+        if ruler
+        else ""
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.6g}mm" height="{height:.6g}mm" '
+        f'viewBox="0 0 {width:.6g} {height:.6g}"><path d="M0 0h{width:.6g}v{height:.6g}h{-width:.6g}z" fill="white"/>'
+        f'<path d="{bars}" shape-rendering="crispEdges"/>{foot}</svg>\n'
+    )
+
+
+def _pdf(sheet: BoardSheet) -> bytes:
+    """One page of rectangles; PDF counts in points, from the lower left."""
+    width, height = sheet.size_mm
+    scale = POINTS_PER_MM
+    lines = [f"{scale:.9f} 0 0 {scale:.9f} 0 0 cm 0 g"]
+    lines += [f"{x:.5f} {height - y - h:.5f} {w:.5f} {h:.5f} re" for x, y, w, h in sheet.black_mm] + ["f"]
+    left, bottom, ruler = _foot(sheet)
+    if ruler:
+        lines.append(f"{LINE_MM} w {left:.5f} {height - bottom:.5f} m {left + ruler:.5f} {height - bottom:.5f} l S")
+        lines.append(f"BT /F {TEXT_MM} Tf {left:.5f} {height - bottom + 1.5:.5f} Td ({sheet.words}) Tj ET")
+    content = zlib.compress("\n".join(lines).encode("latin-1"))
+    box = f"[0 0 {width * scale:.5f} {height * scale:.5f}]"
+    objects = [
+        b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences 6 0 R >>",
+        b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R ".encode()
+        + b"/Resources << /Font << /F 5 0 R >> >> >>",
+        f"<< /Length {len(content)} /Filter /FlateDecode >>\nstream\n".encode() + content + b"\nendstream",
+        b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
+        b"<< /PrintScaling /None >>",
+    ]
+
+    data, starts = b"%PDF-1.4\n", []
+    for index, body in enumerate(objects, 1):
+        starts.append(len(data))
+        data += f"{index} 0 obj\n".encode() + body + b"\nendobj\n"
+    table = "".join(f"{start:010d} 00000 n \n" for start in starts)
+    count = len(objects) + 1
+    trailer = f"trailer\n<< /Size {count} /Root 1 0 R >>\nstartxref\n{len(data)}\n%%EOF\n"
+    return data + f"xref\n0 {count}\n0000000000 65535 f \n{table}{trailer}".encode()

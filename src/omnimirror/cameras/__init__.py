@@ -1,0 +1,1 @@
+"""Camera protocol, coordinate frames and calibrated camera models."""

@@ -1,0 +1,211 @@
+"""The frames, decided once: camera, world, azimuth, pan and tilt.
+
+Camera frame (OpenCV): X right and Y down in the image, Z the optical axis. A pixel at azimuth
+``phi`` (from image right towards image bottom) of a mirror sensor sees azimuth ``phi``, in
+direction ``(sin Omega cos phi, sin Omega sin phi, -cos Omega)``.
+
+World frame (ROS REP-103): x forward, y left, z up along the plumb line, origin at the mirror vertex.
+Nothing is ever negated "because of the mirror": the raw picture is reversed and :meth:`Mount.rotation` puts
+it right, and level where the sensor leans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import check_fields, checked, number
+from ..base.errors import InvalidParameter
+from ..base.numerics.products import product
+
+Array = NDArray[np.float64]
+CameraLooks = Literal["up", "down", "forward"]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How a camera stands in the world.
+
+    Parameters
+    ----------
+    camera_looks
+        Where the optical axis points: ``"up"`` (mirror above the camera), ``"down"``, or
+        ``"forward"`` (horizontal, as a mirror ball is photographed from a tripod).
+    forward_azimuth_deg : deg
+        Image direction, from image right towards image bottom, that is forward in the world
+        (for ``"forward"``: that is up). The default -90 is the top of the image.
+    image_flipped
+        True if the delivered image is reversed left to right. The ``centre_px`` of a sensor's imager refers to the
+        image before this flip; the centre of a calibrated camera model refers to the delivered image.
+    pitch_deg, roll_deg : deg
+        How far the sensor leans from plumb, about the mirror vertex: its forward direction points so far above
+        the horizon, -90 to 90, and it is turned clockwise about that, seen from behind, -180 to 180.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown ``camera_looks``, an azimuth that is not finite, or a lean outside its range.
+
+    Examples
+    --------
+    The point at the top of the image is forward, whichever way the camera looks:
+
+    >>> Mount("up").rotation() @ [0, -1, 0]
+    array([1., 0., 0.])
+    >>> Mount("down").rotation() @ [0, -1, 0]
+    array([1., 0., 0.])
+
+    Unless the sensor leans back, by 30 deg:
+
+    >>> (Mount("down", pitch_deg=30.0).rotation() @ [0, -1, 0]).round(3) + 0.0
+    array([0.866, 0.   , 0.5  ])
+    """
+
+    camera_looks: CameraLooks = "up"
+    forward_azimuth_deg: float = -90.0
+    image_flipped: bool = False
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        number("forward_azimuth_deg", self.forward_azimuth_deg)
+        for name, value, most in (("pitch_deg", self.pitch_deg, 90), ("roll_deg", self.roll_deg, 180)):
+            if not abs(value) <= most:
+                raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")
+
+    @checked
+    def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
+        """From which to which field angle (deg) elevations, LOW to HIGH over the horizon, are seen.
+
+        Raises
+        ------
+        InvalidParameter
+            A mount under which an elevation is no one field angle.
+
+        Examples
+        --------
+        >>> Mount("up").field_angles_deg((-60.0, 20.0)), Mount("down").field_angles_deg((-60.0, 20.0))
+        ((30.0, 110.0), (70.0, 150.0))
+        """
+        if self.camera_looks == "forward" or self.leans:
+            how = "leans" if self.leans else "looks forward"
+            raise InvalidParameter(
+                f"the sensor {how}, and an elevation is not at one field angle then; elevations are valid for "
+                'camera_looks = "up" and "down" without pitch_deg and roll_deg, otherwise give field angles'
+            )
+        low, high = elevation_deg
+        return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)
+
+    @checked
+    def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
+        """The elevations of field angles: the way back.
+
+        >>> Mount("down").elevations_deg((70.0, 150.0))
+        (-60.0, 20.0)
+        """
+        low, high = self.field_angles_deg((0.0, 0.0))
+        if self.camera_looks == "up":
+            return omega_deg[0] - low, omega_deg[1] - high
+        return low - omega_deg[1], high - omega_deg[0]
+
+    @property
+    def upright(self) -> Mount:
+        """The same mount, plumb."""
+        return replace(self, pitch_deg=0.0, roll_deg=0.0)
+
+    @property
+    def leans(self) -> bool:
+        """Whether it is out of plumb."""
+        return bool(self.pitch_deg or self.roll_deg)
+
+    @checked
+    def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
+        """Pitch and roll (deg) of a view that pans in the sensor's own frame and is not levelled.
+
+        >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).lean_of_view(90.0)]  # of what is right of forward
+        [0, 20]
+        """
+        number("pan_deg", pan_deg)
+        forward, left, up = (turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)).T
+        return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
+
+    def rotation(self) -> Array:
+        """Rotation (3, 3) from the camera frame to the world frame; its determinant is +1."""
+        upright = self._rotation_upright()
+        return turn_of(0.0, self.pitch_deg, self.roll_deg) @ upright if self.leans else upright
+
+    def _rotation_upright(self) -> Array:
+        c, s = _cos_sin_deg(self.forward_azimuth_deg)
+        if self.camera_looks == "up":
+            return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        if self.camera_looks == "down":
+            return np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+        return np.array([[0.0, 0.0, 1.0], [s, -c, 0.0], [c, s, 0.0]])
+
+
+def _cos_sin_deg(angle_deg: float) -> tuple[float, float]:
+    """Cosine and sine, exact at multiples of 90 deg so that mounts do not leak 6e-17."""
+    quarter, rest = divmod(angle_deg, 90.0)
+    c, s = float(np.cos(np.radians(rest))), float(np.sin(np.radians(rest)))
+    return [(c, s), (-s, c), (-c, -s), (s, -c)][int(quarter) % 4]
+
+
+def camera_direction(omega: Array, phi: Array) -> Array:
+    """Unit vector(s) (..., 3) in the camera frame towards field angle and azimuth, both in radians."""
+    s = np.sin(omega)
+    return np.stack([s * np.cos(phi), s * np.sin(phi), -np.cos(omega)], axis=-1)
+
+
+def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
+    """``vectors @ matrix`` of vectors (..., d) and a small matrix (d, k), also while other threads compute.
+
+    >>> turned([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    array([[-2.,  1.],
+           [-4.,  3.]])
+    """
+    vectors = np.asarray(vectors, dtype=float)
+    return product(vectors.reshape(-1, vectors.shape[-1]), matrix).reshape(*vectors.shape[:-1], matrix.shape[1])
+
+
+def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
+    """World direction (..., 3) of pan (right positive) and tilt (up positive), both in radians.
+
+    >>> pan_tilt_direction(np.radians(90), 0.0).round(12) + 0.0
+    array([ 0., -1.,  0.])
+    """
+    pan, tilt = np.asarray(pan, float), np.asarray(tilt, float)
+    c, direction = np.cos(tilt), np.empty((*np.broadcast_shapes(pan.shape, tilt.shape), 3))
+    direction[..., 0] = c * np.cos(pan)
+    direction[..., 1] = -c * np.sin(pan)
+    direction[..., 2] = np.sin(tilt)
+    return direction
+
+
+def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[Array, Array, Array]:
+    """Forward, right and down (each (3,), world frame) of a view that pans, tilts and rolls clockwise.
+
+    >>> forward, right, down = view_axes(0.0, 0.0)
+    >>> right + 0.0, down + 0.0
+    (array([ 0., -1.,  0.]), array([ 0.,  0., -1.]))
+    """
+    (ca, sa), (ct, st), (cr, sr) = (_cos_sin_deg(d) for d in (pan_deg, tilt_deg, roll_deg))
+    forward = np.array([ct * ca, -ct * sa, st])
+    right = np.array([-sa, -ca, 0.0])
+    down = np.array([st * ca, -st * sa, -ct])  # forward x right
+    return forward, cr * right + sr * down, -sr * right + cr * down
+
+
+def turn_of(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
+    """Rotation (3, 3) from a frame (forward, left, up) that pans, tilts and rolls to the one in which it does.
+
+    In ROS's angles, which turn the other way about left and up: yaw -pan, pitch -tilt and roll.
+
+    >>> turn_of(0.0, 90.0, 0.0)[:, 0]  # its forward is up
+    array([0., 0., 1.])
+    """
+    forward, right, down = view_axes(pan_deg, tilt_deg, roll_deg)
+    return np.stack([forward, -right, -down], axis=-1) + 0.0

@@ -1,0 +1,140 @@
+"""The fisheye model of Kannala and Brandt in the form that OpenCV's module fisheye, Kalibr and ROS use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.polynomial import polysub, polyval
+from numpy.typing import NDArray
+
+from ...base.arguments import number
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.roots import increasing_root
+from ...base.parameters import Uncertainty
+from ..frames import Mount
+from .base import Optics
+from .distortion import LARGEST_COEFFICIENT, SLOWEST, first_root
+from .focal import FocalModel
+from .radial import Law, Place
+
+Array = NDArray[np.float64]
+
+NODES = 257  # of the table from which inversions start
+
+
+@dataclass(frozen=True)
+class KannalaBrandt(FocalModel):
+    """A radius that is an odd polynomial of the field angle.
+
+    ``r = Omega (1 + k1 Omega^2 + k2 Omega^4 + k3 Omega^6 + k4 Omega^8)``. The field ends at 180 deg, or where r
+    grows at less than 1 % of its rate at the centre: beyond that a fitted polynomial says nothing of the optics.
+
+    Parameters
+    ----------
+    focal_px : (fx, fy)
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    k1, k2, k3, k4
+        Of the polynomial.
+    skew_px
+        OpenCV's alpha times fx.
+    optics
+        ``"fisheye"`` or ``"mirror"``: whether the centre of the picture looks ahead or back.
+    mount
+        How the camera stands.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no camera.
+
+    References
+    ----------
+    J. Kannala and S. Brandt, "A generic camera model and calibration method for conventional, wide-angle, and
+    fish-eye lenses", IEEE PAMI 28(8), 2006.
+
+    Examples
+    --------
+    >>> camera = KannalaBrandt((180 / np.pi, 180 / np.pi), (319.5, 239.5), (640, 480))
+    >>> camera.image([[100.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
+    array([[409.5, 239.5]])
+    """
+
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    skew_px: float = 0.0
+    optics: Optics = "fisheye"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "kannala-brandt"
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
+
+    def __post_init__(self) -> None:
+        self._check_focal()
+        for name in (*self.COEFFICIENTS, *self.LENS):
+            number(name, getattr(self, name), low=-LARGEST_COEFFICIENT, high=LARGEST_COEFFICIENT)
+
+    @property
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        law = tuple(Place(name, name, None, "", 0.1**i) for i, name in enumerate(self.COEFFICIENTS, start=1))
+        return law, self._affine_places
+
+    @property
+    def _polynomial(self) -> Array:
+        """Of the square of the field angle: r / Omega."""
+        return np.array([1.0, *(getattr(self, name) for name in self.COEFFICIENTS)])
+
+    @property
+    def _rate_polynomial(self) -> Array:
+        return self._polynomial * np.arange(1, 2 * len(self._polynomial), 2)
+
+    @cached_property
+    def _law_end(self) -> float:
+        return float(
+            min(np.sqrt(first_root(np.asarray(polysub(self._rate_polynomial, [SLOWEST]), dtype=float))), np.pi)
+        )
+
+    def _law_radius(self, omega: Array) -> Array:
+        radius: Array = omega * polyval(omega * omega, self._polynomial)
+        return radius
+
+    def _law(self, omega: Array) -> Law:
+        square = omega * omega
+        odd = np.empty((len(omega), len(self.COEFFICIENTS)))
+        odd[:, 0] = omega * square
+        for i in range(1, len(self.COEFFICIENTS)):
+            odd[:, i] = odd[:, i - 1] * square
+        return Law(self._law_radius(omega), self._law_rate(omega), odd)
+
+    def _law_rate(self, omega: Array) -> Array:
+        return np.asarray(polyval(omega * omega, self._rate_polynomial), dtype=float)
+
+    def _law_inverse(self, radius: Array) -> Array:
+        omegas, radii = self._table
+        inside = np.minimum(radius, radii[-1])
+        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, NODES - 2)
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            return self._law_radius(omega) - inside, self._law_rate(omega)
+
+        start = np.interp(inside, radii, omegas)
+        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        omegas = np.asarray(np.linspace(0.0, self._law_end, NODES), dtype=float)
+        return omegas, self._law_radius(omegas)

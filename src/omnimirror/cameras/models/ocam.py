@@ -1,0 +1,316 @@
+"""OCamCalib's calibration file, and the camera it describes.
+
+OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) writes a pixel's ray as
+``(row - xc, col - yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0, in a
+frame whose third axis points from the scene to the camera. In our camera frame (X right, Y down, Z
+ahead) the centre of a mirror's picture looks back past the lens and that of a fisheye ahead, so
+``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not say which of the two it is.
+
+The file's inverse polynomial is a fit, good to some tenth of a pixel: it is compared with the direct polynomial and
+then ignored, and projection solves the direct polynomial itself.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
+from numpy.typing import NDArray
+
+from ...base.arguments import file_name, finite, float_of, shown
+from ...base.errors import InvalidParameter, OmnimirrorError, OmnimirrorWarning, SpecError, shortened
+from ...base.files import read_text
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.roots import increasing_root
+from ...base.parameters import Uncertainty
+from ..frames import Mount
+from .base import Optics
+from .consistency import doubts, inverse_doubts
+from .distortion import SLOWEST
+from .radial import Law, Place, RadialModel
+
+Array = NDArray[np.float64]
+
+LARGEST_COEFFICIENT = 1e100  # its square is a number still
+PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: as far as points are followed out of the picture
+NODES = 257  # of the table from which projections start
+
+
+@dataclass(frozen=True)
+class OCam(RadialModel):
+    """A camera calibrated with OCamCalib.
+
+    The polynomial is used as far as the farthest corner of the picture, and no farther than the field
+    angle grows with the radius (at 1 % of its rate at the centre or more: beyond that a fitted polynomial
+    says nothing of the optics). A mirror's picture usually ends before, at its rim: give
+    ``rim_radius_px`` to leave out what lies beyond.
+
+    Parameters
+    ----------
+    polynomial
+        a0, a1, a2, .. of f(rho), rho in px; a0 < 0.
+    centre_px : (u, v)
+        Column and row of the centre; integers are pixel centres.
+    image_size : (width, height)
+    affine
+        c, d, e of OCamCalib: ``row = c x + d y + xc``, ``col = e x + y + yc``.
+    optics
+        ``"mirror"`` or ``"fisheye"``.
+    mount
+        How the camera stands.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no camera.
+
+    Examples
+    --------
+    >>> camera = OCam((-100.0, 0.0, 0.0025), (319.5, 239.5), (640, 480))
+    >>> float(np.degrees(camera.omega_from_radius(np.array([200.0]))[0]))  # f(200) = 0: the horizon
+    90.0
+    >>> camera.project_directions([[1.0, 0.0, 0.0]]).pixels  # forward, at the top of the picture
+    array([[319.5,  39.5]])
+    """
+
+    polynomial: tuple[float, ...]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    affine: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "ocam"
+    AFFINE = (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)))
+
+    def __post_init__(self) -> None:
+        self._check_radial()
+        if finite("polynomial", self.polynomial).ndim != 1:
+            raise InvalidParameter(f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)")
+        if finite("affine", self.affine).shape != (3,):
+            raise InvalidParameter(f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0")
+        if not (len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0):
+            raise InvalidParameter(
+                f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
+                "polynomial does (f(0) < 0)"
+            )
+        if not np.max(np.abs(self.polynomial)) < LARGEST_COEFFICIENT:
+            raise InvalidParameter(
+                f"polynomial = {self.polynomial} holds {max(self.polynomial, key=abs):g}, which is no coefficient of a "
+                f"camera; they are valid below {LARGEST_COEFFICIENT:g}"
+            )
+        if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
+            raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
+
+    @property
+    def matrix(self) -> Array:
+        """OCamCalib's affine matrix, in (right, down) instead of (row, column)."""
+        c, d, e = self.affine
+        return np.array([[1.0, e], [d, c]])
+
+    @property
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        """All but a1, which is 0 in a picture that is smooth at its centre, and e, which turns the camera as well."""
+        half = min(self.image_size) / 2
+        law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
+        return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))
+
+    @property
+    def _powers(self) -> list[int]:
+        return [i for i in range(len(self.polynomial)) if i != 1]
+
+    @cached_property
+    def _law_end(self) -> float:
+        """Where the polynomial's use ends, or else somewhat beyond the picture."""
+        return float(self._table[1][-1])
+
+    def _law_inverse(self, radius: Array) -> Array:
+        """``tan(Omega) = rho / -f(rho)``."""
+        return np.arctan2(radius, -polyval(radius, self.polynomial))
+
+    def _law_radius(self, omega: Array) -> Array:
+        """To machine precision: ``rho cos(Omega) + f(rho) sin(Omega) = 0`` has one root, and increases there."""
+        nodes, omegas = self._table
+        cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
+        cos, sin = np.cos(omega), np.sin(omega)
+        slope = polyder(self.polynomial)
+
+        def difference(rho: Array) -> tuple[Array, Array]:
+            return rho * cos + polyval(rho, self.polynomial) * sin, cos + polyval(rho, slope) * sin
+
+        start = np.interp(omega, omegas, nodes)
+        return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
+
+    def _law(self, omega: Array) -> Law:
+        """By the implicit function: the equation's derivatives to Omega, rho and the coefficients."""
+        rho = self._law_radius(omega)
+        cos, sin = np.cos(omega), np.sin(omega)
+        to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
+        to_omega = polyval(rho, self.polynomial) * cos - rho * sin
+        powers = rho[:, None] ** self._powers
+        return Law(rho, -to_omega / to_rho, -(sin / to_rho)[:, None] * powers)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        beyond = PAST_THE_PICTURE * self._farthest_corner(np.linalg.inv(self.matrix))
+        nodes = np.linspace(0.0, min(_end_of_use(np.array(self.polynomial)), beyond), NODES)
+        return nodes, self._law_inverse(nodes)
+
+
+def _end_of_use(a: Array) -> float:
+    """Radius (px) where the field angle all but stops growing; infinite if it never does.
+
+    ``dOmega/drho = g / (rho^2 + f^2)`` with ``g = rho f' - f``, and ``1 / |a0|`` at the centre, so the end
+    is the first root of another polynomial, ``g |a0| - SLOWEST (rho^2 + f^2)``.
+    """
+    g = a * (np.arange(len(a)) - 1)
+    rest = polyadd(g * abs(a[0]), -SLOWEST * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
+    roots = polyroots(np.trim_zeros(rest, "b"))
+    ends = roots.real[(abs(roots.imag) < 1e-9 * abs(roots)) & (roots.real > 0)]
+    return float(ends.min(initial=np.inf))
+
+
+# -- the file --------------------------------------------------------------------------------------
+
+
+def load_ocam(
+    path: str | Path, optics: Optics = "mirror", *, mount: Mount | None = None, rim_radius_px: float | None = None
+) -> OCam:
+    """Read OCamCalib's ``calib_results.txt``.
+
+    Parameters
+    ----------
+    path
+    optics
+        What was calibrated, ``"mirror"`` or ``"fisheye"``; the file does not say.
+    mount
+        How the camera stands; looking up by default.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+
+    Returns
+    -------
+    OCam
+        The camera.
+
+    Raises
+    ------
+    SpecError
+        The file is missing or not OCamCalib's; the message gives the line and what is expected there.
+    InvalidParameter
+        For an unknown ``optics`` or a rim that is no radius.
+
+    Warns
+    -----
+    OmnimirrorWarning
+        The numbers of the file contradict each other; the message gives the magnitude.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), f"{folder}/calib_results.txt")
+    ...     camera = om.load_ocam(f"{folder}/calib_results.txt")
+    >>> camera.image_size
+    (800, 600)
+    """
+    path = file_name("path", path)
+    text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
+    model, inverse = parse_polynomials(text, str(path))
+    camera = _placed(model, optics, mount, rim_radius_px)
+    for doubt in (*inverse_doubts(camera, inverse), *doubts(camera)):
+        warnings.warn(f"{shortened(str(path))}: {doubt}", OmnimirrorWarning, stacklevel=2)
+    return camera
+
+
+def parse_ocam(
+    text: str,
+    source: str = "OCamCalib file",
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+) -> OCam:
+    """The camera of the text of a ``calib_results.txt``; arguments and errors as :func:`load_ocam`.
+
+    What other programs write after the image size is left alone.
+
+    >>> text = "3 -1.0e+002 0 2.5e-003\\n 2 100 50\\n 239.5 319.5\\n 1 0 0\\n # size\\n 480 640\\n"
+    >>> parse_ocam(text).centre_px
+    (319.5, 239.5)
+    """
+    model, _ = parse_polynomials(text, source)
+    return _placed(model, optics, mount, rim_radius_px)
+
+
+def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: float | None) -> OCam:
+    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
+
+
+def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
+    """Parse a ``calib_results.txt`` into a mirror camera with the direct polynomial, and the inverse polynomial."""
+    lines = _Lines(text, source)
+    direct = lines.polynomial("the direct polynomial")
+    inverse = lines.polynomial("the inverse polynomial")
+    row, column = lines.numbers("the centre (row and column)", 2)
+    c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
+    height, width = lines.numbers("the image size (height and width)", 2)
+    if not (height == int(height) and width == int(width)):
+        raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
+    size = (int(width), int(height))
+    try:
+        return OCam(direct, (column, row), size, (c, d, e)), inverse
+    except OmnimirrorError as problem:
+        raise SpecError(f"{lines.source}: {problem}") from None
+
+
+class _Lines:
+    """The file's lines that hold numbers, one after the other, and errors that name them."""
+
+    def __init__(self, text: str, source: str) -> None:
+        self.source = shortened(source)
+        self.number = 0
+        stripped = ((i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1))
+        self.lines = [(i, words) for i, words in stripped if words]
+
+    def error(self, message: str) -> SpecError:
+        return SpecError(f"{self.source} line {self.number}: {message}")
+
+    def polynomial(self, what: str) -> tuple[float, ...]:
+        """A line of a count and that many coefficients."""
+        count, *coefficients = self._next(f"{what} (a count, then that many coefficients)")
+        if count != len(coefficients) or not coefficients:
+            raise self.error(
+                f"{what} announces {count:g} coefficients and has {len(coefficients)}; expected a count, "
+                "then that many coefficients"
+            )
+        return tuple(coefficients)
+
+    def numbers(self, what: str, count: int) -> tuple[float, ...]:
+        """A line of so many numbers."""
+        values = self._next(what)
+        if len(values) != count:
+            raise self.error(f"expected {what}: {count} numbers, and there are {len(values)}")
+        return tuple(values)
+
+    def _next(self, what: str) -> list[float]:
+        if not self.lines:
+            raise SpecError(f"{self.source} ends before {what}")
+        self.number, words = self.lines.pop(0)
+        values = []
+        for word in words:
+            try:
+                values.append(float_of(word))
+            except ValueError:
+                values.append(np.nan)
+            if not np.isfinite(values[-1]):
+                raise self.error(f"expected {what}, and {word[:40]!r} is not a number")
+        return values

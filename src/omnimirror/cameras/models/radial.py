@@ -1,0 +1,542 @@
+"""Models in four steps: field angle, radius in a round picture, distortion, picture as delivered.
+
+The angle Omega of a point from the axis gives the radius of its image by the model's own law; the image lies on the
+side where the point lies; Brown's distortion moves it; a matrix and the centre take it into the picture. A model gives
+the law, its inverse and its derivatives. Everything else, from the mount to the edge of the picture, is decided here.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import finite, instance, optional_number, places, shown, vectors
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...base.parameters import Uncertainty
+from ..camera import AxialSymmetry, Projection, Rays, inside_image
+from ..frames import Mount, turned
+from .base import CameraModel, Image, ModelParameter
+from .distortion import AnyDistortion, Distorted, Distortion, removed, undone
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LARGEST_PX = 1e6  # of a radius, a focal length, a centre
+ROUNDING = 1e-12  # relative; an angle or radius this little past the rim is the rim
+
+
+class Place(NamedTuple):
+    """Where a parameter stands in its model."""
+
+    name: str
+    field: str
+    item: int | None
+    """Its number in the field; None where the field is the number."""
+    unit: str
+    scale: float
+
+
+class Law(NamedTuple):
+    """Radii in the round picture."""
+
+    radius: Array
+    """(n,) in the model's own unit: px, or focal lengths."""
+    rate: Array
+    """(n,) derivative to the field angle."""
+    terms: Array
+    """(n, q) derivatives to the parameters of the law."""
+
+
+class AngleRates(NamedTuple):
+    """Derivatives of the field angles of points."""
+
+    rho: Array
+    """(n,) to the distance from the axis."""
+    z: Array
+    """(n,) to the height along the axis."""
+    terms: Array | None = None
+    """(n, q) to the parameters of the viewpoint; None for the one viewpoint of a central model."""
+
+
+class RadialModel(CameraModel):
+    """A camera whose image radius follows from the field angle, then distorted and stretched."""
+
+    centre_px: tuple[float, float]
+    rim_radius_px: float | None
+
+    AFFINE: ClassVar[tuple[tuple[tuple[float, float], tuple[float, float]], ...]] = ()
+    """Derivatives (2, 2) of :attr:`matrix` to the parameters that it has."""
+    LENS: ClassVar[Mapping[str, tuple[str, float]]] = {}
+    """Those of k1, k2, k3, p1 and p2 that the model has, with unit and typical change."""
+
+    # -- what a model says ---------------------------------------------------------------------
+
+    @abstractmethod
+    def _law(self, omega: Array) -> Law:
+        """Radii of field angles (n,) in radians, none beyond :attr:`_law_end`."""
+
+    @abstractmethod
+    def _law_radius(self, omega: Array) -> Array:
+        """The same radii alone."""
+
+    @abstractmethod
+    def _law_inverse(self, radius: Array) -> Array:
+        """Field angles of radii."""
+
+    @property
+    @abstractmethod
+    def _law_end(self) -> float:
+        """Largest field angle (radians) of the law; it grows up to there."""
+
+    @property
+    @abstractmethod
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        """Parameters of the law, and of the matrix."""
+
+    @property
+    def matrix(self) -> Array:
+        """Matrix (2, 2) from the round picture in the law's unit to the picture, both (right, down)."""
+        return np.eye(2)
+
+    @property
+    def scale_px(self) -> float:
+        """Pixels per unit of the law."""
+        return 1.0
+
+    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
+        """Field angles of points at distances from the axis and heights along it; NaN where there is none."""
+        with np.errstate(invalid="ignore"):
+            return np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
+
+    def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
+        """Their derivatives."""
+        square = rho * rho + z * z
+        return AngleRates(z / square, -rho / square)
+
+    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+        """How far from the axis, mm, and along it rays of field angles start."""
+        return np.zeros_like(omega), np.zeros_like(omega)
+
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        """How far along the axis they meet it."""
+        return np.zeros_like(omega)
+
+    @property
+    def is_central(self) -> bool:
+        """Whether all rays start at one point, the origin."""
+        return True
+
+    # -- parameters --------------------------------------------------------------------------------
+
+    @cached_property
+    def parameters(self) -> tuple[ModelParameter, ...]:
+        """What an estimator may change: of the law, the matrix, the centre and the distortion."""
+        return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
+
+    def with_parameters(self, values: Sequence[float] | Array) -> Self:
+        """The same model with other values of its parameters, of which no uncertainty is known.
+
+        Parameters
+        ----------
+        values : (n,) numbers
+            In the order of :attr:`parameters`.
+
+        Returns
+        -------
+        CameraModel
+            Of the same class.
+
+        Raises
+        ------
+        InvalidParameter
+            For values that describe no camera.
+        """
+        places = self._all_places
+        found = finite("values", values)
+        if found.shape != (len(places),):
+            raise InvalidParameter(f"values has shape {found.shape}; {self.KIND} has {len(places)} parameters")
+        changes: dict[str, Any] = {}
+        for place, value in zip(places, found.tolist(), strict=True):
+            if place.item is None:
+                changes[place.field] = value
+            else:
+                changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = value
+        model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
+        changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
+        return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
+
+    @cached_property
+    def _all_places(self) -> tuple[Place, ...]:
+        law, affine = self._places
+        centre = tuple(Place(name, "centre_px", i, "px", 1.0) for i, name in enumerate(("cx", "cy")))
+        lens = tuple(Place(name, name, None, unit, scale) for name, (unit, scale) in self.LENS.items())
+        return (*law, *affine, *centre, *lens)
+
+    def _at(self, place: Place) -> float:
+        value = getattr(self, place.field)
+        return value if place.item is None else value[place.item]  # type: ignore[no-any-return]
+
+    @cached_property
+    def distortion(self) -> AnyDistortion:
+        """Its distortion; none where it has no such parameters."""
+        return Distortion(**{name: getattr(self, name) for name in self.LENS})
+
+    # -- the image and its derivatives ---------------------------------------------------------------
+
+    def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        """Pixels of points, or of directions, in the camera frame, with derivatives.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points in mm (X right, Y down, Z ahead).
+        distant
+            They are directions, of any length but 0, to infinitely distant points.
+
+        Returns
+        -------
+        Image
+            Pixels (n, 2), where they are valid (n,), and derivatives (n, 2, 3) and (n, 2, p).
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no vectors (n, 3).
+        """
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False)
+
+    def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        # To first order nothing jumps there: a law ends where its radius stops growing.
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
+
+    def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
+        """Image of points (n, 3), those past the end of the field at its end, if they are to be valid."""
+        signs = self._signs
+        x, y, z = (points * signs).T
+        rho, (ux, uy) = _length_and_unit(x, y)
+        omega = self._field_angle(rho, z, distant)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+            inside = omega <= self.model_end
+            valid = (np.isfinite(omega) if is_clamped else inside) & np.isfinite(ux)
+            law = self._law(np.minimum(omega, self.model_end))
+            if is_clamped:
+                law = law._replace(rate=np.where(inside, law.rate, 0.0))
+            angle = self._angle_rates(omega, rho, z, distant)
+            meridional = law.rate * angle.rho
+            across = np.where(rho > ROUNDING * np.abs(z), law.radius / rho, meridional)
+            rx, ry = law.radius * ux, law.radius * uy
+            at = self.distortion.applied(rx, ry)
+            matrix = self.matrix
+            step = _Step(matrix, at)
+            extra = meridional - across
+            d_points = np.empty((len(points), 2, 3))
+            step.put(d_points, 0, signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy)
+            step.put(d_points, 1, extra * ux * uy, across + extra * uy * uy)
+            along = signs[2] * law.rate * angle.z
+            step.put(d_points, 2, along * ux, along * uy)
+            d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
+            pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
+        valid = valid & np.isfinite(pixels).all(axis=-1)  # at a pole of a rational law is no pixel
+        if not valid.all():
+            pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
+        return Image(pixels, valid, d_points, d_parameters)
+
+    def _parameter_derivatives(
+        self,
+        step: _Step,
+        flat: tuple[Array, Array],
+        distorted: tuple[Array, Array],
+        side: tuple[Array, Array],
+        law: Law,
+        angle: AngleRates,
+    ) -> Array:
+        terms = law.terms if angle.terms is None else np.hstack([law.terms, law.rate[:, None] * angle.terms])
+        q = terms.shape[1]
+        result = np.zeros((len(terms), 2, len(self._all_places)))
+        moved = step.of(side[0], side[1])
+        for row in (0, 1):
+            result[:, row, :q] = moved[row][:, None] * terms
+        for i, direction in enumerate(self.AFFINE, start=q):
+            for row in (0, 1):
+                result[:, row, i] = direction[row][0] * distorted[0] + direction[row][1] * distorted[1]
+        first = q + len(self.AFFINE)
+        result[:, 0, first] = result[:, 1, first + 1] = 1.0
+        if names := self.LENS:
+            derivatives = dict(zip(self.distortion._fields, self.distortion.terms(*flat), strict=True))
+            for i, name in enumerate(names, start=first + 2):
+                dx, dy = derivatives[name]
+                for row in (0, 1):
+                    result[:, row, i] = step.matrix[row, 0] * dx + step.matrix[row, 1] * dy
+        return result
+
+    # -- where it ends -------------------------------------------------------------------------------
+
+    @cached_property
+    def model_end(self) -> float:
+        """Largest field angle (radians) that the model itself allows: its law's, or its distortion's end."""
+        end = self._law_end
+        if (plane := self.distortion.end()) < np.inf:
+            with np.errstate(over="ignore"):
+                reached = float(self._law_radius(np.array([end]))[0])
+            if plane < reached:
+                end = float(self._law_inverse(np.array([plane]))[0])
+        return end
+
+    @cached_property
+    def omega_max(self) -> float:
+        """Largest field angle, radians from :attr:`axis`: the rim's, the farthest corner's or the model's own end."""
+        end = self._plane_end
+        x, y, found = self._round_picture(self._corners, end)
+        radii = [float(np.hypot(x, y).max()) if found.all() else end]
+        if self.rim_radius_px is not None:
+            radii.append(float(undone(self.distortion, np.array([self.rim_radius_px / self.scale_px]), end)[0]))
+        radius = min(radii)
+        return self.model_end if radius >= end else float(self._law_inverse(np.array([radius]))[0])
+
+    @property
+    def _corners(self) -> Array:
+        width, height = self.image_size
+        return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
+
+    def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
+        """Largest distance from the centre of the picture's corners, taken into a plane by a matrix (2, 2)."""
+        return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
+
+    @property
+    def _plane_end(self) -> float:
+        with np.errstate(over="ignore"):
+            return float(self._law_radius(np.array([self.model_end]))[0])
+
+    @cached_property
+    def field_radius_px(self) -> float:
+        """Radius of the circle, in the picture before it is stretched, inside which the model is used."""
+        return float(self.radius_from_omega(np.array([self.omega_max]))[0])
+
+    def radius_from_omega(self, omega: ArrayLike) -> Array:
+        """Radii (n,) in px of field angles (n,) in radians, none beyond :attr:`omega_max`.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians.
+
+        Returns
+        -------
+        (n,) array
+            Distances from the centre of the picture before tangential distortion and stretch, px.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no angles in a row.
+        """
+        return self.scale_px * self.distortion.radius(self._law_radius(places("omega", omega, is_row=True)))
+
+    def mapping(self, omega: ArrayLike) -> tuple[Array, Array, Array]:
+        """Radius, its rate and the viewpoint at field angles.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians, none beyond :attr:`omega_max`.
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            Radii as :meth:`radius_from_omega` has them, px; their derivatives, px per radian; and where the rays
+            meet the axis, mm along the camera's Z from the origin of its frame.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no angles in a row.
+        """
+        omega = places("omega", omega, is_row=True)
+        law = self._law(omega)
+        rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
+        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # no -0
+
+    def omega_from_radius(self, radius_px: ArrayLike) -> Array:
+        """Field angles (n,) in radians of radii (n,) in px, none beyond :attr:`field_radius_px`.
+
+        Parameters
+        ----------
+        radius_px : (n,)
+            Distances from the centre of the picture before tangential distortion and stretch, px.
+
+        Returns
+        -------
+        (n,) array
+            Field angles, radians.
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no radii in a row.
+        """
+        radius = places("radius_px", radius_px, is_row=True) / self.scale_px
+        return self._law_inverse(undone(self.distortion, radius, self._plane_end))
+
+    @property
+    def stretch(self) -> Array:
+        """Matrix (2, 2) from the round picture in px to the real one, both (right, down)."""
+        return self.matrix / self.scale_px
+
+    # -- the Camera contract -------------------------------------------------------------------------
+
+    @property
+    def symmetry(self) -> AxialSymmetry | None:
+        """The axis of symmetry; None when the picture is stretched, or distorted to one side."""
+        if not np.array_equal(self.stretch, np.eye(2)) or self.distortion.is_tangential:
+            return None
+        x, y, _ = self.mount.rotation().T
+        right, down = self._signs[0] * x, self._signs[1] * y
+        starts = None if self.is_central else self._ray_starts
+        return AxialSymmetry(
+            self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega, starts
+        )
+
+    def backproject(self, pixels: ArrayLike) -> Rays:
+        """Rays of pixels (n, 2) px; every origin is the viewpoint, (0, 0, 0), for a central model.
+
+        Pixels outside the picture or the model's field are not valid and NaN.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Pixels of another shape.
+        """
+        pixels = vectors("pixels", pixels, 2)
+        end = float(self._law_radius(np.array([self.omega_max]))[0])
+        x, y, found = self._round_picture(pixels, end * (1 + ROUNDING))
+        radius, (ux, uy) = _length_and_unit(x, y)
+        valid = inside_image(pixels, self.image_size) & found
+        omega = self._law_inverse(np.minimum(radius[valid], end))
+        signs = self._signs
+        origins, directions = np.full((2, *radius.shape, 3), np.nan)
+        for rays, (across, along) in (
+            (directions, (np.sin(omega), np.cos(omega))),
+            (origins, self._ray_starts(omega)),
+        ):
+            in_camera = np.stack([across * ux[valid], across * uy[valid], along], axis=-1) * signs
+            rays[valid] = turned(in_camera, self.mount.rotation().T)
+        return Rays(origins, directions, valid)
+
+    def project(self, points_mm: ArrayLike) -> Projection:
+        """Pixels of points (n, 3) in mm.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points of the world, mm.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Points of another shape.
+        """
+        return self._projected(vectors("points_mm", points_mm, 3), distant=False)
+
+    def project_directions(self, directions: ArrayLike) -> Projection:
+        """Pixels of directions (n, 3) of any length but 0.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            World directions, of any length.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Directions of another shape.
+        """
+        return self._projected(vectors("directions", directions, 3), distant=True)
+
+    def _projected(self, world: Array, distant: bool) -> Projection:
+        in_camera = turned(world, self.mount.rotation()) * self._signs
+        rho, (ux, uy) = _length_and_unit(in_camera[..., 0], in_camera[..., 1])
+        omega = self._field_angle(rho, in_camera[..., 2], distant)
+        with np.errstate(invalid="ignore"):
+            seen = (omega <= self.omega_max * (1 + ROUNDING)) & np.isfinite(ux)
+        radius = self._law_radius(np.minimum(omega[seen], self.omega_max))
+        at = self.distortion.applied(radius * ux[seen], radius * uy[seen])
+        pixels = np.full((*rho.shape, 2), np.nan)
+        pixels[seen] = self.centre_px + turned(np.stack([at.x, at.y], axis=-1), self.matrix.T)
+        valid = inside_image(pixels, self.image_size)
+        pixels[~valid] = np.nan
+        return Projection(pixels, valid)
+
+    def _round_picture(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
+        """Points (n,) and (n,) of the undistorted round picture, and where there are any within a radius."""
+        plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
+        with np.errstate(invalid="ignore"):
+            return removed(self.distortion, plane[..., 0], plane[..., 1], end)
+
+    # -- checks that every model makes in its constructor ----------------------------------------
+
+    def _check_radial(self) -> None:
+        self._check_camera()
+        if finite("centre_px", self.centre_px, -LARGEST_PX, LARGEST_PX, unit="px").shape != (2,):
+            raise InvalidParameter(f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)")
+        optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=LARGEST_PX, unit="px")
+        instance("mount", self.mount, Mount, "a Mount")
+        if self.uncertainty is not None:
+            instance("uncertainty", self.uncertainty, Uncertainty, "an Uncertainty")
+
+
+class _Step:
+    """The derivatives of a pixel to its place in the undistorted round picture."""
+
+    def __init__(self, matrix: Array, at: Distorted) -> None:
+        self.matrix = matrix
+        (a, b), (c, d) = matrix
+        self.rows = (
+            (a * at.d_xx + b * at.d_yx, a * at.d_xy + b * at.d_yy),
+            (c * at.d_xx + d * at.d_yx, c * at.d_xy + d * at.d_yy),
+        )
+
+    def of(self, dx: Array, dy: Array) -> tuple[Array, Array]:
+        """What a shift there moves in the picture, (of u, of v)."""
+        (a, b), (c, d) = self.rows
+        return a * dx + b * dy, c * dx + d * dy
+
+    def put(self, derivatives: Array, column: int, dx: Array, dy: Array) -> None:
+        derivatives[:, 0, column], derivatives[:, 1, column] = self.of(dx, dy)
+
+
+def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
+    """Lengths (..., ) and unit vectors of vectors; the zero vector points right."""
+    length = np.hypot(x, y)
+    zero = length == 0
+    divisor = np.where(zero, 1.0, length)
+    with np.errstate(invalid="ignore"):  # infinite vectors become NaN, and are not seen
+        return length, (np.where(zero, 1.0, x / divisor), y / divisor)

@@ -1,0 +1,406 @@
+"""Models that assume no formula: the radius is a spline of the field angle, and so may be the viewpoint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import finite, number, shown, whole
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...base.numerics.roots import increasing_root
+from ...base.numerics.splines import Spline, SplineBasis, even_basis, odd_basis
+from ...base.parameters import Uncertainty
+from ..frames import Mount
+from .base import Optics
+from .distortion import LARGEST_COEFFICIENT, SLOWEST
+from .radial import LARGEST_PX, AngleRates, Law, Place, RadialModel
+
+Array = NDArray[np.float64]
+
+NODES_PER_CELL = 16  # of the table from which inversions start
+FEWEST_KNOTS = 3
+MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # of a spline that follows another model, and by how much it may leave it
+PROBES = 2001
+LARGEST_MM = 1e6
+LEAST_FIELD_DEG = 1e-3  # a star tracker sees degrees; rates of what is narrower still are past all numbers
+
+
+class SplineModel(RadialModel):
+    """A radius that is a cubic spline of the field angle, odd about the axis."""
+
+    radii_px: tuple[float, ...]
+    field_deg: float
+    stretch_x: float
+    shear: float
+    p1: float
+    p2: float
+
+    AFFINE = (((1.0, 0.0), (0.0, -1.0)), ((0.0, 1.0), (1.0, 0.0)))
+    LENS = {"p1": ("1/px", 1e-5), "p2": ("1/px", 1e-5)}  # noqa: RUF012
+
+    def _check_splines(self) -> None:
+        self._check_radial()
+        number("field_deg", self.field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
+        radii = finite("radii_px", self.radii_px, high=LARGEST_PX, unit="px")
+        if radii.ndim != 1 or len(radii) < FEWEST_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
+            raise InvalidParameter(
+                f"radii_px = {shown(self.radii_px)} is no row of {FEWEST_KNOTS} or more radii that grow from knot to "
+                "knot"
+            )
+        for name in ("stretch_x", "shear"):
+            number(name, getattr(self, name), low=-0.5, high=0.5)
+        for name in self.LENS:
+            number(name, getattr(self, name), low=-LARGEST_COEFFICIENT, high=LARGEST_COEFFICIENT, unit="1/px")
+
+    @property
+    def matrix(self) -> Array:
+        """Stretch and shear (2, 2); a turn is the mount's, and a scale the radii's."""
+        s, h = self.stretch_x, self.shear
+        return np.array([[1 + s, h], [h, 1 - s]])
+
+    @property
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        law = tuple(Place(f"r{i}", "radii_px", i - 1, "px", 1.0) for i in range(1, len(self.radii_px) + 1))
+        return law, (Place("stretch_x", "stretch_x", None, "", 0.01), Place("shear", "shear", None, "", 0.01))
+
+    @property
+    def _basis(self) -> SplineBasis:
+        return odd_basis(len(self.radii_px), float(np.radians(self.field_deg / 2)))
+
+    @cached_property
+    def _spline(self) -> Spline:
+        return self._basis.of(np.array(self.radii_px))
+
+    @cached_property
+    def _law_end(self) -> float:
+        slowest = SLOWEST * float(self._spline.cells[0, 1])
+        return min(self._spline.end_of_growth(slowest), float(np.radians(self.field_deg / 2)))
+
+    def _law_radius(self, omega: Array) -> Array:
+        return self._spline(omega)
+
+    def _law(self, omega: Array) -> Law:
+        shares = self._basis.at(omega)
+        return Law(self._spline(omega), self._spline.rate(omega), shares)
+
+    def _law_inverse(self, radius: Array) -> Array:
+        omegas, radii = self._table
+        inside = np.clip(radius, 0.0, radii[-1])
+        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, len(radii) - 2)
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            return self._spline(omega) - inside, self._spline.rate(omega)
+
+        start = np.interp(inside, radii, omegas)
+        return increasing_root(difference, omegas[cell], omegas[cell + 1], start, self._law_end)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        omegas = np.linspace(0.0, self._law_end, NODES_PER_CELL * len(self.radii_px) + 1)
+        return omegas, self._spline(omegas)
+
+
+def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
+    """What a spline takes over from another model: its radii, centre, stretch and the way it looks."""
+    widest = float(np.degrees(2 * camera.model_end))
+    if field_deg is None:  # some models' radii grow without end; what the picture shows has one
+        is_endless = not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= LARGEST_PX
+        field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
+    field = number("field_deg", field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
+    if field > widest * (1 + 1e-9):
+        raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
+    end = float(np.radians(field / 2))
+    count = _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, FEWEST_KNOTS)
+    omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
+    half = (camera.stretch + camera.stretch.T) / 2
+    mean = half.trace() / 2
+    return {
+        "radii_px": tuple((mean * camera.radius_from_omega(omega)).tolist()),
+        "field_deg": field,
+        "centre_px": camera.centre_px,
+        "image_size": camera.image_size,
+        "stretch_x": float((half[0, 0] - half[1, 1]) / 2 / mean),
+        "shear": float(half[0, 1] / mean),
+        "optics": camera.optics,
+        "mount": camera.mount,
+        "rim_radius_px": camera.rim_radius_px,
+    }
+
+
+def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
+    """As many even knots as it takes to follow the radii of a model up to an angle (radians), within reason.
+
+    A mirror that packs little along its rim has radii that grow ever faster there, and no few cubic pieces do.
+    """
+    omega = np.linspace(0.0, end, PROBES)
+    radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
+    for count in range(fewest, MOST_KNOTS):
+        spline = odd_basis(count, end).of(np.interp(np.arange(1, count + 1) / count * end, omega, radii))
+        if np.abs(spline(omega) - radii).max() <= FOLLOWED_PX:
+            return count
+    return MOST_KNOTS
+
+
+@dataclass(frozen=True)
+class RadialSpline(SplineModel):
+    """A central camera of no particular formula: the radius is a cubic spline of the field angle.
+
+    The knots are even from the axis, where the radius is 0, to half of ``field_deg``, where the field ends, or where
+    the radius grows at less than 1 % of its rate at the centre. Then come OpenCV's tangential terms, and a matrix
+    ``[[1 + stretch_x, shear], [shear, 1 - stretch_x]]``.
+
+    Parameters
+    ----------
+    radii_px : (n,) px
+        At the knots, growing, three or more.
+    field_deg : deg
+        Full angle of the field, up to the last knot.
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    stretch_x, shear
+        How the round picture is stretched.
+    p1, p2 : 1/px
+        Tangential distortion.
+    optics
+        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+    mount
+        How the camera stands.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no camera.
+
+    Examples
+    --------
+    >>> camera = RadialSpline((100.0, 200.0, 300.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera.image([[10.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
+    array([[519.5, 319.5]])
+    """
+
+    radii_px: tuple[float, ...]
+    field_deg: float
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    stretch_x: float = 0.0
+    shear: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "radial-spline"
+
+    def __post_init__(self) -> None:
+        self._check_splines()
+
+    @classmethod
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+        """A spline through another model's radii, to start from; distortion to one side is left out.
+
+        Parameters
+        ----------
+        camera
+            Any model of this room.
+        knots
+            How many, 3 or more; by default 6, or as many as follow the other model to .5 px, 16 at most.
+        field_deg : deg, optional
+            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
+            grow without end.
+
+        Returns
+        -------
+        RadialSpline
+            The spline.
+
+        Raises
+        ------
+        InvalidParameter
+            For a field wider than the other's.
+        """
+        return cls(**_started(camera, knots, 6, field_deg))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class ViewpointSpline(SplineModel):
+    """A camera that is not central: its rays start on the axis, at a height that is a spline of the field angle.
+
+    As :class:`RadialSpline`, and a ray of field angle Omega starts ``z(Omega)`` along the axis, the way the centre of
+    the picture looks, from the origin of the camera frame. z is an even cubic spline through ``viewpoints_mm`` at the
+    same knots. A constant in z is a shift of everything that is seen: the middle knot keeps its value, and is no
+    parameter. Points are valid farther from their viewpoint than the rays' caustic reaches, :attr:`nearest_mm`.
+
+    Parameters
+    ----------
+    radii_px : (n,) px
+        At the knots, growing, three or more.
+    viewpoints_mm : (n,) mm
+        At the knots.
+    field_deg : deg
+        Full angle of the field, up to the last knot.
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    image_size : (width, height)
+    stretch_x, shear
+        How the round picture is stretched.
+    p1, p2 : 1/px
+        Tangential distortion.
+    optics
+        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back or ahead.
+    mount
+        How the camera stands.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no camera.
+
+    Examples
+    --------
+    Seen at 90 deg is what stands at the height of that ray's viewpoint:
+
+    >>> camera = ViewpointSpline((100.0, 200.0, 300.0), (0.0, 2.0, 5.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera.image([[100.0, 0.0, -2.0]]).pixels
+    array([[519.5, 319.5]])
+    """
+
+    radii_px: tuple[float, ...]
+    viewpoints_mm: tuple[float, ...]
+    field_deg: float
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    stretch_x: float = 0.0
+    shear: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "viewpoint-spline"
+
+    def __post_init__(self) -> None:
+        self._check_splines()
+        heights = finite("viewpoints_mm", self.viewpoints_mm, -LARGEST_MM, LARGEST_MM, unit="mm")
+        if heights.shape != (len(self.radii_px),):
+            raise InvalidParameter(
+                f"viewpoints_mm = {shown(self.viewpoints_mm)} does not give one height for each of the "
+                f"{len(self.radii_px)} knots"
+            )
+
+    @classmethod
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
+        """A spline through another model's radii and viewpoints, to start from.
+
+        Parameters
+        ----------
+        camera
+            Any model of this room; a central one's viewpoints are all 0.
+        knots
+            How many, 3 or more; by default 8, or as many as follow the other model to .5 px, 16 at most.
+        field_deg : deg, optional
+            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
+            grow without end.
+
+        Returns
+        -------
+        ViewpointSpline
+            The spline.
+
+        Raises
+        ------
+        InvalidParameter
+            For a field wider than the other's.
+        """
+        start = _started(camera, knots, 8, field_deg)
+        count = len(start["radii_px"])  # type: ignore[arg-type]
+        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
+        inside = np.minimum(omega, camera.model_end)
+        heights = camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
+        start["viewpoints_mm"] = tuple(heights.tolist())
+        return cls(**start)  # type: ignore[arg-type]
+
+    @property
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        law, affine = super()._places
+        heights = (Place(f"z{i + 1}", "viewpoints_mm", i, "mm", 1.0) for i in self._free_heights)
+        return (*law, *heights), affine
+
+    @property
+    def _free_heights(self) -> list[int]:
+        count = len(self.viewpoints_mm)
+        return [i for i in range(count) if i != count // 2]
+
+    @property
+    def _height_basis(self) -> SplineBasis:
+        return even_basis(len(self.viewpoints_mm), float(np.radians(self.field_deg / 2)))
+
+    @cached_property
+    def _heights(self) -> Spline:
+        return self._height_basis.of(np.array(self.viewpoints_mm))
+
+    @cached_property
+    def nearest_mm(self) -> float:
+        """How far from their viewpoints rays meet their neighbours at most, mm; nearer points are not valid."""
+        omega = np.linspace(0.0, self.model_end, NODES_PER_CELL * len(self.radii_px) + 1)
+        return float(np.abs(self._heights.rate(omega) * np.sin(omega)).max())
+
+    @property
+    def is_central(self) -> bool:
+        return False
+
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        return self._heights(omega)
+
+    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+        """Where no two rays have met yet, so that each point is seen once: on a shell about the viewpoints."""
+        return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(omega)
+
+    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
+        """The angle whose ray meets the point: ``(z - z(Omega)) sin(Omega) = rho cos(Omega)``.
+
+        No ray meets a point from behind, so that the difference of the two changes its sign once, from below 0.
+        """
+        if distant:
+            return super()._field_angle(rho, z, distant)
+        known = np.isfinite(rho) & np.isfinite(z)
+        rho, z = np.where(known, rho, 0.0), np.where(known, z, 0.0)
+        end = self.model_end
+
+        def difference(omega: Array) -> tuple[Array, Array]:
+            sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, end)
+            height = z - self._heights(inside)
+            rate = np.where(omega < end, self._heights.rate(inside), 0.0)
+            return height * sin - rho * cos, height * cos + rho * sin - rate * sin
+
+        first = np.minimum(np.arctan2(rho, z), end)
+        start = np.arctan2(rho, z - self._heights(first))
+        omega = increasing_root(difference, np.zeros_like(rho), np.full_like(rho, np.pi), start, np.pi)
+        distance = (z - self._heights(np.minimum(omega, end))) * np.cos(omega) + rho * np.sin(omega)
+        return np.where(known & (distance > self.nearest_mm), omega, np.nan)
+
+    def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
+        """By the implicit function: derivatives of the same equation."""
+        if distant:
+            central = super()._angle_rates(omega, rho, z, distant)
+            return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))
+        sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
+        shares = self._height_basis.at(inside)
+        rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
+        return AngleRates(cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights])

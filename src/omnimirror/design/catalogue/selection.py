@@ -1,0 +1,190 @@
+"""Lenses and imagers that can be bought, for a mirror: which fit, how well, and why the others do not.
+
+The mirror stands where its field asks for, so the viewing angle at its rim is given; a lens and an imager
+have to show that angle, focus on the virtual images, and leave little blur.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...analysis.meridional.focus import best_focus
+from ...base.arguments import checked, distances
+from ...base.errors import InvalidParameter
+from ...optics.batch.best_focus import AreaModel, IdealAreas, best_vergences
+from ...optics.batch.optics import PerspectiveCamera, node_optics
+from ...optics.image_sensor import Imager
+from ...optics.lenses import Lens, Orthographic, Perspective
+from ...optics.sensor import Sensor
+from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricComponent, mounts_fit
+
+Array = NDArray[np.float64]
+
+STOPS = 2.0 ** (np.arange(-4, 25) / 4)  # F-numbers that are tried, half a stop apart
+ANGLES = 181
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A lens with an imager before the mirror.
+
+    Attributes
+    ----------
+    reasons
+        Why it cannot be used; empty where it can.
+    fill
+        Image of the rim over half of the imager's shorter side; 1 fills it.
+    rim_radius_px
+    ring_mm
+        Thickness of the extension rings that the focus needs; 0 for none.
+    sensor
+        The sensor with the best F-number and focus; None where the kind of lens is wrong.
+    worst_floored_area_deg2
+        Its worst floored blur area, by which usable combinations are ranked.
+    """
+
+    lens: str
+    imager: str
+    reasons: tuple[str, ...]
+    fill: float
+    rim_radius_px: float
+    ring_mm: float
+    sensor: Sensor | None
+    worst_floored_area_deg2: float
+
+    @property
+    def fits(self) -> bool:
+        return not self.reasons
+
+
+@checked
+def choose_parts(
+    sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.6, object_distance_mm: float = np.inf
+) -> list[Combination]:
+    """Every lens with every imager before the mirror of a sensor, best first; those that do not fit come last.
+
+    Parameters
+    ----------
+    sensor
+        Its mirror, distance, and kind of lens count; its own focal length and imager do not.
+    catalogue
+        From :func:`omnimirror.read_catalogue`.
+    least_fill
+        How much of half the imager's shorter side the rim's image has to reach at least, 0 to 1.
+    object_distance_mm
+        From the mirror to the object, mm.
+
+    Returns
+    -------
+    list of Combination
+        Each with its reasons where it does not fit, and its sensor at the best F-number and focus where it does.
+
+    Raises
+    ------
+    InvalidParameter
+        A fill outside 0 to 1, or a sensor with a second mirror.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.design.catalogue.catalogue import Catalogue, ImagerComponent, LensComponent
+    >>> shelf = Catalogue((LensComponent("8 mm", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("1 MP", 1280, 1024, 5.2),))
+    >>> best = om.choose_parts(om.load_sensor("paper-spherical"), shelf)[0]
+    >>> best.fits, best.lens, round(best.sensor.lens.focus_distance_mm)
+    (True, '8 mm', 246)
+    """
+    sensor.check("the choice of parts", "one mirror")
+    if not 0 <= least_fill <= 1:
+        raise InvalidParameter(f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1")
+    distances("object_distance_mm", object_distance_mm)
+    found = [
+        _combine(sensor, lens, imager, least_fill, object_distance_mm)
+        for lens in catalogue.lenses
+        for imager in catalogue.imagers
+    ]
+    return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
+
+
+def _combine(
+    sensor: Sensor,
+    lens: LensComponent | TelecentricComponent,
+    imager: ImagerComponent,
+    least_fill: float,
+    distance: float,
+) -> Combination:
+    if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
+        wanted = "a telecentric lens" if sensor.lens.TELECENTRIC else "a lens at a distance, not a telecentric one"
+        return Combination(lens.name, imager.name, (f"the mirror is made for {wanted}",), 0.0, 0.0, 0.0, None, np.inf)
+    part = Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um)
+    best, area = _at_best_aperture(replace(sensor, imager=part), lens, distance)
+    rim, half = best.rim_radius_px, min(part.size) / 2
+    reasons = [] if mounts_fit(lens, imager) else [f"its mount is {lens.mount}, the imager's {imager.mount}"]
+    if rim > half:
+        reasons.append(f"the rim's image of {rim:.0f} px overfills {half:g} px")
+    if rim < least_fill * half:
+        reasons.append(f"the rim's image of {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px")
+    if lens.image_circle_mm is not None and 2 * rim * part.pitch_mm > lens.image_circle_mm:
+        reasons.append(f"the lens covers {lens.image_circle_mm:g} mm, the image needs {2 * rim * part.pitch_mm:.1f} mm")
+    ring = 0.0
+    if isinstance(lens, LensComponent):
+        ring, more = rings_for(lens, best.lens.focus_distance_mm)
+        reasons += more
+    elif lens.front_diameter_mm < (width := 2 * sensor.mirror.rim_radius_mm):
+        reasons.append(f"its front of {lens.front_diameter_mm:g} mm is narrower than the mirror, {width:g} mm")
+    return Combination(lens.name, imager.name, tuple(reasons), rim / half, rim, ring, best, area)
+
+
+def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
+    """The thinnest rings with which a lens focuses at a distance, mm; or why none do.
+
+    The lens's own travel is what leads from infinity to its nearest focus, ``f^2/(L_min - f)``; rings add to it.
+
+    >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
+    >>> rings_for(lens, 400.0), rings_for(lens, 160.0)
+    ((0.0, []), (0.5, []))
+    """
+    f = part.focal_length_mm
+    needed, travel = f * f / (focus_mm - f), f * f / (part.minimum_focus_mm - f)
+    rings = part.extension_rings_mm
+    for ring in sorted(float(sum(chosen)) for n in range(len(rings) + 1) for chosen in combinations(rings, n)):
+        if ring <= needed <= ring + travel:
+            return ring, []
+    sentence = f"its nearest focus is {part.minimum_focus_mm:g} mm, the images need {focus_mm:.0f} mm"
+    if rings:
+        sentence += f", which takes rings of {needed - travel:.2f} to {needed:.2f} mm together"
+    return 0.0, [sentence]
+
+
+def _at_best_aperture(
+    sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float
+) -> tuple[Sensor, float]:
+    """The sensor with this lens at the F-number and focus of its least worst floored blur area, and that area."""
+    low, high = part.f_number_min, part.f_number_max
+    stops = np.concatenate([[low], STOPS[(low < STOPS) & (high > STOPS)], [high]])
+    if isinstance(part, TelecentricComponent):
+        lenses: list[Lens] = [Orthographic(part.magnification, float(F), 0.0) for F in stops]
+        foci = [best_focus(replace(sensor, lens=lens), object_distance_mm=distance) for lens in lenses]
+        i = int(np.argmin([f.value for f in foci]))
+        return replace(sensor, lens=lenses[i].focused_at(foci[i].focus_mm)), foci[i].value
+    focus, area = _foci(sensor, part.focal_length_mm, stops, distance)
+    i = int(area.argmin())
+    return replace(sensor, lens=Perspective(part.focal_length_mm, float(stops[i]), float(focus[i]))), float(area[i])
+
+
+def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float) -> tuple[Array, Array]:
+    """Best focus (mm) and worst floored area (deg2) at each F-number (n,)."""
+    rays = sensor.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, ANGLES))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope_over_x = np.where(rays.x > 0, rays.slope / rays.x, rays.curvature)
+        o = node_optics(rays.x, rays.z, rays.slope, rays.curvature, slope_over_x, np.asarray(rays.m), 1 / distance)
+        density = 1 / (o.magnification_t * o.magnification_s) ** 2
+    camera = PerspectiveCamera(focal_length_mm, stops, o.ray[-1], sensor.imager.pitch_mm)
+    vergence_t, vergence_s, density = (
+        np.repeat(a[None], len(stops), axis=0) for a in (o.vergence_t, o.vergence_s, density)
+    )
+    v, area = best_vergences(IdealAreas(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops))))
+    return 1 / v, area

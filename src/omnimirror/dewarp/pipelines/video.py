@@ -1,0 +1,350 @@
+"""Videos, cameras and streams straightened: from one source to any number of outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import av
+
+from ...base.arguments import checked
+from ...base.errors import InvalidParameter
+from ...base.files import is_same_file
+from ...cameras.camera import Camera
+from ...io import processing
+from ...io.keyframes import Keyframes
+from ...io.live.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
+from ...io.live.sources import TICKS, LiveSource, is_live
+from ...io.pictures.images import can_be_panorama
+from ...io.progress import FrameProgress
+from ...io.video.display import DISPLAY_LOST, Display
+from ...io.video.formats import Kind, losses
+from ...io.video.frames import Colour
+from ...io.video.mp4.spherical import can_be_spherical
+from ...io.video.numbered import NumberedPictures, check_pattern, is_of_pictures
+from ...io.video.reader import Item, VideoReader
+from ...io.video.sequences import is_sequence, may_share_a_name, numbered, numbers_of, standard_input
+from ...io.video.writer import Sink, VideoWriter
+from .. import Dewarper, views
+from ..contracts import Border, Interpolation
+from ..frames import dewarp_frame
+from ..screens import View
+from ..viewpoints import Viewpoint
+from ..yuv.planes import Siting
+from .border import AskedBorder, BorderColour
+from .request import Recording, Size, Straightening
+
+UNKNOWN_RATE = Fraction(25)
+
+
+@dataclass(frozen=True)
+class StraightenedVideo:
+    """What became of a video."""
+
+    view: View
+    outcome: processing.Outcome
+    """How many frames were written, how fast, and whether someone asked to stop."""
+    summary: str = ""
+    """Of a live source: what was received, and what was not."""
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who is told of the work."""
+
+    note: Callable[[str], None] = lambda sentence: None
+    """Told in a sentence of what is lost or in doubt."""
+    progress: Callable[[FrameProgress], None] = lambda progress: None
+    """Told a few times a second how far it is."""
+
+
+SILENT = Listener()
+
+
+@checked
+def dewarp_video(
+    source: str | Path,
+    outputs: str | Path | Sequence[str | Path],
+    *,
+    camera: Camera | Callable[[Size], Camera],
+    view: View | Callable[[Camera], View] = views.panorama,
+    interpolation: Interpolation = "auto",
+    viewpoint: Viewpoint = "exact",
+    border: AskedBorder | None = None,
+    keep_lean: bool = False,
+    stored_orientation: bool = False,
+    recording: Recording | None = None,
+    listener: Listener | None = None,
+) -> StraightenedVideo:
+    """Straighten a video, as ``omnimirror dewarp`` does: depth, colours, sound and timing stay as they are.
+
+    Parameters
+    ----------
+    source
+        A video file, numbered pictures (``f%04d.png``), a camera or stream, or ``-`` for standard input.
+    outputs
+        Files, addresses (``udp://..``), virtual cameras (``/dev/video9``) and ``-`` for a pipe.
+    camera
+        Which took it; or a function of the picture's (width, height) in px that gives it.
+    view
+        A screen of :mod:`omnimirror.screens`; or a function of the camera, such as those of :mod:`omnimirror.views`.
+    interpolation, viewpoint
+        As for :class:`omnimirror.Dewarper`.
+    border
+        The colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
+    keep_lean
+        Draw the view as the camera leans, not level.
+    stored_orientation
+        Take frames as stored, without the rotation in the display matrix of the video.
+    recording
+        What is taken of the video, and how it is written.
+    listener
+        Told of losses and progress; nobody by default.
+
+    Returns
+    -------
+    StraightenedVideo
+        The view and how many frames were written.
+
+    Raises
+    ------
+    InvalidParameter
+        Outputs or options do not fit together.
+    MediaError
+        The source cannot be read, or an output not be written.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for i in range(3):
+    ...         om.write_image(f"{folder}/{i}.png", np.full((1024, 1024, 3), 80 * i, np.uint8))
+    ...     film = om.dewarp_video(
+    ...         f"{folder}/%d.png", f"{folder}/film.mp4", camera=om.load_sensor("paper-spherical"),
+    ...         view=om.screens.Cylinder((320, 120), -60.0, 30.0),
+    ...     )
+    >>> film.outcome.frames, film.view.size
+    (3, (320, 120))
+    """
+    colour = None if border is None else BorderColour.of(border)
+    how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
+    names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
+    if not names:
+        raise InvalidParameter("outputs is empty; it is valid with one at least")
+    return straighten_video(str(source), [str(name) for name in names], how, recording or Recording(), listener)
+
+
+def straighten_video(
+    source: str,
+    outputs: Sequence[str],
+    how: Straightening,
+    recording: Recording,
+    listener: Listener | None = None,
+) -> StraightenedVideo:
+    """The same, asked for as a whole."""
+    _check_outputs(source, outputs, recording)
+    listener = listener or SILENT
+    if is_live(source):
+        return _straighten_live(source, outputs, how, recording, listener)
+    with standard_input() if source == "-" else nullcontext(source) as path:
+        return _straighten_file(str(path), outputs, how, recording, listener)
+
+
+def _straighten_file(
+    source: str, outputs: Sequence[str], how: Straightening, recording: Recording, listener: Listener
+) -> StraightenedVideo:
+    if recording.frame_rate is not None and not is_sequence(source):
+        raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
+    with_sound = any(_is_film(output) for output in outputs)
+    rate = 25.0 if recording.frame_rate is None else recording.frame_rate
+    with VideoReader(
+        source, recording.start_s or 0.0, recording.duration_s, with_sound, rate, how.stored_orientation
+    ) as reader:
+        for note in reader.notes:
+            listener.note(note)
+        turn = Turning(how, reader.size, recording, reader.siting, reader.pixel_format)
+        sink = _sinks(outputs, turn, Told(reader.frame_rate, reader.colour, reader.display), reader, listener)
+        is_watched = not any(output == "-" or _is_file(output) for output in outputs)
+        items = processing.in_real_time(reader.items()) if is_watched else reader.items()
+        if isinstance(sink, NumberedPictures):
+            items = sink.lacking(items)
+        outcome = _run(items, sink, turn, reader.expected_frames, listener)
+        _tell_of_others(outputs, outcome.frames, recording, listener)
+        return StraightenedVideo(turn.view, outcome)
+
+
+def _straighten_live(
+    source: str, outputs: Sequence[str], how: Straightening, recording: Recording, listener: Listener
+) -> StraightenedVideo:
+    if recording.start_s is not None:
+        raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
+    live = LiveSource(source, report=listener.note, stored_orientation=how.stored_orientation)
+    try:
+        first = live.first()
+        turn = Turning(how, (first.width, first.height), recording, live.siting, first.format.name)
+        told = Told(live.frame_rate or UNKNOWN_RATE, Colour.told_by(first), Display.of(first.side_data))
+        sink = _sinks(outputs, turn, told, None, listener)
+        outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
+    finally:
+        live.close()
+    _tell_of_others(outputs, outcome.frames, recording, listener)
+    summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    return StraightenedVideo(turn.view, outcome, summary)
+
+
+def _tell_of_others(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
+    """Say what an earlier, longer run left of numbered pictures: who reads them by their pattern would go on to it."""
+    for output in outputs:
+        if recording.skip_existing or not (_is_file(output) and is_of_pictures(output)):
+            continue
+        pattern = Path(output)
+        if others := [number for number in numbers_of(pattern) if number > count]:
+            first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
+            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
+
+
+def _is_file(output: str) -> bool:
+    return output != "-" and "://" not in output and not _is_virtual_camera(output)
+
+
+def _is_film(output: str) -> bool:
+    """A file with frames and sound, not numbered pictures."""
+    return _is_file(output) and not is_of_pictures(output)
+
+
+def _is_virtual_camera(output: str) -> bool:
+    return output.startswith("/dev/video")
+
+
+def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
+    """Refuse outputs that are in each other's way, and options that belong to none of them."""
+    if twice := [output for output in outputs if outputs.count(output) > 1]:
+        raise InvalidParameter(f"{twice[0]} is to be written twice; give each output once")
+    for output in outputs:
+        if _is_file(output) and is_same_file(output, source):
+            raise InvalidParameter(f"{output} is the video to straighten; write to another name")
+    pictures = [output for output in outputs if _is_file(output) and is_of_pictures(output)]
+    for pattern in map(check_pattern, pictures):
+        if is_sequence(source) and may_share_a_name(source, pattern):
+            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
+    if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
+        raise InvalidParameter(
+            f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
+        )
+    is_coded = any(_is_film(output) or "://" in output for output in outputs)
+    if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
+        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
+    if recording.pipe_format is not None and "-" not in outputs:
+        raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
+    if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
+        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
+
+
+class Turning:
+    """The view over time: it stands still, or moves with keyframes."""
+
+    border: Border
+
+    def __init__(self, how: Straightening, size: Size, recording: Recording, siting: Siting, pixel_format: str) -> None:
+        stands = how.camera_of(size)
+        self.how, self.recording, self.siting, self.pixel_format = how, recording, siting, pixel_format
+        self.camera = how.drawing(stands)
+        self.colour, self.border = how.border, 0
+        self.view: View = how.view_of(self.camera)
+        self.panorama = how.panorama_of(stands, self.view)
+        self.keyframes = None if recording.keyframes is None else Keyframes.load(recording.keyframes)
+        self.still = self._dewarper(self.view)
+        if self.keyframes is not None:
+            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
+            if unknown := [name for name in self.keyframes.tracks if name not in known]:
+                raise InvalidParameter(f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}")
+
+    def _dewarper(self, view: View) -> Dewarper:
+        return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
+
+    def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
+        """The straightened frame of a time, its colour samples where those who read it take them to lie."""
+        if self.colour is not None:  # the first frame tells how colours are coded
+            self.border, self.colour = self.colour.of_frame(frame), None
+            self.still = self._dewarper(self.view)
+        if self.keyframes is None:
+            return dewarp_frame(self.still, frame, self.siting, to_siting)
+        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]
+        return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
+
+
+class Told(NamedTuple):
+    """What a source tells of all of its frames."""
+
+    rate: Fraction
+    colour: Colour
+    display: Display
+
+
+def _sinks(outputs: Sequence[str], turn: Turning, told: Told, source: VideoReader | None, listener: Listener) -> Sink:
+    """All outputs as one; those that were opened are given up if one cannot be."""
+    with ExitStack() as opened:
+        sinks: list[Sink] = []
+        for output in outputs:
+            sinks.append(_sink(output, turn, told, source, listener))
+            opened.callback(sinks[-1].abort)
+            for note in getattr(sinks[-1], "notes", ()):
+                listener.note(note)
+        if turn.recording.preview:
+            sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
+        opened.pop_all()
+    return Tee(*sinks) if len(sinks) > 1 else sinks[0]
+
+
+def _sink(output: str, turn: Turning, told: Told, source: VideoReader | None, listener: Listener) -> Sink:
+    size, recording, rate = turn.view.size, turn.recording, told.rate
+    if told.display != Display() and not _is_film(output) and "://" not in output:
+        listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
+    if output == "-":
+        return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
+    if _is_virtual_camera(output):
+        return VirtualCamera(output, size, rate)
+    if is_of_pictures(output) and "://" not in output:
+        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        return NumberedPictures(
+            output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing
+        )  # fmt: skip
+    encoding: dict[str, Any] = recording.encoding()
+    # Streams, and files of what is live, are for any player, unless a pixel format was asked for.
+    is_for_any = source is None or "://" in output
+    if is_for_any and "pixel_format" not in encoding and (lost := losses(turn.pixel_format, Kind())):
+        listener.note(f"{output}: {lost}; --pixel-format names another choice")
+    if is_for_any:  # in the range that players take for granted
+        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
+    if "://" in output:
+        return StreamSink(output, size, rate, **encoding)
+    if can_be_spherical(output) and recording.keyframes is None:
+        encoding["panorama"] = turn.panorama
+    if source is None:
+        return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
+    return VideoWriter.like(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+
+
+def _run(
+    items: Iterable[Item], sink: Sink, turn: Turning, total: int | None, listener: Listener, ahead: int = 4
+) -> processing.Outcome:
+    """Straighten every frame."""
+    return processing.process(
+        items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, ahead=ahead,
+        progress=listener.progress,
+    )  # fmt: skip
+
+
+def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
+    """Frames of a live source for so long, by their own times."""
+    start = None
+    for frame in frames:
+        start = frame.time if start is None else start
+        if duration_s is not None and frame.time is not None and frame.time - (start or 0.0) >= duration_s:
+            return
+        yield frame

@@ -1,0 +1,296 @@
+"""The sharp picture that is looked for: its values on a fine grid, and a round of improving them.
+
+Compiled where it can be, else with sparse matrices, more slowly; both do the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.native import backend, kernel_array
+from .blurring import Blur, Whole, whole_groups
+
+Values = NDArray[np.float32]
+
+EDGE = np.float32(0.005)  # differences of roots below it cost their square, which keeps slopes from becoming stairs
+DARK = np.float32(1e-4)  # light below it has no more weight than this
+BRIGHTEST = np.float32(2)  # root of light, of white: brighter points would explain white surfaces, black between them
+SATURATED = np.float32(0.995)  # such a pixel may have been brighter
+
+
+class SharpPicture(Protocol):
+    """Roots u of its light, of which the fine values that known pixels depend on are looked for."""
+
+    def improve(self, costs: Values, steps: Whole) -> None:
+        """Go towards what makes ``|sqrt(A u^2) - y|^2 / 2 + sum costs |grad u|`` least, A being the blur.
+
+        Both terms are replaced by quadratic ones about u, and so many steps of conjugate gradients are made, in each
+        tile by itself.
+
+        Parameters
+        ----------
+        costs : (h, w)
+        steps : (tiles,)
+            A tile stays as it is where they are 0.
+        """
+
+    def log_steepness(self) -> Values:
+        """The mean logarithm (h, w) of the lengths of differences in each pixel, of all channels together; what is
+        brighter than white counts as white."""
+
+    def blurred(self) -> Values:
+        """Light (h, w, channels) of the blurred picture, 0 where nothing is known."""
+
+    def light(self) -> Values:
+        """Light (h, w, channels)."""
+
+
+class Deblurring(Protocol):
+    """What is prepared once for a blur."""
+
+    tiles: Whole
+    """(n, 2, 4) the parts that are improved each by itself, as :attr:`Blur.tiles` has them."""
+
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        """A sharp picture whose blurred one has light of such roots (h, w, 1 or 3), begun at a guess (h, w, 1 or 3)."""
+
+
+def deblurring_of(blur: Blur) -> Deblurring:
+    """Compiled if it can be."""
+    return CompiledDeblurring(blur) if backend.is_compiled else SparseDeblurring(blur)
+
+
+class CompiledDeblurring:
+    """In C++, on several threads."""
+
+    def __init__(self, blur: Blur) -> None:
+        self.tiles = blur.tiles
+        self._kernels = backend.kernels.BlurKernels(
+            *blur.size,
+            blur.fineness,
+            blur.firsts,
+            blur.offsets,
+            blur.weights,
+            blur.pixels,
+            blur.block_px,
+            blur.kernels,
+            self.tiles,
+            blur.concentration,
+        )
+
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        return CompiledPicture(self._kernels, roots, guess)
+
+
+class CompiledPicture:
+    """In C++, on several threads."""
+
+    def __init__(self, kernels: object, roots: Values, guess: Values) -> None:
+        self._sharp = backend.kernels.Sharpening(kernels, kernel_array(roots), kernel_array(guess))
+        self._shape = roots.shape
+
+    def improve(self, costs: Values, steps: Whole) -> None:
+        self._sharp.improve(kernel_array(costs), kernel_array(steps, np.int32))
+
+    def log_steepness(self) -> Values:
+        logarithms = np.empty(self._shape[:2], np.float32)
+        self._sharp.log_steepness(logarithms)
+        return logarithms
+
+    def blurred(self) -> Values:
+        light = np.zeros(self._shape, np.float32)
+        self._sharp.blurred(light)
+        return light
+
+    def light(self) -> Values:
+        light = np.empty(self._shape, np.float32)
+        self._sharp.light(light)
+        return light
+
+
+class Tile(NamedTuple):
+    """A part of the picture that is looked for as a picture of its own."""
+
+    pixels: tuple[slice, slice]
+    """Those in which its values lie."""
+    values: tuple[slice, slice]
+    """These, on the fine grid."""
+    kept: tuple[slice, slice]
+    """Those that are kept of them, on the fine grid."""
+    kept_of_values: tuple[slice, slice]
+    """The same, from its own first value."""
+    seen: NDArray[np.intp]
+    """(n,) which of the known pixels it explains."""
+    matrix: Any
+    """Of their blur."""
+    back: Any
+    """Its transpose."""
+
+
+def _tile(blur: Blur, matrix: Any, kept: Whole, explained: Whole) -> Tile:
+    f, reach = blur.fineness, (blur.reach, whole_groups(blur.reach))
+    sides = blur.size[::-1]
+    reached = [
+        (max(begin - beyond, 0), min(end + beyond, side))
+        for (begin, end), beyond, side in zip(explained.reshape(2, 2), reach, sides, strict=True)
+    ]
+    inner = [
+        (max(begin, first), min(end, last))
+        for (begin, end), (first, last) in zip(kept.reshape(2, 2), reached, strict=True)
+    ]
+    rows, columns = np.divmod(blur.pixels, blur.size[0])
+    top, bottom, left, right = explained
+    seen = np.flatnonzero((top <= rows) & (rows < bottom) & (left <= columns) & (columns < right))
+    fine_rows, fine_columns = (np.arange(f * begin, f * end) for begin, end in reached)
+    part = matrix[seen][:, np.add.outer(fine_rows * f * blur.size[0], fine_columns).ravel()]
+    return Tile(
+        _slices(reached, 1),
+        _slices(reached, f),
+        _slices(inner, f),
+        _slices([(b - first, e - first) for (b, e), (first, _) in zip(inner, reached, strict=True)], f),
+        seen,
+        part,
+        part.T.tocsr(),
+    )
+
+
+def _slices(ranges: Sequence[tuple[int, int]], times: int) -> tuple[slice, slice]:
+    rows, columns = (slice(times * begin, times * end) for begin, end in ranges)
+    return rows, columns
+
+
+class SparseDeblurring:
+    """By SciPy's sparse matrices and NumPy, on one thread."""
+
+    def __init__(self, blur: Blur) -> None:
+        self._blur, self._matrix, self._concentration = blur, blur.matrix(), blur.concentration
+        self.tiles = blur.tiles
+        self._tiles = [_tile(blur, self._matrix, *boxes) for boxes in self.tiles]
+
+    def start(self, roots: Values, guess: Values) -> SharpPicture:
+        return SparsePicture(self._blur, self._matrix, self._concentration, self._tiles, roots, guess)
+
+
+class SparsePicture:
+    """By SciPy's sparse matrices and NumPy, on one thread."""
+
+    def __init__(
+        self, blur: Blur, matrix: Any, concentration: Values, tiles: Sequence[Tile], roots: Values, guess: Values
+    ) -> None:
+        self._blur, self._matrix, self._concentration, self._tiles = blur, matrix, concentration, tiles
+        self._shape = roots.shape
+        self._seen = roots.reshape(-1, roots.shape[2])[blur.pixels]
+        self._fine = _refined(guess, blur.fineness)
+
+    def improve(self, costs: Values, steps: Whole) -> None:
+        improved = self._fine.copy()
+        for tile, own_steps in zip(self._tiles, steps, strict=True):
+            if own_steps == 0:
+                continue
+            fine, seen = self._fine[tile.values], self._seen[tile.seen]
+            of_pixels = costs[tile.pixels], self._concentration[tile.pixels]
+            own = _Quadratic(tile, fine, seen, *(_repeated(values, self._blur.fineness) for values in of_pixels))
+            improved[tile.kept] = own.improved(own_steps)[tile.kept_of_values]
+        self._fine = improved
+
+    def log_steepness(self) -> Values:
+        return _binned(_log_steepness(np.minimum(self._fine, 1))[..., None], self._blur.fineness)[..., 0]
+
+    def blurred(self) -> Values:
+        light = np.zeros((self._shape[0] * self._shape[1], self._shape[2]), np.float32)
+        light[self._blur.pixels] = self._matrix @ (self._fine**2).reshape(-1, self._shape[2])
+        return light.reshape(self._shape)
+
+    def light(self) -> Values:
+        return _binned(self._fine**2, self._blur.fineness)
+
+
+class _Quadratic:
+    """Both terms about the values of a tile."""
+
+    def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values) -> None:
+        self._tile, self._fine = tile, fine
+        steepness = np.exp(_log_steepness(fine))
+        self._stiffness = np.asarray(costs / steepness, np.float32)
+        level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
+        counted = (seen < SATURATED) | (level < seen)
+        slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
+        self._slope2 = slope**2
+        self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
+        self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]  # see Blur.concentration
+
+    def improved(self, steps: int) -> Values:
+        """The values after so many steps of conjugate gradients, which solve for what makes the pull vanish."""
+        residual = self._pull
+        x = np.zeros_like(residual)
+        d = self._scale * residual
+        power = np.vdot(residual, d)
+        for _ in range(steps):
+            if power <= 0:  # solved already
+                break
+            product = self._times(d)
+            step = power / np.vdot(d, product)
+            x += step * d
+            residual = residual - step * product
+            power, before = np.vdot(residual, self._scale * residual), power
+            d = self._scale * residual + power / before * d
+        return np.clip(self._fine + x, 0, BRIGHTEST)
+
+    def _times(self, d: Values) -> Values:
+        """The second derivative, times d."""
+        return self._fine * self._spread(self._slope2 * self._blurred(self._fine * d)) + smoothness(d, self._stiffness)
+
+    def _blurred(self, fine: Values) -> Values:
+        return np.asarray(self._tile.matrix @ fine.reshape(-1, fine.shape[2]))
+
+    def _spread(self, blurred: Values) -> Values:
+        return np.asarray(self._tile.back @ blurred).reshape(self._fine.shape)
+
+
+def smoothness(d: Values, stiffness: Values) -> Values:
+    """The transpose of differences, times stiffness (rows, columns), times the differences of d (rows, columns, n)."""
+    right, down = differences(d)
+    right *= stiffness[..., None]
+    down *= stiffness[..., None]
+    back = -right - down
+    back[:, 1:] += right[:, :-1]
+    back[1:] += down[:-1]
+    return back
+
+
+def differences(picture: Values) -> tuple[Values, Values]:
+    """To the neighbour on the right, and below; 0 at the end."""
+    right, down = np.zeros_like(picture), np.zeros_like(picture)
+    np.subtract(picture[:, 1:], picture[:, :-1], out=right[:, :-1])
+    np.subtract(picture[1:], picture[:-1], out=down[:-1])
+    return right, down
+
+
+def _log_steepness(fine: Values) -> Values:
+    """Logarithms (rows, columns) of the lengths of the differences, of all channels together."""
+    right, down = differences(fine)
+    squares = (right**2 + down**2).sum(axis=2)
+    return np.asarray(np.log(squares + EDGE**2) / 2, np.float32)
+
+
+def _refined(roots: Values, fineness: int) -> Values:
+    """On a finer grid to begin with, without the stairs of pixels, which would be taken for edges."""
+    fine = _repeated(roots, fineness)
+    return np.asarray(cv2.blur(fine, (fineness, fineness)), np.float32).reshape(fine.shape)
+
+
+def _repeated(values: Values, fineness: int) -> Values:
+    """Every value of a picture, in each of its parts on the fine grid."""
+    return np.repeat(np.repeat(values, fineness, axis=0), fineness, axis=1)
+
+
+def _binned(fine: Values, fineness: int) -> Values:
+    """Means (h, w, channels) of the values in each pixel."""
+    rows, columns, channels = fine.shape
+    means: Values = fine.reshape(rows // fineness, fineness, columns // fineness, fineness, channels).mean(axis=(1, 3))
+    return means

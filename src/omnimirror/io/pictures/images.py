@@ -1,0 +1,382 @@
+"""Picture files, read and written as they are: depth and channels kept, every failure a sentence.
+
+Colours are RGB, or RGBA, in Python whatever the file's order; OpenCV's is exchanged on the line that calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Lock
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import file_name, instance
+from ...base.errors import MediaError, OmnimirrorError
+from ...base.files import read_bytes, replacing
+from . import exr, png, xmp
+from .carried import CARRIERS, Carried, embed, read_carried
+from .headers import LARGEST_DECODED, decoded_bytes
+from .orientation import UPRIGHT, oriented, without_orientation
+from .panorama import GPano
+
+Image = NDArray[Any]
+
+
+class PictureFormat(NamedTuple):
+    """What a kind of picture file can hold."""
+
+    depths: tuple[str, ...]
+    channels: tuple[int, ...]
+    longest_px: int = 1 << 20
+    """A side of the largest picture."""
+
+    @property
+    def has_alpha(self) -> bool:
+        return 4 in self.channels
+
+
+_JPEG = PictureFormat(("uint8",), (1, 3), 65_500)
+_TIFF = PictureFormat(("uint8", "uint16", "float32"), (1, 3, 4))
+FORMATS = {
+    ".png": PictureFormat(("uint8", "uint16"), (1, 3, 4)),
+    ".jpg": _JPEG,
+    ".jpeg": _JPEG,
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
+    ".webp": PictureFormat(("uint8",), (3, 4), 16_383),
+    ".bmp": PictureFormat(("uint8",), (1, 3)),
+    ".hdr": PictureFormat(("float32",), (3,)),
+    ".exr": PictureFormat(("float32",), (1, 3, 4)),
+}
+"""What can be written, by suffix."""
+
+FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
+"""The value of an opaque alpha, by depth."""
+
+HEIC = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+"""Brands of ISO/IEC 23008-12 whose pictures are coded by HEVC, which OpenCV does not decode."""
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef")
+KINDS = ("PNG", "JPEG", "TIFF", "WebP", "AVIF", "JPEG 2000", "BMP", "GIF", "PPM", "HDR", "EXR")
+"""What can be read, in words."""
+LARGEST = 2 << 30
+"""Bytes of a picture file."""
+
+
+def format_of(path: str | Path) -> PictureFormat:
+    """What the file may hold, from its suffix.
+
+    >>> format_of("view.PNG").has_alpha, format_of("view.jpg").has_alpha
+    (True, False)
+
+    Raises
+    ------
+    MediaError
+        For a suffix that cannot be written, or not without a package that is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
+        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
+    if suffix == ".exr":
+        exr.check_exr_can_be_written(Path(path))
+    return FORMATS[suffix]
+
+
+def check_size(path: str | Path, size: tuple[int, int]) -> None:
+    """Refuse a picture of a (width, height) that the file cannot hold.
+
+    Raises
+    ------
+    MediaError
+        It is too large, or for a suffix that cannot be written.
+    """
+    longest = format_of(path).longest_px
+    if max(size) > longest:
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} holds pictures of up to {longest} px a side, and this one has "
+            f"{size[0]} x {size[1]} px; .png and .tif hold more"
+        )
+
+
+def can_be_panorama(path: str | Path) -> bool:
+    """Whether the file can say that it is a panorama.
+
+    >>> can_be_panorama("view.jpg"), can_be_panorama("view.exr")
+    (True, False)
+    """
+    return Path(path).suffix.lower() in xmp.CARRIERS
+
+
+def read_picture(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, Carried]:
+    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF, orientation."""
+    path = Path(path)
+    data = _data_of(path)
+    carried = read_carried(data)
+    if carried.orientation == UPRIGHT:
+        return _decoded(path, data), carried
+    image = _decoded(path, without_orientation(data))
+    return image if stored_orientation else np.ascontiguousarray(oriented(image, carried.orientation)), carried
+
+
+def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
+    """Read an image file.
+
+    The orientation in its EXIF data is applied, as ``cv2.imread`` and image viewers do.
+
+    Parameters
+    ----------
+    path
+        Name of the file.
+    stored_orientation
+        Return the pixels as they are stored, without the orientation applied: for a camera that was calibrated with
+        stored pixels.
+
+    Returns
+    -------
+    (h, w) or (h, w, 3) or (h, w, 4) array
+        uint8, uint16 or float32 as in the file; channels in the order red, green, blue (alpha).
+
+    Raises
+    ------
+    MediaError
+        There is no such file, or it is unreadable, cut short, or no picture.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_image(f"{folder}/red.png", np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    ...     om.read_image(f"{folder}/red.png")[0, 0]
+    array([255,   0,   0], dtype=uint8)
+    """
+    return read_picture(file_name("path", path), stored_orientation=stored_orientation)[0]
+
+
+def orientation_of(path: str | Path) -> int:
+    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be read."""
+    try:
+        return read_carried(_data_of(Path(path))).orientation
+    except MediaError:
+        return UPRIGHT
+
+
+def _data_of(path: Path) -> bytes:
+    try:
+        data = read_bytes(path, LARGEST)
+    except FileNotFoundError:
+        raise MediaError(f"there is no picture {path}") from None
+    except OSError as e:
+        raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
+    if not data:
+        raise MediaError(f"the picture {path} is empty")
+    return data
+
+
+def _decoded(path: Path, data: bytes) -> Image:
+    if not data.startswith(exr.MAGIC):
+        return decoded(path, data)
+    _check_decoded_size(path, data)
+    return exr.read_exr(path, data)
+
+
+def _check_decoded_size(path: str | Path, data: bytes) -> None:
+    size = decoded_bytes(data)
+    if size > LARGEST_DECODED:
+        raise MediaError(
+            f"the picture {path} must not take more than {LARGEST_DECODED >> 20} MB once it is decoded; got "
+            f"{-(-size >> 20)} MB by its header; reduce or split it"
+        )
+
+
+def decoded(path: str | Path, data: bytes) -> Image:
+    """Decode the picture in a file's bytes, other than OpenEXR's; ``path`` names it in messages.
+
+    Raises
+    ------
+    MediaError
+        They are cut short, damaged, or no picture, or its pixels take more than :data:`LARGEST_DECODED`.
+    """
+    if _is_cut_short(data):
+        raise MediaError(f"the picture {path} is cut short: its end is missing")
+    if data.startswith(png.SIGNATURE) and (damage := png.damage(data)):
+        raise MediaError(f"the picture {path} {damage}")
+    _check_decoded_size(path, data)
+    try:
+        with _quiet():
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as e:
+        raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
+    if image is None:
+        raise MediaError(_why_unread(path, data))
+    if image.dtype.name not in FULL:
+        raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(FULL)}")
+    return _red_and_blue_exchanged(image)
+
+
+def _why_unread(path: str | Path, data: bytes) -> str:
+    """Why nothing was seen in a file's bytes, and what to do of kinds that people have."""
+    if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC):
+        return (
+            f"{path} is an HEIC picture, which is not read; save it as JPEG (iPhones: Camera, Formats, Most Compatible)"
+        )
+    if Path(path).suffix.lower() in RAW:
+        return f"{path} is a camera's raw file, which is not read; develop it to .tif or .png"
+    return f"{path} is not a picture that can be read, or is damaged or cut short; valid are {', '.join(KINDS)}"
+
+
+def write_image(
+    path: str | Path, image: Image, *, panorama: GPano | None = None, carried: Carried | None = None
+) -> None:
+    """Write a picture file whole, or leave an earlier one as it was.
+
+    Parameters
+    ----------
+    path
+        Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are written without
+        loss, JPEG with quality 95. EXR needs the extra ``omnimirror[exr]``.
+    image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
+        uint8, uint16 or float32; channels in the order red, green, blue (alpha).
+    panorama
+        What part of the full sphere the picture shows, for viewers; JPEG, PNG, WebP and TIFF can hold it.
+    carried
+        A colour profile and EXIF, as :func:`omnimirror.io.pictures.carried.read_carried` found them; the same can
+        hold them, and ``carried.that_fits`` tells what of it a file can.
+
+    Raises
+    ------
+    MediaError
+        The suffix is not known, the format cannot hold such a picture or the panorama's metadata, or the
+        file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_image(f"{folder}/red.png", np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    ...     om.read_image(f"{folder}/red.png")[0, 0]
+    array([255,   0,   0], dtype=uint8)
+    """
+    path = file_name("path", path)
+    instance("image", image, np.ndarray, "an array of pixels")
+    if panorama is not None:
+        instance("panorama", panorama, GPano, "a GPano")
+    kind = format_of(path)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if image.ndim not in (2, 3) or 0 in image.shape:
+        raise MediaError(f"cannot write {path}: an array of shape {image.shape} is not a picture")
+    if image.dtype.name not in kind.depths or channels not in kind.channels:
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} holds {' or '.join(kind.depths)} pictures of "
+            f"{' or '.join(map(str, kind.channels))} channels, and this one is {image.dtype.name} of {channels}"
+        )
+    check_size(path, (image.shape[1], image.shape[0]))
+    if panorama is not None:
+        _check_panorama(path, image, panorama)
+    if carried and Path(path).suffix.lower() not in CARRIERS:
+        raise MediaError(f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(CARRIERS)}")
+    try:
+        with replacing(path) as temporary:
+            if temporary.suffix.lower() == ".exr":
+                exr.write_exr(temporary, image)
+            else:
+                temporary.write_bytes(_encoded(Path(path), image, panorama, carried))
+    except MediaError:
+        raise
+    except OmnimirrorError as e:
+        raise MediaError(str(e)) from None
+
+
+def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
+    if not can_be_panorama(path):
+        raise MediaError(f"{path} cannot say that it is a panorama; valid are {', '.join(xmp.CARRIERS)}")
+    height, width = image.shape[:2]
+    if panorama.cropped_size != (width, height):
+        told = " x ".join(map(str, panorama.cropped_size))
+        raise MediaError(f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px")
+
+
+def _encoded(path: Path, image: Image, panorama: GPano | None, carried: Carried | None) -> bytes:
+    """The bytes of the file."""
+    suffix = path.suffix.lower()
+    try:
+        data = encoded(image, suffix)
+    except cv2.error as e:
+        raise MediaError(f"cannot write {path}: {_reason(e)}") from None
+    if carried:
+        data = embed(suffix, data, carried)
+    return data if panorama is None else xmp.embed(suffix, data, panorama.xmp())
+
+
+def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
+    """The bytes of a file of a picture, grey, RGB or RGBA, by OpenCV's encoder for ``suffix`` and its parameters."""
+    with _quiet():
+        is_done, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
+    if not is_done:
+        height, width = image.shape[:2]
+        raise MediaError(f"a picture of {width} x {height} px cannot be written as {suffix}")
+    data: bytes = buffer.tobytes()
+    return data
+
+
+def _red_and_blue_exchanged(image: Image) -> Image:
+    """RGB of OpenCV's BGR, or the other way round; an alpha stays the last."""
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if channels not in (3, 4):
+        return image
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA))
+
+
+def _is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end mark; decoders may fill the rest with grey and say nothing."""
+    if data.startswith(png.SIGNATURE):
+        return b"IEND\xaeB`\x82" not in data
+    if data.startswith(b"\xff\xd8\xff"):
+        return data.rfind(b"\xff\xd9") < _first_scan(data)  # a thumbnail before it has an end mark of its own
+    return False
+
+
+def _first_scan(data: bytes) -> int:
+    """Where a JPEG's header segments end and its first scan begins."""
+    at = 2
+    while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
+        is_filling = data[at + 1 : at + 2] == b"\xff"
+        at += 1 if is_filling else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return at
+
+
+def _reason(e: cv2.error) -> str:
+    """OpenCV's reason, its first line without the source file."""
+    return str(e.err or e).strip().split("\n")[0]
+
+
+@dataclass
+class _Silence:
+    lock: Lock = field(default_factory=Lock)
+    users: int = 0
+    before: int = 0
+
+
+_silence = _Silence()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep OpenCV's own messages off the terminal; ours say it. The first of several threads silences it for all."""
+    logging = cv2.utils.logging
+    with _silence.lock:
+        if _silence.users == 0:
+            _silence.before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+        _silence.users += 1
+    try:
+        yield
+    finally:
+        with _silence.lock:
+            _silence.users -= 1
+            if _silence.users == 0:
+                logging.setLogLevel(_silence.before)

@@ -1,0 +1,347 @@
+"""Frames encoded and packed with copied sound, through PyAV: what a file and a stream have in common."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Protocol
+
+import av
+from av.audio.stream import AudioStream
+from av.container import OutputContainer
+from av.packet import Packet
+from av.video.stream import VideoStream
+
+from ...base.errors import InvalidParameter, MediaError, OmnimirrorError
+from .display import DISPLAY_LOST, Display
+from .display import OPTIONS as DISPLAY_OPTIONS
+from .formats import FULL_COLOUR, NO_ALPHA, Kind, losses, nearest
+from .frames import FULL_RANGE, Colour, converted, is_full_range
+from .tracks import SUBTITLES_OF, WITH_CHAPTERS, Chapter, SubtitleTrack, describe, lost_in
+
+DEFAULT_CODEC = "libx264"
+KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
+WITHOUT_COLOUR = ("mpeg4",)
+"""What cannot say how its colours are coded: limited range is understood."""
+ADDED_OPTIONS = {
+    "libx265": {"x265-params": "log-level=none"},  # it writes to the terminal by itself
+    "libvpx-vp9": {"b": "0"},  # or else its quality is that of a low bit rate
+}
+MPEG_TS_SOUND = ("aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "opus", "dca")
+"""What players find in an MPEG-TS; anything else goes in too, and is lost."""
+OF_THE_CONTAINER = ("major_brand", "minor_version", "compatible_brands", "encoder", "ENCODER")
+"""Metadata that describe the source's container and not what it holds."""
+
+
+class Writable(Protocol):
+    """What takes bytes."""
+
+    def write(self, data: bytes, /) -> int:
+        """Take some; how many."""
+        ...
+
+
+class Encoder:
+    """Encodes frames and packs them with copied sound; what a file and a stream have in common.
+
+    Parameters
+    ----------
+    target
+        A file name or an address; or what takes the bytes, with a method ``write``.
+    size : (width, height) px
+    frame_rate : frames a second
+        The mean rate, which the encoder plans its bits by; every frame keeps its own time.
+    time_base : s, optional
+        The unit of the frames' times; the frame interval where not given.
+    codec
+        An encoder of FFmpeg's.
+    crf
+        Constant quality, smaller is better; the encoder's own default where not given.
+    options
+        Further options of the encoder, such as ``{"preset": "fast"}``.
+    like
+        The pixel format of what will come: depth, resolution of colours and transparency are kept where the codec can,
+        and ``lost`` says what is not. Pictures in red, green and blue become 4:2:0 where players expect it.
+    pixel_format
+        The one to encode, whatever comes.
+    colour
+        How colours are coded; frames of pictures are converted to it.
+    display
+        What is told of the display that HDR was graded on; ``lost`` says so where the codec cannot.
+    rotation_deg : deg
+        Noted beside the frames, counter-clockwise.
+    pixel_aspect
+        Width of a pixel over its height.
+    audio
+        Streams whose packets will come, copied as they are.
+    subtitles
+        Streams of text subtitles whose packets will come, converted to the form of the container; ``lost_tracks`` says
+        so where it holds none.
+    chapters
+        Chapters; ``lost_tracks`` says so where the container holds none.
+    begins_s : s
+        Added to the times of all frames and packets.
+    metadata
+        Title, time, place and so on.
+    container_format
+        The name of the format; by the name of the target where not given.
+    container_options
+        Options of the format.
+    is_live
+        Whether threads share each frame, instead of holding several back, which is quicker.
+
+    Raises
+    ------
+    MediaError
+        The codec is not known, or does not go with the format; the format cannot hold the sound.
+    InvalidParameter
+        The codec cannot encode pictures of that size.
+    """
+
+    def __init__(
+        self,
+        target: str | Writable,
+        size: tuple[int, int],
+        frame_rate: Fraction | float,
+        time_base: Fraction | None = None,
+        codec: str = DEFAULT_CODEC,
+        crf: int | None = None,
+        options: Mapping[str, str] | None = None,
+        like: str = "yuv420p",
+        pixel_format: str | None = None,
+        colour: Colour | None = None,
+        display: Display | None = None,
+        rotation_deg: int = 0,
+        pixel_aspect: Fraction = Fraction(1),
+        audio: Sequence[AudioStream] = (),
+        subtitles: Sequence[Any] = (),
+        chapters: Sequence[Chapter] = (),
+        begins_s: Fraction = Fraction(0),
+        metadata: Mapping[str, str] | None = None,
+        container_format: str | None = None,
+        container_options: Mapping[str, str] | None = None,
+        is_live: bool = False,
+    ) -> None:
+        self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
+        self.target, self.codec = target if isinstance(target, str) else "the stream", codec
+        rate = Fraction(frame_rate).limit_denominator(1_000_000)
+        encoder_options = _options(codec, crf, options or {})
+        told = (display or Display()).options(codec)
+        if told:
+            name = DISPLAY_OPTIONS[codec]
+            encoder_options[name] = ":".join(filter(None, [told, encoder_options.get(name)]))
+        self.container: OutputContainer = av.open(
+            target, "w", format=container_format, container_options=dict(container_options or {})
+        )
+        try:
+            self._stream = self._video_stream(codec, rate, encoder_options)
+            context = self._stream.codec_context
+            self._time_base = time_base or 1 / rate
+            context.time_base = self._stream.time_base = self._time_base
+            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, like, pixel_format)
+            self.lost = "" if pixel_format else losses(like, Kind.of(self.pixel_format))
+            """What pictures in the pixel format ``like`` lose, in words."""
+            context.width, context.height = size
+            context.thread_type = "SLICE" if is_live else "AUTO"
+            context.sample_aspect_ratio = pixel_aspect
+            self.colour = Colour() if colour is None or codec in WITHOUT_COLOUR else colour
+            self.colour.put_on(context)
+            if colour is not None and colour.is_hdr and (self.colour != colour or Kind.of(self.pixel_format).bits < 10):
+                lost = "its tags are lost" if self.colour != colour else "8 bits of it show steps"
+                self.lost = ", ".join(filter(None, [self.lost, f"the picture is HDR, and {lost}"]))
+            if told is None and display not in (None, Display()):
+                self.lost = ", ".join(filter(None, [self.lost, DISPLAY_LOST]))
+            if rotation_deg:
+                self._stream.set_display_rotation(rotation_deg)
+            self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
+            self._begins_s, name = begins_s, self.container.format.name
+            self.lost_tracks = lost_in(name, audio, subtitles, chapters)
+            """Subtitles and chapters that the container cannot hold, in words."""
+            held = subtitles if name in SUBTITLES_OF else ()
+            self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in held}
+            if chapters and name in WITH_CHAPTERS:
+                moved = (c._replace(start_s=c.start_s + begins_s, end_s=c.end_s + begins_s) for c in chapters)
+                self.container.set_chapters([chapter.to_av(number) for number, chapter in enumerate(moved, 1)])
+            kept = {key: text for key, text in (metadata or {}).items() if key not in OF_THE_CONTAINER}
+            self.container.metadata.update(kept)
+            with sentences(self.target):
+                context.open()
+                self._begin(audio)
+        except BaseException:
+            self.discard()
+            raise
+
+    def encode(self, frame: av.VideoFrame, is_key: bool = False) -> None:
+        """Encode a frame; its time and colour coding count, and a packed one is converted.
+
+        With ``is_key`` it is one that players can begin with, where the codec has such frames.
+        """
+        if (frame.width, frame.height) != self.size:
+            raise InvalidParameter(
+                f"a frame of {frame.width} x {frame.height} px does not fit into {self.target}, which has "
+                f"{self.size[0]} x {self.size[1]} px"
+            )
+        frame = self._converted(frame)
+        self._set_time(frame)
+        # what was a key frame in the source need not be one here
+        frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
+        with sentences(self.target):
+            self.container.mux(self._stream.encode(frame))
+        self.frames_written += 1
+
+    def _converted(self, frame: av.VideoFrame) -> av.VideoFrame:
+        """The frame in the target's pixel format and colour coding."""
+        is_yuv = frame.format.name.startswith(("yuv", "nv"))
+        if not is_yuv:  # how colours become luma and chroma is for the target to say
+            frame.colorspace, frame.color_range = self.colour.space, self.colour.range
+            return converted(frame, self.pixel_format)
+        is_full = is_full_range(frame)
+        if is_full != self.colour.is_full_range:
+            return converted(frame, self.pixel_format, dst_color_range=1 if is_full else FULL_RANGE)
+        return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
+
+    def _set_time(self, frame: av.VideoFrame) -> None:
+        """Times in the target's unit that grow from frame to frame, as encoders and players need it."""
+        if frame.pts is None:
+            pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
+        else:
+            pts = round((frame.pts * (frame.time_base or self._time_base) + self._begins_s) / self._time_base)
+        if frame.duration and frame.time_base:
+            frame.duration = round(frame.duration * frame.time_base / self._time_base)
+        if self.frames_written:
+            pts = max(pts, self._latest_pts + 1)
+        elif frame.pts is None:
+            pts = 0
+        frame.pts = self._latest_pts = pts
+        frame.time_base = self._time_base
+
+    def copy(self, packet: Packet[AudioStream]) -> None:
+        """Pass on a packet of one of the audio or subtitle streams."""
+        made: Packet[Any] | None = None
+        if packet.size and (stream := self._audio.get(packet.stream_index)) is not None:
+            packet.stream, made = stream, packet
+        elif packet.size and (track := self._subtitles.get(packet.stream_index)) is not None:
+            made = track.packet(packet)
+        if made is None:
+            return
+        if self._begins_s:
+            shift = round(self._begins_s / made.time_base)
+            made.pts = None if made.pts is None else made.pts + shift
+            made.dts = None if made.dts is None else made.dts + shift
+        with sentences(self.target):
+            self.container.mux(made)
+
+    def finish(self) -> None:
+        """Encode what the encoder still holds back, and write the end."""
+        with sentences(self.target):
+            self.container.mux(self._stream.encode(None))
+            self.container.close()
+
+    def discard(self) -> None:
+        """Let go of the target, whatever it holds."""
+        with suppress(av.FFmpegError, OSError, ValueError):
+            self.container.close()
+
+    def _video_stream(self, codec: str, rate: Fraction, options: dict[str, str]) -> VideoStream:
+        name = self.container.format.name
+        try:
+            stream = self.container.add_stream(codec, rate=rate, options=options)
+        except ValueError:
+            raise MediaError(f"{name} cannot hold video encoded by {codec}; mp4 and mkv hold most kinds") from None
+        assert isinstance(stream, VideoStream)
+        return stream
+
+    def _audio_stream(self, source: AudioStream) -> AudioStream:
+        is_private = self.container.format.name == "mpegts" and source.codec_context.name not in MPEG_TS_SOUND
+        try:
+            if not is_private:
+                stream = self.container.add_stream_from_template(source)
+                describe(stream, source, self.container.format.name)
+                return stream
+        except ValueError:
+            pass
+        raise self._cannot_hold(source)
+
+    def _begin(self, audio: Sequence[AudioStream]) -> None:
+        """Write the head now, so that what the format cannot hold is refused before any work is done."""
+        try:
+            self.container.start_encoding()
+        except (av.error.ArgumentError, av.error.InvalidDataError, av.error.PatchWelcomeError):
+            can_hold = self.container.supported_codecs
+            for stream in audio:
+                if stream.codec_context and stream.codec_context.name not in can_hold:
+                    raise self._cannot_hold(stream) from None
+            raise
+
+    def _cannot_hold(self, source: AudioStream) -> MediaError:
+        codec = source.codec_context.name if source.codec_context else "of an unknown kind"
+        return MediaError(
+            f"{self.container.format.name} cannot hold the source's sound, which is {codec}; write to .mkv, or leave "
+            "the sound out"
+        )
+
+
+def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[str, str]:
+    """The encoder's options, all of them known to it."""
+    try:
+        context = av.CodecContext.create(codec, "w")
+    except ValueError:
+        raise MediaError(f"there is no encoder {codec!r}; valid are {', '.join(KNOWN_CODECS)}, among others") from None
+    if codec == "libsvtav1":
+        os.environ.setdefault("SVT_LOG", "0")  # it writes to the terminal by itself, and has no option for it
+    if context.type != "video":
+        raise MediaError(f"{codec} does not encode pictures; valid are {', '.join(KNOWN_CODECS)}, among others")
+    known = {option.name for option in (*context.supported_options.generic, *context.supported_options.private)}
+    wanted = {**({} if crf is None else {"crf": str(crf)}), **options}
+    for name in wanted:
+        if name not in known:
+            raise MediaError(f"the encoder {codec} knows no option {name!r}")
+    for name, value in ADDED_OPTIONS.get(codec, {}).items():
+        wanted.setdefault(name, value)
+    return wanted
+
+
+def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | None) -> str:
+    """What is asked for, or what holds most of pictures in a format; the sides must go with it."""
+    known = [pixel_format.name for pixel_format in codec.video_formats or []]
+    if asked is not None and known and asked not in known:
+        raise InvalidParameter(f"{codec.name} does not encode {asked}; valid are {', '.join(known)}")
+    chosen = asked or nearest(_wanted(codec.name, like), known)
+    try:
+        kind = Kind.of(chosen)
+    except ValueError:
+        raise InvalidParameter(f"pixel format {chosen} is not known; yuv420p is one, and yuv422p10le") from None
+    sides = [side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)]
+    if sides != [*size] and codec.name not in FULL_COLOUR:
+        raise InvalidParameter(
+            f"a video of {size[0]} x {size[1]} px cannot be encoded by {codec.name}, which halves the colours' "
+            f"resolution; valid are even sides, such as {sides[0]} x {sides[1]} px"
+        )
+    return chosen
+
+
+def _wanted(codec: str, like: str) -> Kind:
+    """What an encoder should hold of pictures in a format."""
+    kind, is_yuv = Kind.of(like), like.startswith(("yuv", "nv", "p0", "p2", "p4"))
+    if not is_yuv and codec not in FULL_COLOUR:
+        kind = replace(kind, colours="420", bits=min(kind.bits, 10))
+    return replace(kind, alpha=kind.alpha and codec not in NO_ALPHA)
+
+
+@contextmanager
+def sentences(target: str | Path) -> Iterator[None]:
+    """Turn what FFmpeg and the operating system say into a sentence."""
+    try:
+        yield
+    except (MediaError, InvalidParameter):
+        raise
+    except BrokenPipeError as e:
+        raise MediaError(f"cannot write {target}: the other side has gone away") from e
+    except (av.FFmpegError, OSError) as e:
+        raise MediaError(f"cannot write {target}: {getattr(e, 'strerror', None) or e}") from None
+    except OmnimirrorError as e:
+        raise MediaError(str(e)) from None

@@ -1,0 +1,112 @@
+"""Numbered pictures that are read and written as a video, and videos that come on standard input."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ...base.errors import MediaError
+from ...base.files import is_same_file
+
+SEQUENCES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+LARGEST_INPUT = 64 << 30
+"""Bytes of a video on standard input, which is stored in a temporary file."""
+PIECE = 1 << 20
+NUMBER = re.compile(r"%(0?)(\d*)d")
+
+
+def is_sequence(name: str | Path) -> bool:
+    """Whether a name stands for numbered pictures.
+
+    >>> is_sequence("shots/f%04d.png"), is_sequence("shots/100%.png"), is_sequence("f%d.mp4")
+    (True, False, False)
+    """
+    path = Path(name)
+    return len(NUMBER.findall(path.name)) == 1 and path.suffix.lower() in SEQUENCES and not path.exists()
+
+
+def first_number(pattern: Path) -> int:
+    """The number of a sequence's first picture.
+
+    Raises
+    ------
+    MediaError
+        There is none, or numbers are missing between the first and the last.
+    """
+    numbers = sorted(numbers_of(pattern))
+    if not numbers:
+        raise MediaError(f"there is no picture {pattern}")
+    if len(numbers) != numbers[-1] - numbers[0] + 1:
+        missing = next(n for n, number in enumerate(numbers, numbers[0]) if n != number)
+        raise MediaError(
+            f"{numbered(pattern, missing)} is missing among the pictures {pattern}; number them without gaps"
+        )
+    return numbers[0]
+
+
+def numbers_of(pattern: Path) -> Iterator[int]:
+    """The numbers of a sequence's pictures that are there, in no order."""
+    before, *_, after = NUMBER.split(pattern.name)
+    digits = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+    folder = pattern.parent
+    for path in folder.iterdir() if folder.is_dir() else ():
+        name = digits.fullmatch(path.name)
+        if name and path == numbered(pattern, int(name[1])):
+            yield int(name[1])
+
+
+def numbered_files(pattern: Path) -> Iterator[Path]:
+    """Yield the pictures of a sequence that are there, in no order."""
+    return (numbered(pattern, number) for number in numbers_of(pattern))
+
+
+def numbered(pattern: Path, number: int) -> Path:
+    """The picture of a number.
+
+    >>> numbered(Path("shots/f%04d.png"), 7).as_posix(), numbered(Path("%d.jpg"), 12).as_posix()
+    ('shots/f0007.png', '12.jpg')
+    """
+    before, zero, width, after = NUMBER.split(pattern.name)
+    return pattern.with_name(f"{before}{number:0{int(width or 1) if zero else 1}}{after}")
+
+
+def may_share_a_name(a: str | Path, b: str | Path) -> bool:
+    """Whether a picture of one sequence may have the name of one of another.
+
+    >>> may_share_a_name("f%04d.png", "./f%03d.png"), may_share_a_name("f%d.png", "out/f%d.png")
+    (True, False)
+    """
+    first, second = Path(a), Path(b)
+    (before, *_, after), (other, *_, end) = NUMBER.split(first.name), NUMBER.split(second.name)
+    is_beside = is_same_file(first.parent, second.parent) and after == end
+    return is_beside and (before.startswith(other) or other.startswith(before))
+
+
+@contextmanager
+def standard_input() -> Iterator[Path]:
+    """A file of what comes on standard input, all of it: an index may stand at its end.
+
+    Raises
+    ------
+    MediaError
+        Nothing comes, more than :data:`LARGEST_INPUT`, or it is a terminal.
+    """
+    if sys.stdin is None or sys.stdin.isatty():
+        raise MediaError("standard input is a terminal; send a video to it")
+    with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
+        path, size = Path(folder) / "standard input", 0
+        with path.open("wb") as file:
+            while piece := sys.stdin.buffer.read(PIECE):
+                size += len(piece)
+                if size > LARGEST_INPUT:
+                    raise MediaError(
+                        f"standard input must not hold more than {LARGEST_INPUT >> 30} GB; got more; name a file"
+                    )
+                file.write(piece)
+        if not size:
+            raise MediaError("there is no video on standard input, which is empty")
+        yield path

@@ -1,0 +1,1 @@
+"""Mirrors, lenses, housing, image sensor, ray tracing, sensors and sensor files."""

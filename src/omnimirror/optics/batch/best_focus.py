@@ -1,0 +1,286 @@
+"""The best focus of many designs at once: the vergence that makes the worst floored blur area least.
+
+Over the vergence v in focus (1/L0; under a telecentric lens -L0) the square of the floored area of a mirror point is
+
+    A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2
+
+with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and two functions r and D of
+the camera alone (a pixel and the Airy disk over the blur of the aperture; the scale of the image), constants of a
+telecentric one. Its maximum over the field is scanned; in the best valley the tangents of the worst points on either
+side are made to meet until they meet at the bottom. So they are in every other valley that the tangents at the places
+of the scan hint at, where they meet nearly as low. The compiled evaluator goes through the same steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.numerics.minimisation import EDGE, HALVING, MOST_STEPS, Found, Rows, bottoms
+from .built import RealCamera
+from .lens_tables import focus_powers
+from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera
+
+Array = NDArray[np.float64]
+
+SCAN = 17  # vergences at which valleys are looked for
+MARGIN = 0.05  # of the range of vergences, on either side
+HOPE = 0.02  # by which tangents may meet above the bottom that is known, areas not being convex; focus.hpp has it too
+CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
+FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
+"""The same numbers as the compiled evaluator takes them."""
+
+
+@dataclass(frozen=True)
+class AreaModel:
+    """r and D of n designs, from b = 1/b0 = 1/f - v: ``r = scale (b^2 + a^2)``, over b^2 in the paper's mode,
+    and ``D = delta b^(4 power)``. Arrays (n, 1); ``bounds`` are the vergences that a lens can be focused at. Of a
+    telecentric lens r and D are constants: the paper's mode without the Airy disk's part."""
+
+    inverse_f: Array
+    airy2: Array
+    scale: Array
+    delta: Array
+    paper: bool
+    power: int
+    bounds: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, camera: PerspectiveCamera | TelecentricCamera, count: int) -> AreaModel:
+        """The model of ``count`` designs, whose camera holds numbers or arrays (count,)."""
+        if isinstance(camera, TelecentricCamera):
+            return cls._telecentric(camera, count)
+        f, F, pitch = camera.focal_length_mm, camera.f_number, camera.pitch_mm
+        paper, scaled = camera.mode == "paper", camera.image_radius_px is not None
+        blur = f / (F * pitch) * (f if paper else 1.0)
+        image = camera.image_radius_px / camera.rim_ray if camera.image_radius_px is not None else 1 / pitch
+        airy = 2.44e-6 * camera.wavelength_nm * F / (f * pitch)
+        a, b, c, d = _columns((1 / f, airy**2, 1 / blur**2, (blur / (image * DEGREE)) ** 4), count)
+        return cls(a, b, c, d, paper, int(paper) - int(scaled), (1e-7 * a, 0.999 * a))
+
+    @classmethod
+    def _telecentric(cls, camera: TelecentricCamera, count: int) -> AreaModel:
+        nowhere = np.zeros((1, 1))
+        blur, image = camera.px_per_vergence(nowhere), camera.px_per_ray(nowhere)
+        r = (1 + camera.airy_px(nowhere) ** 2) / blur**2
+        none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
+        return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
+
+    def part(self, rows: Rows) -> AreaModel:
+        """Of some of the designs."""
+        a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
+        return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
+
+    def at(self, v: Array) -> tuple[Array, Array, Array, Array]:
+        """r, dr/dv, D and d ln D/dv at vergences (n, 1)."""
+        b = self.inverse_f - v
+        b2 = b * b
+        if self.paper:
+            r, dr = self.scale * (1 + self.airy2 / b2), 2 * self.scale * self.airy2 / (b2 * b)
+        else:
+            r, dr = self.scale * (b2 + self.airy2), -2 * self.scale * b
+        D = self.delta * (b2 * b2) ** self.power if self.power else self.delta
+        return r, dr, D, -4 * self.power / b
+
+
+def _columns(values: tuple[Array | float, ...], count: int) -> list[Array]:
+    return [np.broadcast_to(np.asarray(v, dtype=float).reshape(-1), count)[:, None] for v in values]
+
+
+@dataclass(frozen=True)
+class IdealAreas:
+    """The floored areas of designs with ideal lenses, at any focus.
+
+    Attributes
+    ----------
+    vergence_t, vergence_s : (n, k)
+        Of the images of k field angles of n designs.
+    density : (n, k)
+        (M_t M_s)^-2 of the same, 0 for angles that do not count.
+    """
+
+    vergence_t: Array
+    vergence_s: Array
+    density: Array
+    model: AreaModel
+
+    def part(self, rows: Rows) -> IdealAreas:
+        """Of some of the designs."""
+        model = self.model if isinstance(rows, slice) else self.model.part(rows)
+        return IdealAreas(self.vergence_t[rows], self.vergence_s[rows], self.density[rows], model)
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """Ends (n, 1) of the vergences worth a look."""
+        return _range(self.vergence_t, self.vergence_s, self.model.bounds)
+
+    def worst(self, v: Array) -> Found:
+        """Largest A^2 at vergences (n, 1), its derivative by v, and which angle has it; (n, 1) each."""
+        return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
+
+
+@dataclass(frozen=True)
+class RealAreas:
+    """The floored areas of designs with one real lens, at any focus: all of it parabolas of its q.
+
+    Attributes
+    ----------
+    t, s, own_t, own_s, dh, dw : (3, n, k)
+        Signed and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
+    middle_t, middle_s : (n, k)
+        Vergences in focus at which single blurs are 0, nearly.
+    counts : (n, k)
+        1 for angles that count, 0 for others.
+    """
+
+    t: Array
+    s: Array
+    own_t: Array
+    own_s: Array
+    dh: Array
+    dw: Array
+    middle_t: Array
+    middle_s: Array
+    counts: Array
+    camera: RealCamera
+
+    @classmethod
+    def of(cls, o: NodeOptics, camera: RealCamera, counts: Array) -> RealAreas:
+        """Of mirror points (n, k)."""
+        lens = camera.tables
+        found = lens.at(o.ray)
+        _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (c / camera.pitch_mm for c in found[3:])
+        wide = lens.focal_length_mm / lens.f_number
+        guess = np.clip(np.nanmean(o.vergence_t + o.vergence_s, axis=1, keepdims=True) / 2, *camera.bounds)
+        q = lens.defocus(guess)
+        at_t, at_s = (
+            focus_powers(far, q) / focus_powers(spread, q) for far, spread in ((far_t, spread_t), (far_s, spread_s))
+        )
+        t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
+        dh, dw = camera.resolution(o, found)
+        return cls(
+            t, s, own_t, own_s, dh, dw, o.vergence_t - at_t + guess, o.vergence_s - at_s + guess, counts, camera
+        )  # fmt: skip
+
+    def part(self, rows: Rows) -> RealAreas:
+        """Of some of the designs."""
+        t, s, own_t, own_s, dh, dw = (c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw))
+        rest = self.middle_t[rows], self.middle_s[rows], self.counts[rows], self.camera
+        return RealAreas(t, s, own_t, own_s, dh, dw, *rest)
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """Ends (n, 1) of the vergences worth a look."""
+        return _range(self.middle_t, self.middle_s, self.camera.bounds)
+
+    def worst(self, v: Array) -> Found:
+        """As of ideal lenses."""
+        q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
+        floor, dfloor = self.camera.floor(q)
+        t, s, own_t, own_s, dh, dw = (
+            focus_powers(c, q) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+        )
+        areas = (t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor) / (dh * dw) ** 2 * self.counts
+        j = areas.argmax(axis=1)[:, None]
+        there = [
+            np.take_along_axis(c, j[None], axis=2) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+        ]
+        (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
+            (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
+        )
+        side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
+        rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (2 * (s * ds + own_s * down_s) + dfloor) / side_s
+        rate -= 2 * (ddh / dh + ddw / dw)
+        value = np.take_along_axis(areas, j, axis=1)
+        return value, value * rate * dq, j
+
+
+def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
+    """Vergence (n,) in focus with the least worst floored area, and that area (n,), square degrees."""
+    low, high = areas.range
+    step = (high - low) / (SCAN - 1)
+    places = low + step * np.arange(SCAN)
+    seen = [areas.worst(v[:, None]) for v in places.T]
+    value, rate, angle = (np.hstack(found) for found in zip(*seen, strict=True))
+    k = np.clip(value.argmin(axis=1), 1, SCAN - 2)[:, None]
+    close = CLOSE * (high - low)
+    a, b = low + (k - 1) * step, low + (k + 1) * step
+
+    def worst(v: Array, rows: Rows) -> Found:
+        return areas.part(rows).worst(v)
+
+    def ends(v: Array, rows: Rows) -> Array:
+        return np.stack([v, *worst(v, rows)])
+
+    everywhere = slice(None)
+    v = bottoms(ends(a, everywhere), ends(b, everywhere), close, worst)
+    least = areas.worst(v)[0]
+    design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
+    if design.size:
+        a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
+        c = ends(a + cut[:, None], design)
+        rises = c[2] > 0
+        a, b = np.where(rises, ends(a, design), c), np.where(rises, c, ends(b, design))
+        other = bottoms(a, b, close[design], lambda v, rows: worst(v, design[rows]))
+        lower = worst(other, design)[0]
+        for n in np.flatnonzero(lower < least[design]):
+            if lower[n] < least[design[n]]:  # there may be two of one design
+                v[design[n]], least[design[n]] = other[n], lower[n]
+    return v[:, 0], np.sqrt(least[:, 0])
+
+
+def _other_valleys(
+    value: Array, rate: Array, angle: NDArray[np.intp], step: Array, k: NDArray[np.intp], least: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Designs, cells of the scan, and distances from where they begin to where the tangents at both ends meet: where
+    there may be a valley below the one about place k (n, 1), whose bottom is known.
+
+    It may be hidden between two places of which both fall, or both rise, if other angles are the worst there.
+    """
+    fa, fb, ga, gb = value[:, :-1], value[:, 1:], rate[:, :-1], rate[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cut = (fb - fa - gb * step) / (ga - gb)
+    kink = (cut > 0) & (cut < step) & (fa + ga * cut < least * (1 + HOPE))
+    between = (ga < 0) & (gb > 0)
+    cell = np.arange(SCAN - 1)
+    known = between & ((cell == k - 1) | (cell == k))
+    hidden = (angle[:, :-1] != angle[:, 1:]) & (ga * gb > 0)
+    design, cell = np.nonzero(kink & (between | hidden) & ~known)
+    return design, cell, cut[design, cell]
+
+
+def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tuple[Array, Array]:
+    """Ends (n, 1) of the vergences worth a look: those of the images, with a margin, in front of the lens."""
+    low = np.minimum(np.nanmin(vergence_t, axis=1), np.nanmin(vergence_s, axis=1))[:, None]
+    high = np.maximum(np.nanmax(vergence_t, axis=1), np.nanmax(vergence_s, axis=1))[:, None]
+    margin = MARGIN * (high - low)
+    return np.clip(low - margin, *bounds), np.clip(high + margin, *bounds)
+
+
+def _worst(
+    v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
+) -> tuple[Array, Array, Array]:
+    """Largest A^2, its derivative by v, and which angle has it; (n, 1) each."""
+    r, dr, D, d_log_D = model.at(v)
+    areas = _areas(v, r, vergence_t, vergence_s, density)
+    j = areas.argmax(axis=1)
+    at = j + np.arange(len(j)) * areas.shape[1]
+    t, s = v - vergence_t.take(at)[:, None], v - vergence_s.take(at)[:, None]
+    value = D * areas.take(at)[:, None]
+    return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]
+
+
+def _areas(v: Array, r: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:
+    """A^2 over D (n, k)."""
+    t = v - vergence_t
+    t *= t
+    t += r
+    s = v - vergence_s
+    s *= s
+    s += r
+    t *= s
+    t *= density
+    return t

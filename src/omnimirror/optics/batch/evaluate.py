@@ -1,0 +1,359 @@
+"""Designs by the thousand: mapping, images, blur, and each at its own best focus.
+
+:func:`omnimirror.evaluate` looks at one sensor from every side; this looks at many of one family, at the
+same fractions of their rim radius, and only at what an optimiser weighs. Results agree with those of
+``evaluate`` to rounding. Compiled where the native part is built, in NumPy elsewhere, to the same 12 digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.errors import InvalidParameter
+from ...base.native import backend, kernel_array
+from ...base.numerics.lazy import cached_property
+from ..housing import Housing
+from ..image_sensor import Imager
+from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
+from ..mirrors.conics import conic_profile
+from ..sensor import Sensor
+from .bases import Family
+from .best_focus import FOCUS_SEARCH, AreaModel, IdealAreas, RealAreas, best_vergences
+from .built import RealCamera, Walls, aim_of, as_rim, built_optics, walls_of
+from .lens_tables import LensTables, tables_of
+from .optics import (
+    DEGREE,
+    FocusedCamera,
+    NodeOptics,
+    PerspectiveCamera,
+    TelecentricCamera,
+    node_optics,
+    telecentric_optics,
+)
+
+Array = NDArray[np.float64]
+Numbers = Any
+"""One number, or an array with one per design; an array once it is in :class:`Designs`."""
+
+ROUNDING = 1e-12  # relative; a rim this little past the end of a lens's field is at it
+BLOCK = 256  # designs per block: their intermediate arrays of 100 angles stay in the cache
+BATCH_COLUMNS = (
+    "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
+    "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2",
+)  # fmt: skip
+"""What is computed at every angle, by the names that ``evaluate`` gives them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Designs:
+    """n sensors with mirrors of one family, lenses of one kind and the same pixels.
+
+    Attributes
+    ----------
+    coefficients : (n, terms)
+        In units of the rim radius, as the family's mirrors take them.
+    rim_radius_mm, mirror_distance_mm, focal_length_mm, f_number : (n,)
+        Numbers stand for all designs.
+    vertex_radius_mm, conic : (n,)
+        Of a conic with asphere terms; left alone by other families.
+    magnification : (n,)
+        Of telecentric lenses, of which distance and focal length do not count and the F-number is the image's; 0 of
+        perspective ones.
+    mode, image_radius_px, wavelength_nm
+        As :func:`omnimirror.evaluate` takes them.
+    object_distance_mm
+        From mirror to object; or one distance for each field angle.
+    least_omega_deg
+        Field angles below this do not count for the best focus.
+    lens
+        A real lens, by its table or its surfaces, which all designs have; distances count from its reference point.
+    housing
+        What stands around the mirrors: a tube, a dome or a window bends the rays of each.
+    """
+
+    family: Family
+    coefficients: Array
+    mirror_distance_mm: Numbers
+    rim_radius_mm: Numbers
+    focal_length_mm: Numbers
+    f_number: Numbers
+    pixel_pitch_um: float
+    vertex_radius_mm: Numbers = np.inf
+    conic: Numbers = 0.0
+    magnification: Numbers = 0.0
+    mode: BlurMode = "exact"
+    image_radius_px: float | None = None
+    wavelength_nm: float = 550.0
+    object_distance_mm: float | Array = np.inf
+    least_omega_deg: float = 0.0
+    lens: FieldLens | None = None
+    housing: Housing = field(default_factory=Housing)
+
+    def __post_init__(self) -> None:
+        self._check_built()
+        c = kernel_array(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
+        if c.ndim != 2 or c.shape[1] != self.family.terms:
+            raise InvalidParameter(
+                f"coefficients have shape {c.shape}; {self.family.name} with {self.family.terms} terms needs "
+                f"(n, {self.family.terms})"
+            )
+        object.__setattr__(self, "coefficients", c)
+        for name in _NUMBERS:
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape not in ((), (len(c),)):
+                raise InvalidParameter(f"{name} has shape {value.shape}; it needs one number, or one per design")
+            value = np.ascontiguousarray(np.broadcast_to(value, len(c)))
+            if name not in ("vertex_radius_mm", "conic", "magnification") and not (value > 0).all():
+                raise InvalidParameter(f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0")
+            object.__setattr__(self, name, value)
+        if (self.magnification > 0).any() and not (self.magnification > 0).all():
+            raise InvalidParameter("magnification is above 0 for some designs only; all lenses are of one kind")
+        if not np.all(np.asarray(self.object_distance_mm) > 0):
+            raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0")
+
+    def _check_built(self) -> None:
+        """What a real lens says itself, and what there is no meridian for."""
+        shell = self.housing.shell
+        if shell is not None and not shell.is_axial:
+            raise InvalidParameter(
+                f"the {shell.KIND} is decentred or tilted; designs are evaluated in the meridian of an aligned one"
+            )
+        if self.lens is None:
+            return
+        if self.mode != "exact" or self.image_radius_px is not None or np.any(np.asarray(self.magnification) > 0):
+            raise InvalidParameter(
+                f"mode = {self.mode!r}, image_radius_px = {self.image_radius_px} or a magnification does not apply to "
+                'a lens known by its field; mode = "exact" alone is valid'
+            )
+        object.__setattr__(self, "focal_length_mm", self.lens.focal_length_mm)
+        object.__setattr__(self, "f_number", self.lens.f_number)
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether an ideal lens looks at mirrors that nothing clear surrounds."""
+        return self.lens is None and self.housing.shell is None
+
+    @cached_property
+    def tables(self) -> LensTables | None:
+        """The real lens as tables."""
+        return None if self.lens is None else tables_of(self.lens)
+
+    def walls(self, rim_sag_mm: Array) -> Walls | None:
+        """The walls of designs whose rims are so high (n,), mm."""
+        m = np.full(len(self), np.inf) if self.is_telecentric else self.mirror_distance_mm
+        return walls_of(self.housing, m[:, None], rim_sag_mm[:, None], self.rim_radius_mm[:, None])
+
+    def __len__(self) -> int:
+        return len(self.coefficients)
+
+    def part(self, rows: slice | Array) -> Designs:
+        """Some of the designs."""
+        chosen = {name: getattr(self, name)[rows] for name in ("coefficients", *_NUMBERS)}
+        return replace(self, **chosen)
+
+    @property
+    def is_telecentric(self) -> bool:
+        return bool((self.magnification > 0).all())
+
+    def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera | RealCamera:
+        """Lenses and pixels in columns (n, 1); ``rim_ray`` (n, 1) is the ray coordinate of the rim."""
+        pitch = self.pixel_pitch_um * 1e-3
+        mu, f, F = (v[:, None] for v in (self.magnification, self.focal_length_mm, self.f_number))
+        if self.tables is not None:
+            return RealCamera(self.tables, pitch, self.wavelength_nm)
+        if self.is_telecentric:
+            return TelecentricCamera(mu, F, rim_ray, pitch, self.image_radius_px, self.wavelength_nm)
+        return PerspectiveCamera(f, F, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm)
+
+    def sensor(self, i: int, imager: Imager, focus_mm: float, name: str = "design") -> Sensor:
+        """Design i as an ordinary sensor, focused at an object distance."""
+        R, k = (float(v[i]) for v in (self.vertex_radius_mm, self.conic))
+        mirror = self.family.mirror(self.coefficients[i], float(self.rim_radius_mm[i]), R, k)
+        F = float(self.f_number[i])
+        lens: Lens
+        if self.lens is not None:
+            lens = self.lens.focused_at(float(focus_mm))
+        elif self.is_telecentric:
+            lens = Orthographic(float(self.magnification[i]), F, float(focus_mm))
+        else:
+            lens = Perspective(float(self.focal_length_mm[i]), F, float(focus_mm))
+        distance = float(self.mirror_distance_mm[i])
+        return Sensor(mirror, lens, imager, mirror_distance_mm=distance, name=name, housing=self.housing)
+
+
+WALL_KINDS = ("none", "plane", "cylinder", "sphere")
+"""As the compiled evaluator counts them."""
+_NUMBERS = (
+    "mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic", "magnification"
+)  # fmt: skip
+"""One per design; the compiled evaluator takes them in this order."""
+
+
+@dataclass(frozen=True, eq=False)
+class BatchEvaluation:
+    """n designs at k field angles each, every one at its own best focus.
+
+    Attributes
+    ----------
+    columns : (10, n, k)
+        In the order of :data:`BATCH_COLUMNS`; also to be had by their names.
+    focus_mm, worst_floored_area_deg2 : (n,)
+        Focus with the least worst floored blur area, and that area.
+    valid : (n,)
+        Whether a design has a surface that the lens sees from in front, and a mapping that is one to one from
+        node to node: what a rough spline does between two of them, :func:`omnimirror.evaluate` finds.
+        The numbers of those that have not mean nothing.
+    """
+
+    columns: Array
+    focus_mm: Array
+    worst_floored_area_deg2: Array
+    valid: NDArray[np.bool_]
+
+    def __getattr__(self, name: str) -> Any:
+        if name in BATCH_COLUMNS:
+            return self.columns[BATCH_COLUMNS.index(name)]
+        raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+
+
+def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bool | None = None) -> BatchEvaluation:
+    """Mapping, images and blur of many designs, each at its own best focus.
+
+    Parameters
+    ----------
+    angles
+        At how many field angles (those of equal steps from the axis to the rim of the mirror), or at which
+        fractions (k,) of the rim radius.
+    native
+        Whether to use the compiled evaluator; by default where it is.
+
+    Raises
+    ------
+    InvalidParameter
+        Fractions outside 0 to 1, or the compiled evaluator wanted where there is none.
+
+    Examples
+    --------
+    Two mirrors of the paper's equidistant shape, at two distances from the lens:
+
+    >>> from omnimirror.optics.batch.bases import family
+    >>> c = [[0.6409, 0.1550, -0.01]] * 2
+    >>> designs = Designs(family("even-polynomial", 3), c, [172.0, 180.0], 43.9, 11.6, 4.0, 5.2)
+    >>> result = evaluate_designs(designs)
+    >>> result.focus_mm.round(1), result.blur_t_px.shape
+    (array([205.3, 213.1]), (2, 100))
+    """
+    u = np.linspace(0.0, 1.0, angles) if isinstance(angles, int) else np.asarray(angles, dtype=float).ravel()
+    if not (u.size and (u >= 0).all() and (u <= 1).all()):
+        raise InvalidParameter("angles need at least one, at fractions from 0 to 1 of the rim radius")
+    if np.shape(designs.object_distance_mm) not in ((), u.shape):
+        raise InvalidParameter(f"object_distance_mm needs one number, or one for each of the {u.size} field angles")
+    if native and not backend.is_compiled:
+        raise InvalidParameter("the compiled evaluator is not here; install omnimirror where a C++20 compiler works")
+    if backend.is_compiled if native is None else native:
+        return _compiled(designs, u)
+    blocks = [_block(designs.part(slice(i, i + BLOCK)), u) for i in range(0, len(designs), BLOCK)]
+    return BatchEvaluation(
+        np.concatenate([b.columns for b in blocks], axis=1),
+        *(np.concatenate([getattr(b, n) for b in blocks]) for n in ("focus_mm", "worst_floored_area_deg2", "valid")),
+    )
+
+
+def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
+    """x, z, z', z'' and z'/x, (n, k), in mm."""
+    basis, M = d.family.basis(u), d.rim_radius_mm[:, None]
+    x = u * M
+    z, slope, curvature = (d.coefficients @ part for part in basis)
+    z, curvature = z * M, curvature / M
+    if d.family.has_conic:
+        R, k = (v[:, None] for v in (d.vertex_radius_mm, d.conic))
+        z, slope, curvature = (a + b for a, b in zip((z, slope, curvature), conic_profile(x, R, k), strict=True))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope_over_x = np.where(x > 0, slope / x, curvature)
+    return x, z, slope, curvature, slope_over_x
+
+
+def _optics(d: Designs, u: Array) -> NodeOptics:
+    x, z, slope, curvature, slope_over_x = _profiles(d, u)
+    near = 1 / np.asarray(d.object_distance_mm, dtype=float)
+    if not d.is_bare:
+        m = np.full((len(d), 1), np.inf) if d.is_telecentric else d.mirror_distance_mm[:, None]
+        rim_sag = _profiles(d, np.ones(1))[1][:, 0]
+        aim = aim_of(x, m + z, d.tables)
+        return as_rim(built_optics(x, z, slope, curvature, slope_over_x, aim, near, d.walls(rim_sag)))
+    if d.is_telecentric:
+        return telecentric_optics(x, z, slope, curvature, slope_over_x, near)
+    return node_optics(x, z, slope, curvature, slope_over_x, d.mirror_distance_mm[:, None], near)
+
+
+def _block(d: Designs, u: Array) -> BatchEvaluation:
+    """As :func:`evaluate_designs`, in NumPy, for a few designs."""
+    with np.errstate(all="ignore"):
+        o = _optics(d, u)
+        camera = d.camera(o.ray[:, -1:])
+        counts = np.broadcast_to(o.seen & (o.omega >= d.least_omega_deg * DEGREE), o.omega.shape)
+        known = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
+        usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
+        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & known
+        v, worst = best_vergences(_areas(d, o, camera, counts))
+        look, v = camera.at(o, v[:, None]), v[:, None]
+        floor = 1 + look.airy_px**2
+        sides = look.t_px**2 + look.own_t_px**2 + floor, look.s_px**2 + look.own_s_px**2 + floor
+        area = np.sqrt(sides[0] * sides[1]) / (look.dh * look.dw)
+        origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
+        distance: Any = np.negative if d.is_telecentric else np.reciprocal
+        columns = (
+            o.omega / DEGREE, camera.height_px(o.ray, v), look.dh, look.dw, o.viewpoint_z,
+            distance(o.vergence_t) + origin, distance(o.vergence_s) + origin, look.t_px, look.s_px, area,
+        )  # fmt: skip
+        table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
+        focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
+        return BatchEvaluation(table, focus, worst, valid)
+
+
+def _areas(d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array) -> IdealAreas | RealAreas:
+    """The floored areas of designs at any focus."""
+    if isinstance(camera, RealCamera):
+        return RealAreas.of(o, camera, counts)
+    assert isinstance(camera, PerspectiveCamera | TelecentricCamera)
+    density = np.where(counts, 1 / (o.magnification_t * o.magnification_s) ** 2, 0.0)
+    return IdealAreas(o.vergence_t, o.vergence_s, density, AreaModel.of(camera, len(d)))
+
+
+def _compiled(d: Designs, u: Array) -> BatchEvaluation:
+    """As :func:`_block`, for all designs at once on the threads of the native part."""
+    columns, results = np.empty((len(BATCH_COLUMNS), len(d), u.size)), np.empty((3, len(d)))
+    numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
+    basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
+    near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))
+    backend.kernels.evaluate_designs(
+        d.coefficients, numbers, basis, kernel_array(u), d.family.has_conic, d.mode == "paper",
+        d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
+        d.least_omega_deg * DEGREE, FOCUS_SEARCH, *_of_lens(d), *_of_walls(d), columns, results,
+    )  # fmt: skip
+    focus, worst, valid = results
+    return BatchEvaluation(columns, focus, worst, valid > 0)
+
+
+def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:
+    """The real lens as the compiled evaluator takes it."""
+    if (t := d.tables) is None:
+        return np.empty((0, 2, 1)), (0.0,) * 7
+    numbers = t.end, t.focal_length_mm, t.f_number, t.pupil_from_principal_mm, t.pupil_mm
+    return t.values, (*numbers, *t.bounds)
+
+
+def _of_walls(d: Designs) -> tuple[Array, tuple[int, float, float]]:
+    """The walls as the compiled evaluator takes them."""
+    walls = None if d.housing.shell is None else d.walls(_profiles(d, np.ones(1))[1][:, 0])
+    if walls is None:
+        return np.empty((0, 1)), (0, 1.0, 1.0)
+    inner, outer = walls.sides
+    ends = (0.0, 0.0) if walls.ends is None else walls.ends
+    rows = (inner.radius, outer.radius, inner.height, outer.height, *ends, walls.fits)
+    numbers = np.hstack([np.broadcast_to(np.asarray(row, dtype=float), (len(d), 1)) for row in rows])
+    return np.ascontiguousarray(numbers), (WALL_KINDS.index(inner.kind), *walls.indices)

@@ -1,0 +1,358 @@
+"""Clear walls between the mirror and the world: tubes, domes and flat windows, of a material, before a medium."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from ...base.errors import InvalidParameter
+from ...base.parameters import Parameter
+from .base import Envelope, HousingPart
+from .materials import NAMES, index_of
+
+CLEARANCE_MM = 3.0
+"""Between the rim and a tube or a dome, where its diameter is not given."""
+BEYOND_LENS_MM = 5.0
+"""From the lens to a window whose place is not given."""
+WALL = {
+    "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
+    "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
+    "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
+    "material": Parameter("", 0.0, 0.0, "of the wall, instead of its index", NAMES),
+    "medium": Parameter("", 0.0, 0.0, "what is outside, instead of air", NAMES),
+    "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
+    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
+    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
+    "tilt_x_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"),
+    "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
+}
+WALL_INDEX = 1.49
+"""Of acrylic, where neither index nor material is given."""
+
+
+class ClearWall(HousingPart):
+    """What is common to covers of clear material: between air inside and a medium outside.
+
+    Where it does not sit as meant, it is first turned about where the mirror's vertex is meant to be, then moved, as
+    ``[mirror_pose]`` moves a mirror; lids stay.
+    """
+
+    KIND: ClassVar[str]
+    wall_mm: float
+    diameter_mm: float | None
+    refractive_index: float
+    material: str | None
+    medium: str | None
+    medium_index: float
+    decentre_x_mm: float
+    decentre_y_mm: float
+    tilt_x_deg: float
+    tilt_y_deg: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.material is not None and self.refractive_index != WALL_INDEX:
+            raise InvalidParameter(
+                f"refractive_index = {self.refractive_index:g} and material = {self.material!r} were both given; give "
+                "one of them"
+            )
+        if self.medium is not None and self.medium_index != 1.0:
+            raise InvalidParameter(
+                f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
+            )
+        self._check_room()
+
+    def _check_room(self) -> None:
+        """Refuse a wall that leaves no room inside."""
+        if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
+            raise InvalidParameter(
+                f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
+                f"{self.diameter_mm / 2:g} mm"
+            )
+
+    @property
+    def index(self) -> float:
+        """Refractive index of the wall."""
+        return self.refractive_index if self.material is None else index_of(self.material)
+
+    @property
+    def outer_index(self) -> float:
+        """Refractive index of what is outside."""
+        return self.medium_index if self.medium is None else index_of(self.medium)
+
+    @property
+    def is_axial(self) -> bool:
+        """Whether it shares the lens's axis: neither decentred nor tilted."""
+        return not (self.decentre_x_mm or self.decentre_y_mm or self.tilt_x_deg or self.tilt_y_deg)
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Inner and outer radius, of a cover whose size is known."""
+        assert self.diameter_mm is not None, "a wall that is not fitted yet"
+        outer = self.diameter_mm / 2
+        return outer - self.wall_mm, outer
+
+    def centred(self) -> Self:
+        """The same where it is meant to be."""
+        places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
+        return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
+
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """The same with the indices that named materials have for light of a wavelength, nm."""
+        indices: dict[str, Any] = {}
+        if self.material is not None:
+            indices |= {"material": None, "refractive_index": index_of(self.material, wavelength_nm)}
+        if self.medium is not None:
+            indices |= {"medium": None, "medium_index": index_of(self.medium, wavelength_nm)}
+        return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
+
+
+def wall_words(shell: ClearWall) -> str:
+    """Return the material of a wall and of the medium outside, by name where they have one.
+
+    >>> wall_words(Tube(material="polycarbonate", medium="water"))
+    'polycarbonate, n = 1.5855, in water, n = 1.3331'
+    >>> wall_words(Tube())
+    'n = 1.49'
+    """
+    named = f"{_name(shell.material)}, " if shell.material else ""
+    words = f"{named}n = {shell.index:g}"
+    if shell.outer_index == 1.0:
+        return words
+    medium = f"{_name(shell.medium)}, " if shell.medium else "a medium of "
+    return f"{words}, in {medium}n = {shell.outer_index:g}"
+
+
+def _name(material: str) -> str:
+    return material.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class Tube(ClearWall):
+    """A clear tube about the axis, with opaque discs in it: in the plane of the lens, and at the mirror's back.
+
+    Around two mirrors it begins at the back of the second.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Outer; by default the next full millimetre that leaves 3 mm around the mirror's rim.
+    wall_mm, refractive_index
+        Of its wall; acrylic by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, a wall that fills the tube, or an index given twice.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "tube"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """How wide it is inside at a height, mm: the same at all."""
+        return self.radii_mm[0]
+
+    def fitted(self, envelope: Envelope) -> Tube:
+        """The tube with the sizes that it takes from the sensor."""
+        least, usual = self.diameters(envelope.outer_mm)
+        diameter = self.diameter_mm or float(usual)
+        if diameter < least:
+            raise InvalidParameter(
+                f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
+                f"diameter is valid from {least:g} mm"
+            )
+        return replace(self, diameter_mm=diameter)
+
+    def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
+        """Least and usual outer diameter around mirrors of some radii, numbers or arrays."""
+        least = 2 * (outer_mm + self.wall_mm)
+        return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
+
+
+@dataclass(frozen=True)
+class Dome(ClearWall):
+    """A clear dome: the space between two spheres about the axis, cut off at an opaque disc in the plane of the lens.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Of the outer sphere; by default it leaves 3 mm around the mirror's rim, to the next full millimetre.
+    wall_mm
+        Measured where the axis meets it, if the spheres had one centre.
+    refractive_index
+        Acrylic by default.
+    centre_mm : optional
+        Height of the outer sphere's centre; by default midway between the lens and the mirror's back. A dome about the
+        viewpoints bends rays least.
+    inner_shift_mm
+        By how much the inner sphere's centre is higher; 0, one centre, by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, a wall that fills the dome, an index given twice, or an inner sphere
+        that breaks through it.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    centre_mm: float | None = None
+    inner_shift_mm: float = 0.0
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "dome"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
+        "inner_shift_mm": Parameter("mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not abs(self.inner_shift_mm) < self.wall_mm:
+            raise InvalidParameter(
+                f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
+            )
+
+    @property
+    def centres_mm(self) -> tuple[float, float]:
+        """Height of the inner and of the outer sphere's centre."""
+        assert self.centre_mm is not None, "a dome that is not fitted yet"
+        return self.centre_mm + self.inner_shift_mm, self.centre_mm
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """How wide it is inside at a height, mm; 0 where it does not reach."""
+        square = self.radii_mm[0] ** 2 - (height_mm - self.centres_mm[0]) ** 2
+        return float(np.sqrt(max(square, 0.0)))
+
+    def fitted(self, envelope: Envelope) -> Dome:
+        """The dome with the sizes that it takes from the sensor."""
+        back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
+        centre = float(self.centre_between(lens, back))
+        least, usual = self.diameters(lens, back, rim)
+        diameter = self.diameter_mm or float(usual)
+        if diameter < least:
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
+                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+            )
+        if diameter / 2 - self.wall_mm <= abs(lens - centre):
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
+                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+            )
+        return replace(self, diameter_mm=diameter, centre_mm=centre)
+
+    def centre_between(self, lens_mm: Any, back_mm: Any) -> Any:
+        """Height of the outer sphere's centre between lenses and the backs of mirrors, numbers or arrays."""
+        return (back_mm + lens_mm) / 2 if self.centre_mm is None else self.centre_mm
+
+    def diameters(self, lens_mm: Any, back_mm: Any, outer_mm: Any) -> tuple[Any, Any]:
+        """Least and usual outer diameter around mirrors, numbers or arrays."""
+        lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
+        centre = np.real(self.centre_between(lens, back))
+        farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
+        least = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
+        return least, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm))
+
+
+@dataclass(frozen=True)
+class FlatWindow(ClearWall):
+    """A flat clear pane beyond the lens, square to the axis, that all of the field is seen through; opaque around it.
+
+    Only rays that lead back past the lens come to it: the field ends before 90 deg.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Of the clear opening; by default all that is seen through it passes.
+    wall_mm, refractive_index
+        Of the pane; acrylic by default.
+    height_mm : optional
+        Of its inner side over the mirror's vertex; by default 5 mm beyond the lens.
+    material, medium : optional
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`, of the pane instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, or an index given twice.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    height_mm: float | None = None
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "window"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
+        "height_mm": Parameter("mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"),
+    }
+
+    def _check_room(self) -> None:
+        """A pane is as thick as it is."""
+
+    @property
+    def heights_mm(self) -> tuple[float, float]:
+        """Heights of the inner and of the outer side, of a window whose place is known."""
+        assert self.height_mm is not None, "a window that is not fitted yet"
+        return self.height_mm, self.height_mm - self.wall_mm
+
+    def fitted(self, envelope: Envelope) -> FlatWindow:
+        """The window with the place that it takes from the sensor."""
+        height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
+        if height > envelope.lens_mm:
+            raise InvalidParameter(
+                f"height_mm = {height:g} puts the window between lens and mirror, where the lens looks through it too; "
+                f"it is valid up to {envelope.lens_mm:g} mm, in the plane of the lens or beyond"
+            )
+        return replace(self, height_mm=height)
+
+
+Shell = Tube | Dome | FlatWindow
+SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {kind.KIND: kind for kind in (Tube, Dome, FlatWindow)}
+"""Clear walls around or before a sensor, by the word that names them."""

@@ -1,0 +1,219 @@
+"""The pixel array: its size, its pitch, and where the mirror axis meets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arguments import numbers
+from ..base.errors import InvalidParameter
+from ..base.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Imager:
+    """A rectangular array of square pixels.
+
+    Parameters
+    ----------
+    width_px, height_px
+    pixel_pitch_um : micrometres
+    centre_px : (u, v), optional
+        Point at which the optical axis meets the array; integers are pixel centres. The middle by default. It refers
+        to the image before a flip: with ``image_flipped`` the axis lies at ``width_px - 1 - u`` in the delivered image.
+
+    Raises
+    ------
+    InvalidParameter
+        For a size or pitch outside its range.
+
+    Examples
+    --------
+    >>> Imager(1024, 1024, 5.2).centre
+    (511.5, 511.5)
+    """
+
+    width_px: int
+    height_px: int
+    pixel_pitch_um: float
+    centre_px: tuple[float, float] | None = None
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "width_px": Parameter("px", 1, 100_000, "number of columns"),
+        "height_px": Parameter("px", 1, 100_000, "number of rows"),
+        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "distance of neighbouring pixels"),
+        "centre_px": Parameter(
+            "px", -1e6, 1e6, "point (u, v) at which the optical axis meets the array, before a flip"
+        ),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None or f.name != "centre_px":
+                self.PARAMETERS[f.name].check(f.name, value)
+        for name in ("width_px", "height_px"):
+            value = numbers(name, getattr(self, name), "(it takes one)")
+            if value.ndim or int(value) != value:
+                raise InvalidParameter(f"{name} = {getattr(self, name)} is not a whole number of pixels")
+        if self.centre_px is not None:
+            if len(self.centre_px) != 2:
+                raise InvalidParameter(f"centre_px has {len(self.centre_px)} numbers; it needs two, u and v")
+            object.__setattr__(self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1])))
+
+    @property
+    def pitch_mm(self) -> float:
+        return self.pixel_pitch_um * 1e-3
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.width_px, self.height_px
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Where the optical axis meets the array, (u, v) in pixels."""
+        return self.centre_px or ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+
+    @property
+    def inscribed_radius_px(self) -> float:
+        """Radius of the largest circle about the optical axis that the array holds, pixels.
+
+        >>> Imager(1280, 1024, 4.8).inscribed_radius_px
+        512.0
+        """
+        u, v = self.centre
+        return min(u, v, self.width_px - 1 - u, self.height_px - 1 - v) + 0.5
+
+    @property
+    def long_radius_px(self) -> float:
+        """Radius of the largest circle about the optical axis that the array's long side holds, pixels.
+
+        >>> Imager(1920, 1080, 3.0).long_radius_px
+        960.0
+        """
+        u, v = self.centre
+        return max(min(u, self.width_px - 1 - u), min(v, self.height_px - 1 - v)) + 0.5
+
+
+@dataclass(frozen=True)
+class ImagerPose:
+    """How an imager leans against the lens; the default is square to the axis.
+
+    Turned in its own plane by ``rotation_deg``, then about the image's X and then about its Y, by the right-hand rule,
+    all through the point that the optical axis meets.
+
+    Parameters
+    ----------
+    tilt_x_deg, tilt_y_deg
+        Rotation about the image's X, then about its Y.
+    rotation_deg
+        In its plane, from image right towards image bottom.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+
+    Examples
+    --------
+    >>> pose = ImagerPose(tilt_y_deg=1.0)
+    >>> flat, depth = pose.flat(np.array([[3.0, 0.0]]), 12.0)  # mm, of a lens whose principal distance is 12 mm
+    >>> flat.round(4), depth.round(4), pose.tilted(flat, 12.0).round(9)
+    (array([[3.0127, 0.    ]]), array([-0.0524]), array([[3., 0.]]))
+    """
+
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    rotation_deg: float = 0.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's X"),
+        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's Y"),
+        "rotation_deg": Parameter("deg", -360.0, 360.0, "the imager is turned in its plane; applied first"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+
+    @property
+    def is_square(self) -> bool:
+        """Whether the imager stands square to the optical axis, perhaps turned in its plane."""
+        return not (self.tilt_x_deg or self.tilt_y_deg)
+
+    def _plane(self) -> Array:
+        """Directions (3, 2) of the imager's right and down."""
+        x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
+        about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
+        within = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)], [0.0, 0.0]])
+        plane: Array = about_y @ about_x @ within
+        return plane
+
+    def flat(self, offsets: Array, principal_distance: float) -> tuple[Array, Array]:
+        """Where rays to offsets (n, 2) would meet a square imager, and how far (n,) the true place is behind that.
+
+        All in one unit. The distance of a square imager does not matter.
+        """
+        moved = offsets @ self._plane().T
+        if self.is_square:
+            return moved[..., :2], np.zeros(moved.shape[:-1])
+        farther = 1 + moved[..., 2] / principal_distance
+        return moved[..., :2] / farther[..., None], moved[..., 2]
+
+    def tilted(self, flat: Array, principal_distance: float) -> Array:
+        """Offsets (n, 2) on the imager of rays that would meet a square one at places (n, 2)."""
+        plane = self._plane()
+        if self.is_square:
+            turned: Array = flat @ plane[:2]
+            return turned
+        basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)
+        ahead = np.concatenate([flat, np.full((*flat.shape[:-1], 1), principal_distance)], axis=-1)
+        found = ahead @ np.linalg.inv(basis).T
+        offsets: Array = found[..., :2] / found[..., 2:]
+        return offsets
+
+
+@dataclass(frozen=True)
+class ImagePlane:
+    """An imager behind a lens: pixels as places on one that stands square to the optical axis, and back.
+
+    Places count in mm right of and below the optical axis, in the picture before it was ``flipped``. The
+    ``principal_distance`` (mm) of the lens matters to an imager that leans.
+
+    >>> plane = ImagePlane(Imager(1024, 1024, 5.2), ImagerPose(), flipped=True, principal_distance=np.inf)
+    >>> plane.flat_mm(np.array([[411.5, 511.5]]))[0].round(3)
+    array([[0.52, 0.  ]])
+    >>> plane.pixels(np.array([[0.52, 0.0]])).round(9)
+    array([[411.5, 511.5]])
+    """
+
+    imager: Imager
+    pose: ImagerPose
+    flipped: bool
+    principal_distance: float
+
+    def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
+        """Places (n, 2) of pixels (n, 2), and how far (n,) mm behind them the pixels are."""
+        places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
+        if self.pose == ImagerPose():
+            return places, np.zeros(places.shape[:-1])
+        return self.pose.flat(places, self.principal_distance)
+
+    def pixels(self, flat_mm: Array) -> Array:
+        """Pixels (n, 2) of places (n, 2), also beyond the array's edges."""
+        if self.pose != ImagerPose():
+            flat_mm = self.pose.tilted(flat_mm, self.principal_distance)
+        return self._unflipped(flat_mm / self.imager.pitch_mm + self.imager.centre)
+
+    def _unflipped(self, pixels: Array) -> Array:
+        """Pixels (n, 2) of the picture the other way round, where there are two."""
+        if not self.flipped:
+            return pixels
+        return np.stack([self.imager.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)

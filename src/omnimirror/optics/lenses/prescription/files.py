@@ -1,0 +1,36 @@
+"""Files that the table of a lens names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ....base.arguments import shown
+from ....base.errors import SpecError
+
+
+def followed(table: dict[str, Any], folder: Path | None, entry: str, noun: str) -> tuple[dict[str, Any], Path | None]:
+    """The table without an entry that names a file, and the file; None where it names none.
+
+    Only what the user's own command line names has a ``folder``; text from anywhere else has None, and may name none.
+
+    Raises
+    ------
+    SpecError
+        The table may name no file, or what it names is no name.
+
+    Examples
+    --------
+    >>> followed({"file": "/etc/passwd"}, None, "file", "the surfaces")
+    Traceback (most recent call last):
+    ...
+    omnimirror.base.errors.SpecError: lens.file names another file; put the surfaces themselves in
+    """
+    if entry not in table:
+        return dict(table), None
+    if folder is None:
+        raise SpecError(f"lens.{entry} names another file; put {noun} themselves in")
+    name = table[entry]
+    if not isinstance(name, str):
+        raise SpecError(f"lens.{entry} = {shown(name)} is not the name of a file in quotes")
+    return {k: v for k, v in table.items() if k != entry}, folder / name

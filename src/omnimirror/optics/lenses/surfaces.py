@@ -1,0 +1,325 @@
+"""A lens by its surfaces, as optical programs exchange it: real rays through glass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...base.errors import InvalidParameter
+from ...base.numerics.lazy import cached_property
+from ...base.parameters import Parameter
+from .base import F_NUMBER, FOCUS, Array
+from .field import LensField
+from .field_lens import FieldLens, axes
+from .prescription.dispersion import FRAUNHOFER_NM, through_three
+from .prescription.field_trace import Traced, field_end, stop_radius, traced_field
+from .prescription.sequence import Landed, Paraxial, Sequence
+from .prescription.zmx import read_lens_file
+
+AIMING_STEPS = 12
+LANDS_MM = 1e-10
+PER_SURFACE = {
+    "curvature_per_mm": Parameter("1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"),
+    "thickness_mm": Parameter("mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"),
+    "index": Parameter("", 1.0, 5.0, "refractive index after each surface; 1 after the last"),
+    "conic": Parameter("", -1e4, 1e4, "conic constants"),
+    "edge_mm": Parameter("mm", 0.0, 1e4, "radii of the surfaces, 0 where not known"),
+    "clear_mm": Parameter("mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"),
+    "index_short": Parameter("", 1.0, 5.0, "indices in the shortest wavelength"),
+    "index_long": Parameter("", 1.0, 5.0, "indices in the longest wavelength"),
+}  # fmt: skip
+NEEDED = ("curvature_per_mm", "thickness_mm", "index")
+
+
+@dataclass(frozen=True)
+class SurfaceLens(FieldLens):
+    """A lens of surfaces of revolution; its reference point is the vertex of the first.
+
+    The imager stands where a distant or near object on the axis, ``focus_distance_mm`` from that vertex, is imaged by
+    rays next to the axis in the middle wavelength. Chief rays go through the middle of the stop; T and S focus,
+    distortion, vignetting and the lens's own blur are those of real rays.
+
+    Parameters
+    ----------
+    f_number
+        Focal length over diameter of the entrance pupil.
+    focus_distance_mm : mm
+    curvature_per_mm, thickness_mm, index : (n,)
+        From the front on: what faces the mirror comes first.
+    stop_surface
+        Which surface is the stop, from 1.
+    field_max_deg
+        Largest viewing angle; as far as light passes, and 80 deg, by default.
+    conic, edge_mm, clear_mm, index_short, index_long : (n,)
+    aspheres : (n k,)
+        Coefficients of r^2, r^4 .. in mm, as many of each surface; those of the first come first.
+    wavelengths_nm
+        Shortest, middle and longest; for people.
+
+    Raises
+    ------
+    InvalidParameter
+        Columns of different lengths, a stop that is no surface, no focal length above 0, or no light that passes.
+
+    Examples
+    --------
+    A plano-convex lens of 50 mm with its stop in front:
+
+    >>> lens = SurfaceLens(8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1)
+    >>> round(lens.focal_length_mm, 2)
+    50.0
+    """
+
+    f_number: float
+    focus_distance_mm: float
+    curvature_per_mm: tuple[float, ...]
+    thickness_mm: tuple[float, ...]
+    index: tuple[float, ...]
+    stop_surface: int
+    field_max_deg: float = 80.0
+    conic: tuple[float, ...] | None = None
+    aspheres: tuple[float, ...] | None = None
+    edge_mm: tuple[float, ...] | None = None
+    clear_mm: tuple[float, ...] | None = None
+    index_short: tuple[float, ...] | None = None
+    index_long: tuple[float, ...] | None = None
+    wavelengths_nm: tuple[float, ...] | None = None
+
+    KIND: ClassVar[str] = "surfaces"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "f_number": F_NUMBER,
+        "focus_distance_mm": FOCUS,
+        **PER_SURFACE,
+        "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
+        "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
+        "aspheres": Parameter("", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"),
+        "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is None:
+                continue
+            if isinstance(value, list | tuple):
+                object.__setattr__(self, f.name, tuple(float(v) for v in value))
+            self.PARAMETERS[f.name].check(f.name, value)
+        count = len(self.curvature_per_mm)
+        for name in PER_SURFACE:
+            column = getattr(self, name)
+            if column is not None and len(column) != count:
+                raise InvalidParameter(
+                    f"{name} has {len(column)} values for {count} surfaces; it is valid with one for each"
+                )
+        if self.aspheres is not None and len(self.aspheres) % count:
+            raise InvalidParameter(
+                f"aspheres has {len(self.aspheres)} values for {count} surfaces; it is valid with as many for each"
+            )
+        if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
+            raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
+        if self.index[-1] != 1.0:
+            raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
+        with np.errstate(all="ignore"):  # what overflows is rejected
+            focal = self._paraxial.focal_length
+            if not (np.isfinite(focal) and focal > 0):
+                raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
+            if not np.isfinite(self._paraxial.entrance_pupil):
+                raise InvalidParameter(
+                    f"the entrance pupil must be at a finite distance; surface {self.stop_surface:g}, the stop, is in "
+                    "the focal plane of the surfaces in front of it"
+                )
+            self._check_focus()
+            _ = self.field
+
+    @classmethod
+    def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:
+        """The lens of a .zmx file; ``entries`` count more than the file, and may name a ``glass_catalogue`` (.agf).
+
+        Parameters
+        ----------
+        path
+            The file.
+        entries
+            Such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
+
+        Returns
+        -------
+        SurfaceLens
+            The lens, its imager where ``focus_distance_mm`` is in focus.
+
+        Raises
+        ------
+        OmnimirrorError
+            The file is missing or not such a lens: the error says why.
+
+        Examples
+        --------
+        >>> SurfaceLens.from_file("nothing.zmx")
+        Traceback (most recent call last):
+        ...
+        omnimirror.base.errors.SpecError: nothing.zmx cannot be read: No such file or directory
+        """
+        return cls(**read_lens_file({"file": str(path), **entries}, Path()))
+
+    @classmethod
+    def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        return read_lens_file(data, folder)
+
+    @cached_property
+    def _paraxial(self) -> Paraxial:
+        return _sequence_of(self).paraxial()
+
+    @property
+    def focal_length_mm(self) -> float:  # type: ignore[override]  # a field of other lenses
+        """Of rays next to the axis, middle wavelength."""
+        return float(self._paraxial.focal_length)
+
+    @property
+    def principal_point_mm(self) -> float:
+        return -float(self._paraxial.front_principal)
+
+    @property
+    def imager_mm(self) -> float:
+        """From the first surface to the imager, mm."""
+        return float(sum(self.thickness_mm[:-1]) + _traced_of(self).to_imager)
+
+    @property
+    def pupil_from_principal(self) -> float:
+        return float(self._paraxial.front_principal - self._paraxial.entrance_pupil)
+
+    @cached_property
+    def field(self) -> LensField:
+        return _field_of(self)
+
+    def _check_focus(self) -> None:
+        nearest = self.principal_point_mm + self.focal_length_mm
+        if self.focus_distance_mm <= nearest:
+            raise InvalidParameter(
+                f"focus_distance_mm = {self.focus_distance_mm:g} is nearer than the front focus; it is valid above "
+                f"{nearest:g}, from the first surface"
+            )
+
+    def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
+        """With the indices of a wavelength, by those of the three that it has; stop and imager stay where they are.
+
+        Raises
+        ------
+        InvalidParameter
+            Nothing is said of other wavelengths, or there is no image of such light before the imager.
+        """
+        known = (self.wavelengths_nm, self.index_short, self.index_long)
+        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(FRAUNHOFER_NM):
+            raise InvalidParameter(
+                f"the indices of this lens at {wavelength_nm:g} nm are not known; it is valid with wavelengths_nm, "
+                "index_short and index_long, which a .zmx file brings"
+            )
+        rows = np.array([self.index_short, self.index, self.index_long])
+        index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
+        other = replace(self, index=tuple(index.tolist()), index_short=None, index_long=None, wavelengths_nm=None)
+        a, b, c, d = other._paraxial.back
+        to_imager = _traced_of(self).to_imager
+        focal = other._paraxial.focal_length
+        return replace(
+            other,
+            focus_distance_mm=float(-(b + d * to_imager) / (a + c * to_imager)),
+            f_number=self.f_number * float(focal / self.focal_length_mm),
+        )
+
+    # -- real rays -----------------------------------------------------------------------------------------
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays through every surface; NaN for those that do not get through."""
+        return self._landed_from(points, directions).image.reshape(directions[..., :2].shape)
+
+    def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at every surface with a clear aperture (``clear_mm``)."""
+        radii = self._landed_from(points, directions).radii.reshape(-1, *directions.shape[:-1])
+        limits = enumerate(self.clear_mm or (), start=1)
+        return {f"lens surface {i}": (c**2 - radii[i - 1] ** 2) / (2 * c) for i, c in limits if c > 0}
+
+    def image_cosines(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays through every surface; NaN for those that do not get through."""
+        return self._landed_from(points, directions).cosines.reshape(directions[..., :2].shape)
+
+    def stop_points(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays to the surface that is the stop; NaN for those that do not get through."""
+        places = self._landed_from(points, directions).stop / self._stop_scale
+        return places.reshape(directions[..., :2].shape)
+
+    @cached_property
+    def _stop_scale(self) -> float:
+        """Radius of the stop, mm, below 0 where lens surfaces before it reverse its image."""
+        return _traced_of(self).stop_radius * float(np.sign(self._paraxial.pupil_magnification))
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        """Those through points of the pupil that land on the image points: from first-order rays, by Newton's rule."""
+        origins, directions = super().rays(image, pupil)
+        slopes = directions[:, :2] / directions[:, 2:]
+        chief = self.undistorted(image) / self.principal_distance
+        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        t, s = axes(chief)
+        for _ in range(AIMING_STEPS):
+            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
+            along, across = (np.einsum("ni,ni->n", missed, axis) for axis in (t, s))
+            step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
+            slopes = slopes + step
+            if not (np.abs(missed) > LANDS_MM).any():
+                break
+        return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
+
+    def _landed_from(self, points: Array, directions: Array) -> Landed:
+        """Where rays (n,) from the mirror land, by points and directions on them of any shape."""
+        slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
+        return self._landed(points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes)
+
+    def _landed(self, places: Array, slopes: Array) -> Landed:
+        """Where rays land by places (n, 2) in the plane of the first vertex and slopes towards the mirror."""
+        traced = _traced_of(self)
+        return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
+
+
+@lru_cache(maxsize=64)
+def _traced_of(lens: SurfaceLens) -> Traced:
+    """Return the lens with its imager, pupil and stop."""
+    sequence, paraxial = _sequence_of(lens), lens._paraxial
+    a, b, c, d = paraxial.back
+    distance = lens.focus_distance_mm
+    to_imager = -(a * distance + b) / (c * distance + d)
+    radius = paraxial.focal_length / lens.f_number / 2
+    traced = Traced(sequence, to_imager, -paraxial.entrance_pupil, radius, np.inf, distance)
+    return traced._replace(stop_radius=stop_radius(traced))
+
+
+@lru_cache(maxsize=64)
+def _field_of(lens: SurfaceLens) -> LensField:
+    """The functions of a lens's field, as focused."""
+    traced = _traced_of(lens)
+    end = field_end(traced, float(np.tan(np.radians(lens.field_max_deg))))
+    outer = None
+    if lens.index_short is not None and lens.index_long is not None:
+        outer = np.array([1.0, *lens.index_short]), np.array([1.0, *lens.index_long])
+    return LensField(
+        traced_field(traced, end, outer),
+        "the lens's field",
+        at_fold="set field_max_deg below {angle}",
+        at_end=f"a larger field_max_deg (now {lens.field_max_deg:.4g}) if the lens transmits light there",
+    )
+
+
+def _sequence_of(lens: SurfaceLens) -> Sequence:
+    count = len(lens.curvature_per_mm)
+
+    def column(values: tuple[float, ...] | None, missing: float) -> Array:
+        found = np.zeros(count) if values is None else np.array(values)
+        return np.where(found == 0.0, missing, found) if missing else found
+
+    return Sequence(
+        np.array(lens.curvature_per_mm), column(lens.conic, 0.0),
+        np.reshape(lens.aspheres or (), (count, -1)),
+        np.array(lens.thickness_mm), np.array([1.0, *lens.index]), column(lens.edge_mm, np.inf),
+        column(lens.clear_mm, np.inf), int(lens.stop_surface) - 1,
+    )  # fmt: skip

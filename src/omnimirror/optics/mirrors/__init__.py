@@ -1,0 +1,158 @@
+"""What a mirror is: sag, slope and curvature of one meridian. One class per shape, one registry."""
+
+from collections import ChainMap
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from ...base.arguments import WrongKind, shown
+from ...base.errors import InvalidParameter
+from ...base.numerics.registry import Registry
+from .aspheres import ConicAsphere, EvenPolynomial
+from .base import RIM_RADIUS, Mirror
+from .cone import Cone
+from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
+from .flat import Flat
+from .generated import (
+    MAPPINGS,
+    Conformal,
+    CylinderMapping,
+    Equiangular,
+    Equiareal,
+    Equidistant,
+    GroundPlane,
+    Rectifying,
+    TabulatedMapping,
+    UnitAspect,
+)
+from .sampled import SampledProfile
+from .secondary import Secondary
+from .slope_spline import SlopeSpline
+
+M = TypeVar("M", bound=Mirror)
+
+
+def _check(name: str, cls: Any) -> None:
+    """Refuse what is no class of mirrors that describes itself under this name."""
+    if not (isinstance(cls, type) and issubclass(cls, Mirror)):
+        raise WrongKind(f"{shown(cls)} is not a class of mirrors; derive it from omnimirror.optics.mirrors.Mirror")
+    made = vars(cls).get("__dataclass_params__")
+    if made is None or not made.frozen:
+        raise InvalidParameter(f"{cls.__name__} is no frozen dataclass of its parameters, as mirrors are")
+    if (kind := getattr(cls, "KIND", None)) != name:
+        raise InvalidParameter(f"{cls.__name__}.KIND = {shown(kind)} is not its name, {name!r}")
+    names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+    if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
+        raise InvalidParameter(
+            f"{cls.__name__}.PARAMETERS does not describe its fields {', '.join(names)} in their order, one of them "
+            "rim_radius_mm"
+        )
+
+
+SHAPES: tuple[type[Mirror], ...] = (
+    Sphere,
+    Hyperboloid,
+    Paraboloid,
+    Ellipsoid,
+    Cone,
+    EvenPolynomial,
+    ConicAsphere,
+    SampledProfile,
+    SlopeSpline,
+)
+
+MIRRORS: Registry[type[Mirror]] = Registry(
+    "omnimirror.mirrors",
+    "a mirror",
+    {cls.KIND: cls for cls in SHAPES} | MAPPINGS,
+    _check,
+)
+"""Every mirror by the word that names it in a sensor file. Adding one here is a class and a line in this list; from
+outside, :func:`register_mirror` or an entry point."""
+
+SECONDARIES: Mapping[str, type[Mirror]] = ChainMap(MIRRORS, {Flat.KIND: Flat})  # type: ignore[arg-type]  # only read
+"""What can stand as a second mirror: a flat one, and those."""
+
+
+def register_mirror(cls: type[M]) -> type[M]:
+    """Make a mirror of one's own known by its ``KIND``: to sensor files, evaluation, design, exports and the studio.
+
+    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.mirrors"]`` with ``bowl = "my_package:Bowl"``.
+
+    Parameters
+    ----------
+    cls
+        A frozen dataclass derived from :class:`omnimirror.optics.mirrors.Mirror`, with ``KIND``, ``PARAMETERS`` and
+        ``profile(x_mm)``, which gives sag (mm), slope (1) and curvature (1/mm), each of the shape of x.
+        :func:`omnimirror.optics.testing.check_mirror` tells whether it keeps the contract.
+
+    Returns
+    -------
+    type
+        The class itself, so that this is a decorator, too.
+
+    Raises
+    ------
+    InvalidParameter
+        Another mirror has this kind, or the class does not describe itself.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> from dataclasses import dataclass
+    >>> from typing import ClassVar
+    >>> from omnimirror.optics.mirrors import RIM_RADIUS, Mirror
+    >>> from omnimirror.base.parameters import Parameter
+    >>> @om.register_mirror
+    ... @dataclass(frozen=True)
+    ... class Bowl(Mirror):
+    ...     '''z = depth (x / rim)^4, flat at its vertex.'''
+    ...
+    ...     depth_mm: float
+    ...     rim_radius_mm: float
+    ...     KIND: ClassVar[str] = "docs-bowl"
+    ...     PARAMETERS: ClassVar[dict[str, Parameter]] = {
+    ...         "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"), "rim_radius_mm": RIM_RADIUS,
+    ...     }
+    ...     def profile(self, x_mm):
+    ...         u = np.asarray(x_mm, dtype=float) / self.rim_radius_mm
+    ...         return self.depth_mm * u**4, 4 * self.depth_mm / self.rim_radius_mm * u**3, (
+    ...             12 * self.depth_mm / self.rim_radius_mm**2 * u**2)
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> bowl = om.Sensor(Bowl(20.0, 40.0), sensor.lens, sensor.imager, mirror_distance_mm=180.0)
+    >>> print(f"{bowl.field_deg[1]:.1f} deg")
+    138.2 deg
+    >>> MIRRORS.withdraw("docs-bowl")
+    """
+    MIRRORS.register(getattr(cls, "KIND", ""), cls)
+    return cls
+
+
+__all__ = [
+    "MIRRORS",
+    "RIM_RADIUS",
+    "SECONDARIES",
+    "Cone",
+    "Conformal",
+    "ConicAsphere",
+    "CylinderMapping",
+    "Ellipsoid",
+    "Equiangular",
+    "Equiareal",
+    "Equidistant",
+    "EvenPolynomial",
+    "Flat",
+    "GroundPlane",
+    "Hyperboloid",
+    "Mirror",
+    "Paraboloid",
+    "Rectifying",
+    "SampledProfile",
+    "Secondary",
+    "SlopeSpline",
+    "Sphere",
+    "TabulatedMapping",
+    "UnitAspect",
+    "register_mirror",
+]

@@ -1,0 +1,166 @@
+"""The Mirror contract: one meridian as sag, slope and curvature of the distance from the axis.
+
+The vertex is at the origin and z runs from the lens towards the mirror, so a mirror convex towards
+the lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses that carry parameters, describe
+them in ``PARAMETERS`` and name the kernels that belong to them; sensor files, sliders, optimisers
+and tolerances read that description and need no code per mirror.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import check_fields, coordinates, number
+from ...base.errors import OutsideMirror
+from ...base.parameters import Parameter
+from .measured.columns import ColumnFile
+
+Array = NDArray[np.float64]
+
+
+APEX = 1e-6  # of the rim radius: an odd function is linear there to 1e-12
+RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
+
+
+class Mirror(ABC):
+    """A mirror of revolution; lengths in mm, angles of its surface from ``slope = dz/dx = tan(beta)``."""
+
+    KIND: ClassVar[str]
+    """The word that names this mirror in a sensor file."""
+    PARAMETERS: ClassVar[dict[str, Parameter]]
+    """Its parameters in the order of its fields."""
+
+    FILES: ClassVar[tuple[ColumnFile, ...]] = ()
+    """The entries that may name a file with some of them."""
+
+    rim_radius_mm: float
+
+    @abstractmethod
+    def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
+        """Sag, slope and curvature together, each of the shape of x; NaN where there is no surface."""
+
+    def sag(self, x_mm: ArrayLike) -> Array:
+        """Height z over the vertex plane, mm."""
+        return self.profile(x_mm)[0]
+
+    def slope(self, x_mm: ArrayLike) -> Array:
+        """dz/dx, dimensionless: tan(beta), Eq. 2."""
+        return self.profile(x_mm)[1]
+
+    def curvature(self, x_mm: ArrayLike) -> Array:
+        """d2z/dx2, 1/mm; enters the tangential radius, Eq. 14."""
+        return self.profile(x_mm)[2]
+
+    def radius_t(self, x_mm: ArrayLike) -> Array:
+        """Tangential radius of curvature, mm (Eq. 14); infinite where the meridian is straight."""
+        _, slope, curvature = self.profile(x_mm)
+        return tangential_radius(slope, curvature)
+
+    def radius_s(self, x_mm: ArrayLike) -> Array:
+        """Sagittal radius of curvature, mm (Eq. 18); at a smooth apex equal to the tangential one."""
+        x = coordinates("x_mm", x_mm)
+        _, slope, curvature = self.profile(x)
+        return sagittal_radius(x, slope, curvature)
+
+    @property
+    def is_pointed(self) -> bool:
+        """True for a mirror that ends in a point (a cone) and so has no tangent plane on the axis."""
+        return bool(self.slope(0.0) != 0.0)
+
+    def scaled(self, factor: float) -> Self:
+        """The same shape grown evenly: what it has of lengths times a factor."""
+        factor = number("factor", factor, above=0.0)
+
+        def grown(name: str) -> Any:
+            value, unit = getattr(self, name), self.PARAMETERS[name].unit
+            power = {"mm": 1, "um": 1, "nm": 1, "1/mm": -1}.get(unit, 0)
+            if value is None or not power:
+                return value
+            return tuple(v * factor**power for v in value) if isinstance(value, tuple) else value * factor**power
+
+        return replace(self, **{name: grown(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Extent of the meridian in mm, ``((x_min, x_max), (z_min, z_max))``."""
+        z = self.sag(np.linspace(0.0, self.rim_radius_mm, 513))
+        return (0.0, self.rim_radius_mm), (float(z.min()), float(z.max()))
+
+    @property
+    def breaks(self) -> Array | None:
+        """Where the polynomials of fifth or lower degree that the sag is made of begin and end, mm; None of others."""
+        return None
+
+    @classmethod
+    def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        """The mirror table of a sensor file, its file of columns followed; without a folder it may name none."""
+        for file in cls.FILES:
+            data = file.followed(data, folder)
+        return data
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the parameters alone; what was computed from them is computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def _check(self) -> None:
+        """Every parameter in its range, and a surface all the way to the rim."""
+        self._check_parameters()
+        self._check_surface()
+
+    def _check_parameters(self) -> None:
+        check_fields(self)
+        for f in fields(self):  # type: ignore[arg-type]
+            if (value := getattr(self, f.name)) is not None:
+                self.PARAMETERS[f.name].check(f.name, value)
+
+    def _check_surface(self) -> None:
+        x = np.linspace(0.0, self.rim_radius_mm, 513)
+        with np.errstate(all="ignore"):
+            z, slope, curvature = self.profile(x)
+        missing = ~(np.isfinite(z) & np.isfinite(slope) & np.isfinite(curvature))
+        if missing.any():
+            reach = self._reach(x[int(np.argmax(missing))])
+            raise OutsideMirror(
+                f"the {self.KIND} ends {reach:.6g} mm from the axis and does not reach its rim: "
+                f"rim_radius_mm = {self.rim_radius_mm:g} is valid below {reach:.6g}"
+            )
+
+    def _reach(self, first_missing_mm: float) -> float:
+        """Where the surface ends; shapes that know it exactly say so."""
+        return first_missing_mm
+
+
+def near_apex(u: Array, linear: Array, value: Array) -> Array:
+    """Values (n,) of an odd spline, near its middle (shares u of its length) as its derivative says.
+
+    There a spline's own rounding, 1e-18 of what it has elsewhere, would be much of so little.
+    """
+    return np.where(np.abs(u) < APEX, linear, value)
+
+
+def tangential_radius(slope: Array, curvature: Array) -> Array:
+    """Eq. 14, mm.
+
+    >>> tangential_radius(np.array([0.0, 0.75]), np.array([0.02, 0.0390625]))  # sphere of 50 mm
+    array([50., 50.])
+    """
+    with np.errstate(divide="ignore"):
+        return (1 + slope**2) ** 1.5 / curvature
+
+
+def sagittal_radius(x: Array, slope: Array, curvature: Array) -> Array:
+    """Eq. 18, mm: the length of the normal from the surface to the axis.
+
+    At the apex of a smooth mirror the limit 1/z'' is taken, at the point of a cone it is 0.
+
+    >>> sagittal_radius(np.array([0.0, 30.0]), np.array([0.0, 0.75]), np.array([0.02, 0.0390625]))
+    array([50., 50.])
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(slope == 0.0, 1 / curvature, x * np.sqrt(1 + slope**2) / slope)

@@ -1,0 +1,230 @@
+"""The meridian that has a wanted mapping, seen by a perspective or an orthographic lens.
+
+In polar coordinates about the lens, ``P = rho (sin theta, cos theta)``, a mirror that sends the
+chief ray of viewing angle theta to field angle ``Omega(theta)`` obeys
+
+    d ln rho / d theta = tan((Omega(theta) + theta) / 2)
+
+(the law of reflection, Eqs. 2-5), so that ``ln rho`` is one integral. The paper holds that its
+equidistant mirror is "difficult to obtain by mathematical analysis"; it is this one quadrature.
+Under an orthographic lens theta is 0 and the law is ``z' = tan(Omega(x)/2)``.
+
+All lengths here are in units of the rim radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from ....base.numerics.lazy import cached_property
+
+Array = NDArray[np.float64]
+Curve = Callable[[Array], Array]
+
+CELLS = 1024  # of the table theta(x); cubic pieces of smooth mirrors err by 1e-14, and a step from there by its square
+FEW_CELLS = 64  # from which it is filled
+CLOSE = 1e-11  # a step of Newton's rule, after which the mapping is what its derivative says, to rounding
+
+TERMS = 16  # of the series of one piece
+NODES = chebyshev.chebpts1(TERMS)
+TO_SERIES = 2 / TERMS * chebyshev.chebvander(NODES, TERMS - 1).T
+TO_SERIES[0] /= 2
+NEGLIGIBLE = 1e-14  # of the last terms, beside the largest
+LEAST_PIECES, MOST_HALVINGS = 4, 12
+
+
+class GeneratedMeridian(Protocol):
+    """What a generated mirror asks of its meridian; lengths in units of the rim radius."""
+
+    @property
+    def distance(self) -> float:
+        """Lens to vertex, m; infinite under an orthographic lens."""
+
+    def profile(self, x: Array) -> tuple[Array, Array, Array]:
+        """Sag, slope and curvature at distances x in [0, 1] from the axis."""
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """The integral from 0 of a smooth function over [0, high]: short series over as many pieces as it takes.
+
+    Pieces that a function does not fit are halved, so that it may also be smooth in pieces only, as that of a table is,
+    whose spline has knots. An integral divides what a series leaves by the number of its terms, and is then exact to
+    rounding.
+
+    >>> float(Primitive.of(np.exp, 1.0)(np.array(0.5)) - np.expm1(0.5))
+    0.0
+    """
+
+    edges: Array
+    """(pieces + 1,)."""
+    coefficients: Array
+    """(terms, pieces): Chebyshev series of the integral."""
+
+    @classmethod
+    def of(cls, function: Curve, high: float) -> Primitive:
+        low: Array = np.linspace(0.0, high, LEAST_PIECES, endpoint=False)
+        width: Array = np.full(LEAST_PIECES, high / LEAST_PIECES)
+        done: list[tuple[Array, Array, Array]] = []
+        for halving in range(MOST_HALVINGS + 1):
+            series: Array = np.einsum("ij,jk->ik", TO_SERIES, function(low + (NODES[:, None] + 1) / 2 * width))
+            size = np.abs(series)
+            rough = size[-2:].max(axis=0) > NEGLIGIBLE * size.max()
+            if halving == MOST_HALVINGS:
+                rough[:] = False
+            done.append((low[~rough], width[~rough], series[:, ~rough]))
+            if not rough.any():
+                break
+            width = np.repeat(width[rough] / 2, 2)
+            low = np.repeat(low[rough], 2)
+            low[1::2] += width[1::2]
+        starts, widths, all_series = (np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True))
+        order = np.argsort(starts)
+        integral: Array = np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
+        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # a series ends with the sum of its terms
+        return cls(np.append(starts[order], high), integral)
+
+    def __call__(self, x: Array) -> Array:
+        piece = np.clip(np.searchsorted(self.edges, x, side="right") - 1, 0, len(self.edges) - 2)
+        low, high = self.edges[piece], self.edges[piece + 1]
+        at = (2 * x - low - high) / (high - low)
+        return np.asarray(chebyshev.chebval(at, self.coefficients[:, piece], tensor=False), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class PerspectiveMeridian:
+    """A meridian as a function of the viewing angle theta.
+
+    Attributes
+    ----------
+    place : callable
+        Field angle, and ln(rho/m) that is 0 on the axis, for an array of viewing angles, all in radians.
+    course : callable
+        Field angle, its derivative and ln(rho/m): at once, since what they share is most of the work.
+    theta_max : radians
+    """
+
+    place: Callable[[Array], tuple[Array, Array]]
+    course: Callable[[Array], tuple[Array, Array, Array]]
+    theta_max: float
+
+    @classmethod
+    def of(cls, omega: Curve, domega: Curve, log_rho: Curve, theta_max: float) -> PerspectiveMeridian:
+        """Of curves that share nothing."""
+        return cls(lambda t: (omega(t), log_rho(t)), lambda t: (omega(t), domega(t), log_rho(t)), theta_max)
+
+    @classmethod
+    def solve(cls, omega: Curve, domega: Curve, theta_max: float) -> PerspectiveMeridian:
+        """Integrate the mapping from the axis to the rim."""
+        log_rho = Primitive.of(lambda theta: np.tan((omega(theta) + theta) / 2), theta_max)
+        return cls.of(omega, domega, log_rho, theta_max)
+
+    @cached_property
+    def distance(self) -> float:
+        """Lens to vertex; it scales the rim to 1."""
+        end = np.array(self.theta_max)
+        return float(np.exp(-self.place(end)[1]) / np.sin(end))
+
+    def x(self, theta: Array) -> tuple[Array, Array]:
+        """Distance from the axis and its derivative dx/dtheta."""
+        return self._x(theta, *self.place(theta))
+
+    def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
+        rho = self.distance * np.exp(log_rho)
+        sin, cos = np.sin(theta), np.cos(theta)
+        return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
+
+    @cached_property
+    def _table(self) -> Array:
+        """Cubic pieces (4, CELLS) of viewing angles by x: a few within brackets, all by a step from between these."""
+        x, few = np.linspace(0.0, 1.0, CELLS + 1), self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1))
+        theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
+        found, rate = self.x(theta)
+        theta = theta - (found - x) / rate
+        found, rate = self.x(theta)
+        if not np.abs(found - x).max() <= CLOSE:
+            theta = self._bracketed(x)
+            rate = self.x(theta)[1]
+        theta[0] = 0.0
+        return _pieces(theta, 1 / rate)
+
+    def _bracketed(self, x: Array) -> Array:
+        """Viewing angles (n,) of points at x, the inverse of :meth:`x`, wherever they begin."""
+        low, high = np.zeros_like(x), np.full_like(x, self.theta_max)
+        theta = x * self.theta_max
+        for _ in range(60):  # bisection alone would reach the last digit; Newton's rule takes over early
+            found, rate = self.x(theta)
+            error = found - x
+            low, high = np.where(error <= 0, theta, low), np.where(error >= 0, theta, high)
+            step = theta - error / rate
+            new = np.where((step >= low) & (step <= high), step, (low + high) / 2)
+            change = np.abs(new - theta).max()
+            theta = new
+            if change <= 1e-15 * self.theta_max:
+                break
+        return theta
+
+    def profile(self, x: Array) -> tuple[Array, Array, Array]:
+        theta, omega, domega, log_rho = self._at(x)
+        beta = (omega - theta) / 2
+        # rho cos(theta) - m, without the cancellation near the axis
+        z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
+        rate = self._x(theta, omega, log_rho)[1]
+        return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
+
+    def _at(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Viewing angles of the points at x, exactly 0 on the axis, and the course there.
+
+        The table says nearly where; the rest is so little that the derivatives of the course lead there.
+        """
+        theta = _between(self._table, x)
+        for _ in range(2):
+            omega, domega, log_rho = self.course(theta)
+            found, rate = self._x(theta, omega, log_rho)
+            step = (x - found) / rate
+            log_rho = log_rho + np.tan((omega + theta) / 2) * step
+            theta, omega = theta + step, omega + domega * step
+            if not (np.abs(step) > CLOSE).any():
+                break
+        return theta, omega, domega, log_rho
+
+
+def _pieces(values: Array, rates: Array) -> Array:
+    """Coefficients (4, cells) of Hermite's cubics between evenly spaced values (cells + 1,) over [0, 1]."""
+    rise, rate = np.diff(values), rates / (len(values) - 1)
+    low, high = rate[:-1], rate[1:]
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise])
+
+
+def _between(pieces: Array, x: Array) -> Array:
+    """What they come to at x."""
+    place = x * pieces.shape[1]
+    cell = np.fmax(np.fmin(place, pieces.shape[1] - 1), 0.0).astype(int)
+    t, (a, b, c, d) = place - cell, pieces[:, cell]
+    return np.asarray(a + t * (b + t * (c + t * d)))
+
+
+@dataclass(frozen=True)
+class OrthographicMeridian:
+    """A meridian as a function of the distance x from the axis, ``z' = tan(Omega(x)/2)``."""
+
+    omega: Curve
+    domega: Curve
+    sag: Curve
+
+    distance = float("inf")
+
+    @classmethod
+    def solve(cls, omega: Curve, domega: Curve) -> OrthographicMeridian:
+        """Integrate the mapping from the axis to the rim."""
+        return cls(omega, domega, Primitive.of(lambda x: np.tan(omega(x) / 2), 1.0))
+
+    def profile(self, x: Array) -> tuple[Array, Array, Array]:
+        half = self.omega(x) / 2
+        return self.sag(x), np.tan(half), self.domega(x) / 2 / np.cos(half) ** 2

@@ -1,0 +1,210 @@
+"""From points all over a mirror, as measuring machines and grids give them, to its meridian.
+
+The machine's axes are not the mirror's: centre and tilt are found with the meridian, by least squares that are deaf to
+single wrong points. (A sphere has an axis in every direction and keeps the machine's.) Rings of equally many points
+become one point of the profile each, so that as many independent scatters are averaged in each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.arguments import float_of, shown
+from ....base.errors import OmnimirrorError
+from ....base.files import read_text
+from .point_rows import parsed_points
+from .smoothing import NORMAL, _least_squares, extended
+
+Array = NDArray[np.float64]
+Columns = tuple[tuple[float, ...], tuple[float, ...]]
+
+FEWEST = 200  # points
+FARTHEST_MM = 1e7  # of a coordinate: 10 km from the origin of a machine, a double resolves 2 nm
+NARROWEST_MM = 1e-3  # of a cloud, across its longest direction as it is seen along z
+NARROWEST = 1e-6  # of its length
+MOST_FOR_AXIS = 1500  # points by which the axis is found
+IN_A_RING = 8
+MOST_RINGS = 500
+PIECES = (4, 48)  # of the meridian while the axis is found, and then
+TIP = 0.7  # of the squares that a smooth apex leaves: an apex that leaves less is a point
+UNITS_MM = (1.0, 10.0, 25.4, 1000.0)  # OpticStudio's unit flags: mm, cm, in, m
+
+
+def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") -> Columns:
+    """The profile of a CSV file of points x, y, z in mm, anywhere on the mirror; header and comments are skipped."""
+    return profile_of(cloud_points(path, noun, names), str(path))
+
+
+def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
+    """Return the points (n, 3) of a text file, a line each, as :func:`.point_rows.parsed_points` reads them.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be read, or holds the two columns of a profile.
+    """
+    points = parsed_points(read_text(path, noun), path)
+    if points.shape[1] != 3:
+        raise OmnimirrorError(f"{path} holds two columns of numbers; {noun} need {names}")
+    return points
+
+
+def read_grid(path: Path, noun: str = "grid", names: str = "z and further columns") -> Columns:
+    """The profile of an OpticStudio grid sag file (.DAT)."""
+    return profile_of(grid_points(path, noun, names), str(path))
+
+
+def grid_points(path: Path, noun: str = "grid", names: str = "z and further columns") -> Array:
+    """Points (n, 3) mm of an OpticStudio grid sag file (.DAT): ``nx ny dx dy unit xdec ydec``, then a line per point.
+
+    Points run from the corner at -x, +y, row by row; those whose fifth number is not 0 are no data.
+    """
+    text = read_text(path, noun)
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
+    try:
+        head = [float_of(word) for word in lines[0].split()]
+        nx, ny, (dx, dy), unit = int(head[0]), int(head[1]), head[2:4], UNITS_MM[int(head[4])]
+        offset = [*head[5:7], 0.0, 0.0][:2]
+        if nx < 2 or ny < 2 or nx * ny != len(lines) - 1 or not (dx > 0 and dy > 0):
+            raise ValueError
+    except (ValueError, IndexError):
+        raise OmnimirrorError(
+            f"{path} is no grid of heights: its first line must be 'nx ny dx dy unit xdec ydec', and nx * ny lines "
+            "must follow"
+        ) from None
+    rows = _rows(path, "\n".join(lines[1:]), names)
+    j, i = np.divmod(np.arange(nx * ny), nx)
+    x, y = (i - (nx - 1) / 2) * dx + offset[0], ((ny - 1) / 2 - j) * dy + offset[1]
+    points = np.stack([x, y, rows[:, 0]], axis=-1) * unit
+    valid = np.hypot(x, y) <= min((nx - 1) * dx, (ny - 1) * dy) / 2 * (1 + 1e-9)
+    if rows.shape[1] >= 5:
+        valid &= rows[:, 4] == 0
+    return np.asarray(points[valid])
+
+
+def _rows(path: Path, text: str, names: str) -> Array:
+    """Return the numbers (n, columns) of a grid's text, separated by commas or blanks."""
+    found: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            numbers = [float_of(word) for word in line.replace(",", " ").replace(";", " ").split()]
+            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(found[0] if found else []):
+                raise ValueError
+        except ValueError:
+            raise OmnimirrorError(f"{path} line {number}: {shown(line)} is not {names}") from None
+        found.append(numbers[: len(found[0])] if found else numbers)
+    return np.array(found).reshape(-1, len(found[0]) if found else 1)
+
+
+def profile_of(points: Array, source: str = "the cloud") -> Columns:
+    """Distances from the axis and heights, growing away from the lens, of points (n, 3) mm on a mirror.
+
+    Raises
+    ------
+    OmnimirrorError
+        Too few points, or points that do not lie all about an axis.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid(np.linspace(-10, 10, 41), np.linspace(-10, 10, 41))
+    >>> r, z = profile_of(np.stack([x + 3, y - 2, 50 - (x**2 + y**2) / 100], axis=-1).reshape(-1, 3))
+    >>> bool(np.abs(np.array(z) - np.square(r) / 100).max() < 1e-9)
+    True
+    """
+    check_spread(points, source)
+    points = points - points.mean(axis=0)
+    a = np.column_stack([np.ones(len(points)), points[:, :2], (points[:, :2] ** 2).sum(axis=1)])
+    bowl = np.linalg.lstsq(a, points[:, 2], rcond=None)[0]
+    if bowl[3] < 0:  # measured from above: turned over about x
+        points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
+    if not bowl[3] > 0:
+        raise OmnimirrorError(f"{source} is flat; a mirror bends away from the lens")
+    r, z = _about_axis(points, -bowl[1:3] / (2 * bowl[3]), source)
+    order = np.argsort(r, kind="stable")
+    r, z = r[order], z[order]
+    pieces = min(PIECES[1], len(r) // (2 * IN_A_RING))
+    smooth, pointed = (_least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False))
+    curve = pointed if pointed.left < TIP * smooth.left else smooth
+    rings = np.array_split(np.arange(len(r)), min(MOST_RINGS, len(r) // IN_A_RING))
+    x = np.array([r[ring].mean() for ring in rings])
+    heights = curve.spline(x) + np.array([curve.residuals[ring].mean() for ring in rings])
+    growing = np.concatenate([[True], np.diff(x) > 1e-9 * r[-1]]) & (x > 1e-6 * r[-1])
+    x, heights = x[growing], heights[growing]
+    rim = [r[-1]] if r[-1] > x[-1] * (1 + 1e-9) else []
+    ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
+    x, heights = np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0]
+    return tuple(map(float, x)), tuple(map(float, heights))
+
+
+def check_distance(points: Array, source: str) -> None:
+    """Raise OmnimirrorError if a point (n, 3) mm is farther than 10 km from the origin."""
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_MM:
+        raise OmnimirrorError(
+            f"{source} must lie within {FARTHEST_MM:g} mm of the machine's origin; got {farthest:.4g} mm; check the "
+            "unit and remove wrong points"
+        )
+
+
+def check_spread(points: Array, source: str) -> None:
+    """Check that points (n, 3) mm can determine a surface.
+
+    Raises
+    ------
+    OmnimirrorError
+        There are fewer than 200, one is farther than 10 km from the origin, or all lie on a line as seen along z.
+    """
+    if len(points) < FEWEST:
+        raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")
+    check_distance(points, source)
+    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    if width < max(NARROWEST_MM, NARROWEST * length):
+        raise OmnimirrorError(
+            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points "
+            "all over the mirror"
+        )
+
+
+def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:
+    """Distances from the axis and heights (n,) of points (n, 3) about the axis that makes them one meridian best."""
+    from scipy.optimize import least_squares
+
+    size = float(np.ptp(points[:, :2])) / 2
+    some = points[:: max(len(points) // MOST_FOR_AXIS, 1)]
+    place = _placed(some, size)
+
+    def misses(pose: Array) -> Array:
+        r, z = place(pose)
+        order = np.argsort(r)
+        curve = _least_squares(r[order], z[order], False, np.ones(len(r), dtype=bool), PIECES[0])
+        missed = np.empty_like(r)
+        missed[order] = curve.residuals / scale
+        return missed
+
+    scale, pose = 1.0, np.array([*(start / size), 0.0, 0.0])
+    scale = max(NORMAL * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
+    for _ in range(2):
+        pose = least_squares(misses, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25).x
+        scale = max(scale * NORMAL * float(np.median(np.abs(misses(pose)))), 1e-12 * size)
+    r, z = _placed(points, size)(pose)
+    turned = points[:, :2] - pose[:2] * size
+    if len({(bool(x > 0), bool(y > 0)) for x, y in turned}) < 4:
+        raise OmnimirrorError(f"{source} does not lie all about its axis; points on all sides of it are needed")
+    return r, z
+
+
+def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
+    """Distances from the axis and heights of points (n, 3) for a centre (in sizes) and tilts (radians)."""
+
+    def at(pose: Array) -> tuple[Array, Array]:
+        cx, cy, a, b = pose
+        axis = np.array([np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))])
+        p = points - [cx * size, cy * size, 0.0]
+        z = p @ axis
+        return np.sqrt(np.maximum((p**2).sum(axis=1) - z**2, 0.0)), z
+
+    return at

@@ -1,0 +1,66 @@
+"""How much of the light a mirror reflects: a number, or Fresnel's formula of a metal."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import number, shown
+from ...base.errors import InvalidParameter
+
+Array = NDArray[np.float64]
+Reflectivity: TypeAlias = float | complex | str
+"""A number from 0 to 1, a metal's complex refractive index ``n + 1j k``, or the name of a metal."""
+
+METALS: dict[str, complex] = {
+    "aluminium": 0.96 + 6.69j,  # Rakic 1995
+    "silver": 0.06 + 3.59j,  # Johnson and Christy 1972
+    "gold": 0.43 + 2.46j,  # Johnson and Christy 1972
+}
+"""Refractive indices of clean metals at 550 nm."""
+
+
+def reflectance(gamma: ArrayLike, reflectivity: Reflectivity) -> Array:
+    """Share of unpolarised light reflected at angles of incidence gamma, radians.
+
+    A number is the same at all angles; a metal follows Fresnel's formulas, the mean of both polarisations.
+
+    Raises
+    ------
+    InvalidParameter
+        A number that is no share, an index that is no metal's, or an unknown name.
+
+    Examples
+    --------
+    >>> reflectance(np.radians([0.0, 60.0]), "aluminium").round(3)
+    array([0.921, 0.907])
+    >>> reflectance([0.0], 0.96 + 6.69j).round(3), reflectance([0.5], 0.9)
+    (array([0.921]), array([0.9]))
+    """
+    index = _index(reflectivity)
+    cos = np.cos(np.asarray(gamma, dtype=float))
+    if isinstance(index, float):
+        return np.full_like(cos, index)
+    inside = np.sqrt(1 - (1 - cos**2) / index**2)  # cosine in the metal, complex
+    s = (cos - index * inside) / (cos + index * inside)
+    p = (index * cos - inside) / (index * cos + inside)
+    mean: Array = (np.abs(s) ** 2 + np.abs(p) ** 2) / 2
+    return mean
+
+
+def _index(reflectivity: Reflectivity) -> float | complex:
+    """A share as float, or a refractive index as complex."""
+    if isinstance(reflectivity, str):
+        if reflectivity not in METALS:
+            raise InvalidParameter(f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}")
+        return METALS[reflectivity]
+    if isinstance(reflectivity, complex):
+        if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
+            raise InvalidParameter(f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0")
+        return reflectivity
+    share = number("reflectivity", reflectivity)
+    if not 0 < share <= 1:
+        raise InvalidParameter(f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1")
+    return share

@@ -1,0 +1,383 @@
+"""The sensor file: TOML to a checked model to a Sensor, and back without loss.
+
+The tables of a mirror, a lens and the imager are made from the parameters that these describe
+themselves, so a new mirror needs no line here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+import tomli_w
+from pydantic import Field, create_model
+
+from ...base.arguments import checked, file_name, shown
+from ...base.errors import SpecError
+from ...base.files import parse_toml, read_text, write_text
+from ...base.parameters import Uncertainty
+from ...cameras.frames import Mount
+from ..housing import SHELLS, CameraBody, Housing, Rim, Rod
+from ..image_sensor import Imager, ImagerPose
+from ..lenses import LENSES, Lens
+from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
+from ..mirrors.form import MirrorForm
+from ..mirrors.pose import MirrorPose
+from ..sensor import Sensor, check_sensor
+from ..thermal import Thermal
+from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, table_model, validated
+
+BUNDLED = Path(__file__).parents[1] / "bundled_sensors"
+FORMAT = 1
+T = TypeVar("T")
+
+
+def bundled_sensors() -> list[str]:
+    """Names of the sensors that come with the package.
+
+    Returns
+    -------
+    list of str
+        For :func:`load_sensor`.
+
+    Examples
+    --------
+    >>> "paper-spherical" in bundled_sensors()
+    True
+    """
+    return sorted(p.stem for p in BUNDLED.glob("*.toml"))
+
+
+def load_sensor(name_or_path: str | Path) -> Sensor:
+    """Read a sensor file, or a bundled sensor by its name.
+
+    Parameters
+    ----------
+    name_or_path
+        A file, or one of :func:`bundled_sensors`.
+
+    Returns
+    -------
+    Sensor
+        The sensor.
+
+    Raises
+    ------
+    SpecError
+        No such file or name; not TOML; an unknown, missing or wrong entry. The message gives the
+        file, the line and what would be valid.
+
+    Examples
+    --------
+    >>> sensor = load_sensor("paper-spherical")
+    >>> sensor.mirror.KIND, round(sensor.field_deg[1], 3)
+    ('sphere', 135.005)
+    """
+    path, absent = find("sensor file", name_or_path)
+    text = read_text(path, "sensor file", SpecError, absent)
+    return parse_sensor(text, source=str(path), folder=path.parent)
+
+
+def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
+    """Where a file of such kinds or a bundled sensor is, and what is said if there is none.
+
+    >>> find("sensor file", "paper-spherical")[0].name
+    'paper-spherical.toml'
+    """
+    path, bundled = file_name("name_or_path", name_or_path), bundled_sensors()
+    if not path.is_file() and str(name_or_path) in bundled:
+        path = BUNDLED / f"{name_or_path}.toml"
+    hint = did_you_mean(str(name_or_path), bundled)
+    others = f"{hint} Bundled are" if hint else "; bundled are"
+    return path, f"there is no {kinds} or bundled sensor {str(name_or_path)!r}{others} {', '.join(bundled)}"
+
+
+@checked
+def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
+    """A Sensor from the text of a sensor file.
+
+    ``folder`` is where files named in it are looked for; without one it may name none, so that text from anywhere
+    can be read.
+
+    Parameters
+    ----------
+    text
+        TOML.
+    source
+        How errors name the text.
+    folder
+        Where files named in it are looked for; without one it may name none.
+
+    Returns
+    -------
+    Sensor
+        The sensor.
+
+    Raises
+    ------
+    SpecError
+        Not TOML; an unknown, missing or wrong entry. The message gives the line and what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.parse_sensor(om.sensor_template("mine")).name
+    'mine'
+    """
+    where = Places(text, source)
+    data = parse_toml(text, source)
+    if "camera" in data and "mirror" not in data:
+        raise SpecError(
+            f"{source} is a camera file: it says which way pixels look, and neither mirror nor lens, which are needed "
+            "here; omnimirror calibrate --model sensor finds these"
+        )
+    return sensor_of(data, where, folder)
+
+
+def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Sensor:
+    """A Sensor from the tables of a sensor file; ``where`` gives errors their place, ``folder`` as above."""
+    _check_table_names(data, where)
+    parts: dict[str, Any] = {
+        "mirror": _part("mirror", data, MIRRORS, folder, where),
+        "lens": lens_of(data["lens"], where, folder),
+        "imager": _build("imager", Imager, data["imager"], where),
+        "mirror_pose": _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where),
+        "imager_pose": _build("imager_pose", ImagerPose, data.get("imager_pose", {}), where),
+    }
+    if "mirror_form" in data:
+        parts["mirror_form"] = _build("mirror_form", MirrorForm, data["mirror_form"], where)
+    if "secondary" in data:
+        parts["secondary"] = _secondary(data, folder, where)
+    mount = validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
+    distance = mount.pop("mirror_distance_mm")
+    make = partial(
+        Sensor,
+        **parts,
+        mount=Mount(**mount),
+        mirror_distance_mm=np.inf if distance is None else distance,
+        name=data.get("name", "sensor"),
+        notes=data.get("notes", ""),
+        housing=housing_of(data.get("housing", {}), where),
+        uncertainty=uncertainty_of(data["uncertainty"], where) if "uncertainty" in data else None,
+        thermal=_build("thermal", Thermal, data["thermal"], where) if "thermal" in data else None,
+    )
+    sensor = where.wrap(("mount", "mirror_distance_mm"), make)
+    _check_fit(sensor, data.get("housing", {}), where)
+    return sensor
+
+
+def format_sensor(sensor: Sensor) -> str:
+    """The text of the sensor's file; reading it back gives an equal sensor.
+
+    >>> sensor = load_sensor("paper-hyperboloidal")
+    >>> parse_sensor(format_sensor(sensor)) == sensor
+    True
+    """
+    return tomli_w.dumps(tables_of(sensor))
+
+
+def tables_of(sensor: Sensor) -> dict[str, Any]:
+    """The tables of the sensor's file, as plain data."""
+    mount = mount_table(sensor.mount)
+    if np.isfinite(sensor.mirror_distance_mm):
+        mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "name": sensor.name,
+        "notes": sensor.notes,
+        "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)},
+    }
+    if (second := sensor.secondary) is not None:
+        data["secondary"] = {"kind": second.mirror.KIND, **_table(second.mirror), **_table(second)}
+    data |= {
+        "lens": lens_table(sensor.lens),
+        "imager": _table(sensor.imager),
+        "mount": mount,
+    }
+    if sensor.mirror_pose != MirrorPose():
+        data["mirror_pose"] = _table(sensor.mirror_pose)
+    if sensor.mirror_form != MirrorForm():
+        data["mirror_form"] = _table(sensor.mirror_form)
+    if sensor.imager_pose != ImagerPose():
+        data["imager_pose"] = _table(sensor.imager_pose)
+    if not sensor.housing.is_empty:
+        data["housing"] = housing_tables(sensor.housing)
+    if sensor.uncertainty is not None:
+        data["uncertainty"] = uncertainty_table(sensor.uncertainty)
+    if sensor.thermal is not None:
+        data["thermal"] = _table(sensor.thermal)
+    return data
+
+
+def mount_table(mount: Mount) -> dict[str, Any]:
+    """The table [mount], without a lean where there is none."""
+    table = dataclasses.asdict(mount)
+    if not mount.leans:
+        del table["pitch_deg"], table["roll_deg"]
+    return table
+
+
+@checked
+def save_sensor(sensor: Sensor, path: str | Path) -> None:
+    """Write the sensor's file, whole or not at all.
+
+    Parameters
+    ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    path
+        Name of the file.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> sensor = om.load_sensor("paper-hyperboloidal")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.save_sensor(sensor, f"{folder}/mine.toml")
+    ...     om.load_sensor(f"{folder}/mine.toml") == sensor
+    True
+    """
+    check_sensor(sensor)
+    write_text(file_name("path", path), format_sensor(sensor))
+
+
+class MountTable(StandTable):
+    mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
+
+
+def _table(part: Any) -> dict[str, Any]:
+    """A part's parameters, as the file holds them; what is 0 or nothing unless given is left out."""
+    values = {name: getattr(part, name) for name in part.PARAMETERS}
+    unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
+
+
+def _check_table_names(data: dict[str, Any], where: Places) -> None:
+    known: dict[str, type] = {"format": int, "name": str, "notes": str}
+    parts = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "mirror_form", "imager_pose")
+    tables = (*parts, "housing", "uncertainty", "thermal")
+    known |= dict.fromkeys(tables, dict)
+    check_entries(data, known, FORMAT, where)
+    for key in ("mirror", "lens", "imager"):
+        if key not in data:
+            raise where.error((), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]")
+
+
+def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places) -> T:
+    """The part that a table describes."""
+    part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
+    return part
+
+
+def lens_of(table: dict[str, Any], where: Places, folder: Path | None, section: str = "lens") -> Lens:
+    """The lens of a table such as ``[lens]`` of a sensor file; files that it names are looked for in a folder."""
+    return _part(section, {section: table}, LENSES, folder, where)
+
+
+def lens_table(lens: Lens) -> dict[str, Any]:
+    """The table ``[lens]`` of a lens, as plain data."""
+    return {"kind": lens.KIND, **_table(lens)}
+
+
+def _class_and_table(
+    section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places
+) -> tuple[type[T], dict[str, Any]]:
+    """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
+    cls = class_of(section, data, registry, where)
+    table = {k: v for k, v in data[section].items() if k != "kind"}
+    if issubclass(cls, Mirror | Lens):
+        table = where.wrap((section,), partial(cls.from_spec, table, folder))
+    return cls, table
+
+
+def _secondary(data: dict[str, Any], folder: Path | None, where: Places) -> Secondary:
+    """The second mirror: its table holds the entries of its kind, and those of its place."""
+    cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
+    model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
+    values = _values(model, "secondary", table, where)
+    place = {name: values.pop(name) for name in Secondary.PARAMETERS}
+    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **place))
+
+
+def _build(section: str, cls: type[Any], table: dict[str, Any], where: Places) -> Any:
+    """A part from its checked table."""
+    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
+    return where.wrap((section,), lambda: cls(**values))
+
+
+class UncertaintyTable(Table):
+    """How sure the numbers of a sensor or camera are: their covariance, row by row."""
+
+    names: list[str]
+    covariance: list[list[float]]
+    field_deg: float | None = None
+    marginal_sigmas: list[float] | None = None
+
+
+def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
+    """A covariance from the table ``[uncertainty]``."""
+    values = validated(UncertaintyTable, "uncertainty", table, where).model_dump()
+    return where.wrap(("uncertainty",), partial(Uncertainty, **values))
+
+
+def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
+    """Return the table ``[uncertainty]`` as plain data."""
+    table: dict[str, Any] = {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+    if known.field_deg is not None:
+        table["field_deg"] = known.field_deg
+    if known.marginal_sigmas is not None:
+        table["marginal_sigmas"] = list(known.marginal_sigmas)
+    return table
+
+
+HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
+"""The parts of a housing by their tables, ``[housing.camera]`` and so on."""
+
+
+def housing_of(table: dict[str, Any], where: Places) -> Housing:
+    """A housing from the tables of ``[housing]``; what they leave out is fitted to the sensor later."""
+    for name, part in table.items():
+        if name not in HOUSING_PARTS:
+            valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
+            raise where.error(
+                ("housing", name), f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}"
+            )
+        if not isinstance(part, dict):
+            raise where.error(("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]")
+    if len(shells := [name for name in SHELLS if name in table]) > 1:
+        raise where.error(("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them")
+    parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
+    shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
+    return Housing(shell=shell, **parts)
+
+
+def _check_fit(sensor: Sensor, tables: dict[str, Any], where: Places) -> None:
+    """Each part of a housing fits the sensor, its mirror with its rim."""
+    body = Housing(rim=sensor.housing.rim, secondary_rim=sensor.housing.secondary_rim)
+    for name in tables:
+        field = "shell" if name in SHELLS else name
+        alone = dataclasses.replace(body, **{field: getattr(sensor.housing, field)})
+        where.wrap((f"housing.{name}",), partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"))
+
+
+def housing_tables(housing: Housing) -> dict[str, Any]:
+    """The tables of ``[housing]``, as plain data."""
+    parts = {name: getattr(housing, name) for name in ("camera", "rod", "rim", "secondary_rim")}
+    if housing.shell is not None:
+        parts[housing.shell.KIND] = housing.shell
+    return {name: _table(part) for name, part in parts.items() if part is not None}
+
+
+def _values(model: type[Table], section: str, table: dict[str, Any], where: Places) -> dict[str, Any]:
+    """The checked entries of a table, lists as tuples."""
+    values = validated(model, section, table, where).model_dump()
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}

@@ -1,0 +1,160 @@
+"""What a sensor is made of, as far as temperature moves it: how its parts expand, and how its lens changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..base.arguments import check_fields, choice
+from ..base.errors import InvalidParameter
+from ..base.parameters import Parameter
+
+EXPANSIONS_PPM: dict[str, float] = {
+    "abs": 90.0,
+    "acrylic": 70.0,
+    "aluminium": 23.6,
+    "bk7": 7.1,
+    "brass": 19.0,
+    "carbon_fibre": 1.0,
+    "copper": 16.7,
+    "fused_silica": 0.55,
+    "invar": 1.3,
+    "nickel": 13.3,
+    "pla": 68.0,
+    "polyamide": 80.0,
+    "polycarbonate": 66.0,
+    "silicon": 2.6,
+    "stainless_steel": 16.5,
+    "steel": 12.0,
+    "titanium": 8.6,
+}
+"""Linear expansion of materials near room temperature, 1e-6/K, as handbooks list it; plastics differ by a tenth."""
+DENSITIES_G_PER_CM3: dict[str, float] = {
+    "abs": 1.05,
+    "acrylic": 1.19,
+    "aluminium": 2.70,
+    "bk7": 2.51,
+    "brass": 8.50,
+    "carbon_fibre": 1.60,
+    "copper": 8.96,
+    "fused_silica": 2.20,
+    "invar": 8.05,
+    "nickel": 8.90,
+    "pla": 1.24,
+    "polyamide": 1.14,
+    "polycarbonate": 1.20,
+    "silicon": 2.33,
+    "stainless_steel": 7.95,
+    "steel": 7.85,
+    "titanium": 4.51,
+}
+"""Densities of the same materials, as handbooks list them; alloys and plastics differ by a few per cent."""
+INDEX_RATES_PER_K: dict[str, float] = {
+    "acrylic": -1.05e-4,
+    "polycarbonate": -1.07e-4,
+    "bk7": 1.1e-6,
+    "fused_silica": 8.6e-6,
+    "sapphire": 1.3e-5,
+    "water": -1.0e-4,
+    "sea_water": -1.0e-4,
+    "mineral_oil": -3.8e-4,
+}
+"""How refractive indices change near room temperature, 1/K."""
+NAMES = tuple(EXPANSIONS_PPM)
+EXPANSION = Parameter("ppm/K", -100.0, 1000.0, "linear expansion, instead of a material")
+MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """How temperature moves a sensor's parts. Of each part a material or its expansion is said, or it stays.
+
+    Parameters
+    ----------
+    reference_c
+        Temperature at which the sensor's numbers hold, degrees Celsius.
+    mirror_material, mirror_ppm_per_k
+        The mirror: its shape grows evenly.
+    spacer_material, spacer_ppm_per_k
+        What holds the mirror before the lens.
+    mount_material, mount_ppm_per_k
+        What holds the imager behind the lens.
+    focal_ppm_per_k
+        How much longer the lens's focal length becomes; a maker tells it, or a measurement.
+    imager_ppm_per_k
+        Expansion of the imager; silicon by default.
+    held_at
+        Where the spacer holds the mirror: at its "vertex", as a rod behind it does, or at its "rim", as a tube does.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, an unknown material, or a part of which both are said.
+
+    Examples
+    --------
+    >>> thermal = Thermal(mirror_material="acrylic", spacer_ppm_per_k=23.0)
+    >>> thermal.expansion_ppm("mirror"), thermal.expansion_ppm("spacer"), thermal.expansion_ppm("mount")
+    (70.0, 23.0, 0.0)
+    """
+
+    reference_c: float = 20.0
+    mirror_material: str | None = None
+    mirror_ppm_per_k: float | None = None
+    spacer_material: str | None = None
+    spacer_ppm_per_k: float | None = None
+    mount_material: str | None = None
+    mount_ppm_per_k: float | None = None
+    focal_ppm_per_k: float = 0.0
+    imager_ppm_per_k: float = EXPANSIONS_PPM["silicon"]
+    held_at: str = "vertex"
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "reference_c": Parameter("C", -273.0, 1000.0, "temperature at which the sensor's numbers hold"),
+        "mirror_material": MATERIAL,
+        "mirror_ppm_per_k": EXPANSION,
+        "spacer_material": MATERIAL,
+        "spacer_ppm_per_k": EXPANSION,
+        "mount_material": MATERIAL,
+        "mount_ppm_per_k": EXPANSION,
+        "focal_ppm_per_k": Parameter("ppm/K", -1e4, 1e4, "change of the focal length"),
+        "imager_ppm_per_k": EXPANSION,
+        "held_at": Parameter("", 0.0, 0.0, "where the spacer holds the mirror", ("vertex", "rim")),
+    }
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, parameter in self.PARAMETERS.items():
+            if (value := getattr(self, name)) is not None:
+                parameter.check(name, value)
+        for part in ("mirror", "spacer", "mount"):
+            material, ppm = self._said(part)
+            if material is not None and ppm is not None:
+                raise InvalidParameter(
+                    f"{part}_material = {material!r} and {part}_ppm_per_k = {ppm:g} were both given; give one of them"
+                )
+
+    def _said(self, part: str) -> tuple[str | None, float | None]:
+        return getattr(self, f"{part}_material"), getattr(self, f"{part}_ppm_per_k")
+
+    def expansion_ppm(self, part: str) -> float:
+        """Linear expansion of a part, 1e-6/K.
+
+        Parameters
+        ----------
+        part
+            "mirror", "spacer" or "mount".
+
+        Returns
+        -------
+        float
+            0 of a part of which nothing is said.
+
+        Raises
+        ------
+        InvalidParameter
+            Another part.
+        """
+        choice("part", part, ("mirror", "spacer", "mount"))
+        material, ppm = self._said(part)
+        return EXPANSIONS_PPM[material] if material is not None else ppm or 0.0

@@ -1,0 +1,429 @@
+"""What of the field is hidden, and by what: the one answer that drawing, picture, evaluation and requirements share.
+
+What counts is the chief ray: near the edge of what is hidden the picture fades over the width of the lens's aperture.
+What stands about the axis of an aligned sensor hides rings of field angle at every azimuth (:func:`hidden_parts`); of
+any sensor it stops rays in space (:meth:`Obstructions.met_by`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.numerics.roots import sign_change
+from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
+from ..mirrors import Mirror, Secondary
+from ..mirrors.pose import MirrorPose
+from .covers import Cover
+from .edges import past_circle
+from .meridian import ChiefRays, Meridian
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PLACES = 2049  # along the mirror, between which a ring's edge is looked for
+TOUCHES_DEG = 1e-6  # a ring this near to an end of the field begins or ends there
+
+
+def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
+    """By how much (n,), mm, rays pass a disc square to the axis; below 0 where it stops them.
+
+    A disc of radius a seen at an angle Omega is a cos(Omega) wide in the meridian: a ray meets it whose distance from
+    the disc's centre is less. NumPy arrays of any kind, complex ones too, whose imaginary parts are derivatives.
+
+    Parameters
+    ----------
+    distance : (n,) mm
+        Of the ray from the centre of the disc, in the meridian.
+    cosine : (n,)
+        Of the angle between ray and axis.
+    radius : mm
+
+    Examples
+    --------
+    >>> disc_clearance(np.array([10.0, 30.0]), np.cos(np.radians([0.0, 60.0])), 20.0)
+    array([-10.,  20.])
+    """
+    return distance - radius * cosine
+
+
+class Disc(NamedTuple):
+    """Opaque disc perpendicular to the axis, and the rays that it blocks: descending to the lens's side, or rising."""
+
+    part: str
+    height_mm: float
+    radius_mm: float
+    stops_rising: bool = False
+
+    def crossing(self, points: Array, directions: Array) -> tuple[Array, Mask]:
+        """Return where (n, 2), mm, rays (n, 3), (n, 3) cross its plane, and whether they do so from its open side."""
+        along = directions[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = (self.height_mm - points[:, 2]) / along
+            across: Array = points[:, :2] + steps[:, None] * directions[:, :2]
+            towards = along > 0 if self.stops_rising else along < 0
+            meets: Mask = towards & (steps > 0)
+        return across, meets
+
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        across, meets = self.crossing(points, directions)
+        with np.errstate(invalid="ignore"):
+            return np.where(meets, past_circle(across, self.radius_mm), np.inf)
+
+    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+        """Return which rays (n, 3), (n, 3) it blocks, and where (n, 2), mm, they cross its plane."""
+        return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
+
+
+class WindowFrame(NamedTuple):
+    """Opaque surround of a window: it blocks rays that descend outside the clear opening."""
+
+    part: str
+    height_mm: float
+    radius_mm: float
+
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        across, meets = Disc(self.part, self.height_mm, self.radius_mm).crossing(points, directions)
+        with np.errstate(invalid="ignore"):
+            return np.where(meets, -past_circle(across, self.radius_mm), np.inf)
+
+
+class TaperedRod(NamedTuple):
+    """A rod, which may taper: a frustum about the axis."""
+
+    foot_mm: float
+    top_mm: float
+    foot_radius_mm: float
+    top_radius_mm: float
+
+    @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Height and radius of either end."""
+        return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
+
+    @property
+    def taper(self) -> float:
+        """Change of its radius with height, mm/mm."""
+        return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
+
+    def clearance(self, points: Array, directions: Array) -> Array:
+        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that pass above or below it.
+
+        Between foot and top the difference of squares ``r^2 - radius^2`` is a quadratic in the distance t along the
+        ray: its minimum lies at its vertex or where the ray enters or leaves the rod's heights.
+        """
+        (x, y, z), (dx, dy, dz) = points.T, directions.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.sort([(h - z) / dz for h in (self.foot_mm, self.top_mm)], axis=0)
+            level = dz == 0
+            between = (z >= self.foot_mm) & (z <= self.top_mm)
+            first = np.where(level, np.where(between, 0.0, np.inf), np.maximum(ends[0], 0.0))
+            last = np.where(level, np.where(between, np.inf, -np.inf), ends[1])
+            radius, widening = self.foot_radius_mm + self.taper * (z - self.foot_mm), self.taper * dz
+            a = dx**2 + dy**2 - widening**2
+            b = x * dx + y * dy - radius * widening
+            nearest = np.where(a > 0, np.clip(-b / a, first, last), first)
+            squares = [
+                (x + t * dx) ** 2 + (y + t * dy) ** 2 - (radius + t * widening) ** 2 for t in (first, nearest, last)
+            ]
+            least = np.fmin.reduce(squares)
+            clearance = least / (2 * max(self.foot_radius_mm, self.top_radius_mm))
+            return np.where(first <= last, clearance, np.inf)
+
+    def met_by(self, points: Array, directions: Array) -> Mask:
+        """Return which rays (n, 3), (n, 3) it blocks, also those that start inside it."""
+        blocked: Mask = self.clearance(points, directions) < 0
+        return blocked
+
+
+@dataclass(frozen=True)
+class Obstructions:
+    """A housing fitted to its sensor: the opaque things in the light. Heights over where the vertex is meant to be, mm.
+
+    The wall of a tube or a dome is clear; it closes with ``discs``. What belongs to the mirror's own body moves with
+    the mirror: ``rim``, in the frame of the mirror.
+    """
+
+    housing: Housing
+    envelope: Envelope
+    discs: tuple[Disc | WindowFrame, ...]
+    rod: TaperedRod | None
+    rim: Disc | None
+
+    @classmethod
+    def of(
+        cls, housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float
+    ) -> Obstructions:
+        """What a housing puts into the light of a mirror, perhaps seen in a second one, at a distance from the lens.
+
+        Raises
+        ------
+        InvalidParameter
+            As :meth:`omnimirror.optics.housing.Housing.fitted`.
+        """
+        envelope = envelope_of(housing, mirror, secondary, mirror_distance_mm)
+        fitted = housing.fitted(envelope)
+        rod, edge = fitted.rod, housing.rim or Rim()
+        cone = None
+        if rod is not None:
+            assert rod.gap_mm is not None
+            assert rod.end_diameter_mm is not None
+            cone = TaperedRod(envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2)
+        front = float(mirror.sag(np.array(mirror.rim_radius_mm))) + edge.setback_mm
+        rim = Disc("rim", front, envelope.outer_mm, stops_rising=True) if edge.width_mm else None
+        discs = (*_lids(fitted, envelope), *_before_mirror(fitted, envelope, secondary))
+        return cls(fitted, envelope, discs, cone, rim)
+
+    @property
+    def lids(self) -> tuple[Disc, ...]:
+        """The discs that close a tube or a dome."""
+        shell = self.housing.shell
+        if shell is None:
+            return ()
+        return tuple(disc for disc in self.discs if isinstance(disc, Disc) and disc.part.startswith(shell.KIND))
+
+    @property
+    def camera(self) -> Disc | None:
+        """The disc that rays to the camera end at: its front, or the base that it stands on if that is wider."""
+        lens = self.envelope.lens_mm
+        fronts = [disc for disc in self.discs if isinstance(disc, Disc) and disc.part == "camera"]
+        level = fronts[0].height_mm if fronts else lens
+        fronts += [disc for disc in self.lids if disc.height_mm == level == lens]
+        return max(fronts, key=lambda disc: disc.radius_mm, default=None)
+
+    @property
+    def front_ring_mm(self) -> float:
+        """Diameter of the ring about the lens that is made out on the camera's front."""
+        return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
+
+    def clearances(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays off the mirror at each part; below 0 where the part blocks them.
+
+        Parameters
+        ----------
+        points, directions : (n, 3) arrays
+            Points on the mirror, mm, and directions of the rays into the world, in the camera frame.
+        towards_lens : (n, 3) array
+            Directions from these points to the lens, or to the second mirror in which the lens sees them.
+        pose
+            Pose of the mirror.
+        """
+        found = {}
+        if self.rod is not None:
+            ways = (self.rod.clearance(points, way) for way in (directions, towards_lens))
+            found["rod"] = np.fmin.reduce([*ways])
+        found |= {disc.part: disc.clearance(points, directions) for disc in self.discs}
+        if self.rim is not None:
+            found["rim"] = self._past_rim(self.rim, points, directions, pose)
+        return found
+
+    def meridian_clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of chief rays of the meridian at each part.
+
+        ``shift_mm`` is the displacement of the mirror along the axis.
+        """
+        x, z, theta, reflected = np.atleast_1d(rays.x, rays.z + shift_mm, rays.theta, rays.reflected)
+        nothing = np.zeros_like(x)
+        points, outwards, back = (
+            np.stack([across, nothing, along], axis=-1)
+            for across, along in ((x, z), (np.sin(reflected), -np.cos(reflected)), (-np.sin(theta), -np.cos(theta)))
+        )
+        found = self.clearances(points, outwards, back, MirrorPose(displacement_mm=shift_mm))
+        return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
+
+    def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
+        """Return which rays (n,) off the mirror each part blocks; parameters as of :meth:`clearances`."""
+        return {part: found < 0 for part, found in self.clearances(points, directions, towards_lens, pose).items()}
+
+    def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
+        """Return which rays (n, 3), (n, 3) the edge of the rim blocks: rising from the mirror, or passing beside it."""
+        if self.rim is None:
+            return np.zeros(len(points), dtype=bool)
+        blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
+        return blocked
+
+    def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
+        """Return the clearance (n,), mm, at the ring about the mirror, whose inner edge is that of the mirror."""
+        across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
+        inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
+        with np.errstate(invalid="ignore"):
+            clearance = np.maximum(past_circle(across, rim.radius_mm), -past_circle(across, inner))
+            return np.where(meets, clearance, np.inf)
+
+    def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
+        """Which rays (n,) off the mirror end at what stands before it, the camera or the rod."""
+        meets = np.zeros(len(points), dtype=bool)
+        if self.camera is not None:
+            meets |= self.camera.met_by(points, directions)[0]
+        if self.rod is not None:
+            meets |= self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+        return meets
+
+
+def cover_of(obstructions: Obstructions) -> Cover | None:
+    """The tube or the dome of a housing that fits its sensor, in the meridian; None where there is none."""
+    shell, envelope = obstructions.housing.shell, obstructions.envelope
+    return None if shell is None else Cover(shell.centred(), envelope.base_mm, envelope.back_mm)
+
+
+def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:
+    """What a housing is fitted to."""
+    rim = housing.rim or Rim()
+    lens = -mirror_distance_mm if np.isfinite(mirror_distance_mm) else -LENS_AT_RIMS * mirror.rim_radius_mm
+    back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
+    if secondary is None:
+        return Envelope(lens, lens, back, outer)
+    second = housing.secondary_rim or Rim()
+    base = -secondary.distance_mm - highest_mm(secondary.mirror) - second.thickness_mm
+    return Envelope(lens, base, back, outer, has_secondary=True)
+
+
+def highest_mm(mirror: Mirror) -> float:
+    """Height of the highest point of a mirror's surface over its vertex, mm."""
+    return float(mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513)).max())
+
+
+def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | WindowFrame, ...]:
+    """What closes a tube or a dome, and what is around a window."""
+    shell = housing.shell
+    if shell is None:
+        return ()
+    if isinstance(shell, FlatWindow):
+        return (
+            ()
+            if shell.diameter_mm is None
+            else (WindowFrame("window's frame", shell.heights_mm[0], shell.diameter_mm / 2),)
+        )
+    base = Disc(f"{shell.KIND}'s base", envelope.base_mm, shell.inner_radius_mm(envelope.base_mm))
+    if shell.KIND == "dome":
+        return (base,)
+    return base, Disc("tube's cap", envelope.back_mm, shell.inner_radius_mm(envelope.back_mm), stops_rising=True)
+
+
+def _before_mirror(housing: Housing, envelope: Envelope, secondary: Secondary | None) -> tuple[Disc, ...]:
+    """The camera, and the rim of a second mirror."""
+    discs: list[Disc] = []
+    if (camera := housing.camera) is not None:
+        discs.append(Disc("camera", envelope.lens_mm + camera.height_mm, camera.diameter_mm / 2))
+    if secondary is not None and (rim := housing.secondary_rim) is not None and rim.width_mm:
+        edge = float(secondary.mirror.sag(np.array(secondary.mirror.rim_radius_mm))) + rim.setback_mm
+        radius = secondary.mirror.rim_radius_mm + rim.width_mm
+        discs.append(Disc("secondary's rim", -secondary.distance_mm - edge, radius))
+    return tuple(discs)
+
+
+# -- rings of field angle ------------------------------------------------------------------------------
+
+
+class Obscuration(NamedTuple):
+    """A ring of the field that a part hides, at every azimuth."""
+
+    part: str
+    """What hides it."""
+    omega_deg: tuple[float, float]
+    """From where to where."""
+    picture_percent: float
+    """Its share of the image circle's area."""
+
+
+def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
+    """What is hidden of the field, ring by ring, and in all of the picture.
+
+    >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
+    'camera 0 to 8.43 deg; in all 0.71 % of the picture'
+    """
+    told = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings]
+    return f"{', '.join(told)}; in all {percent:.2f} % of the picture" if told else "nothing"
+
+
+class HiddenPart(NamedTuple):
+    """A ring of the mirror in which a part is in the way."""
+
+    part: str
+    x_mm: tuple[float, float]
+    """From where to where on the mirror, from the axis."""
+
+
+def hidden_parts(
+    meridian: Meridian, obstructions: Obstructions, shift_mm: float = 0.0, *, merged: bool = False
+) -> tuple[HiddenPart, ...]:
+    """Rings of the mirror in which each part is in the way; they may overlap unless merged into those of anything.
+
+    Parameters
+    ----------
+    meridian
+        Of the mirror at its real distance.
+    obstructions
+    shift_mm
+        How far the mirror sits from where it is meant to be along the axis.
+    """
+
+    def clearances(x: Array) -> dict[str, Array]:
+        found = obstructions.meridian_clearances(meridian.trace(x), shift_mm)
+        return {"anything": np.min([*found.values()], axis=0)} if merged and found else found
+
+    def clearance(part: str, x: Array) -> Array:
+        return clearances(x)[part]
+
+    x = np.linspace(meridian.x_min, meridian.mirror.rim_radius_mm, PLACES)
+    return tuple(
+        HiddenPart(part, ends)
+        for part, clear in clearances(x).items()
+        for ends in _hidden_between(x, clear, partial(clearance, part))
+    )
+
+
+def obscured_rings(
+    meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
+) -> tuple[Obscuration, ...]:
+    """Rings of the field that parts hide, and the share (n,) of the image circle's area within chief rays."""
+    rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
+    for part, ends in hidden:
+        rays = meridian.trace(np.array(ends))
+        (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
+        rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
+    return tuple(rings)
+
+
+def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
+    """Return the ring before the first mirror point that sees the world."""
+    start = meridian.trace(np.array([meridian.x_min]))
+    return Obscuration(
+        meridian.middle_hidden_by, (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0])
+    )
+
+
+def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:
+    """From where to where on the mirror a clearance is below 0, the ends to rounding."""
+    hidden = clear < 0
+    edges = [
+        sign_change(lambda v: float(np.clip(clearance(np.array(v)), -1e9, 1e9)), float(x[i]), float(x[i + 1]), 2e-12)
+        for i in np.flatnonzero(np.diff(hidden.astype(int)))
+    ]
+    edges = [*([float(x[0])] if hidden[0] else []), *edges, *([float(x[-1])] if hidden[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def clear_field_deg(field_deg: tuple[float, float], rings: tuple[Obscuration, ...]) -> tuple[float, float]:
+    """The part (low, high) of a field, degrees, between the merged rings that are hidden at either end of it.
+
+    Both are the same angle where all is hidden.
+
+    >>> clear_field_deg((0.0, 135.0), (Obscuration("anything", (0.0, 12.0), 1.0),))
+    (12.0, 135.0)
+    """
+    low, high = field_deg
+    for ring in rings:
+        if ring.omega_deg[0] <= low + TOUCHES_DEG:
+            low = max(low, ring.omega_deg[1])
+    for ring in reversed(rings):
+        if ring.omega_deg[1] >= high - TOUCHES_DEG and ring.omega_deg[0] > low:
+            high = ring.omega_deg[0]
+    return low, high

@@ -1,0 +1,201 @@
+"""A sensor's mirrors and lens traced in space, as they stand: from the image outwards, and from the world to the lens.
+
+Everything is in the camera frame, in mm: z from the lens to the mirror, and the origin where the mirror's vertex was
+meant to be. Pixels are the sensor's business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.numerics.lazy import cached_property
+from ..lenses import Lens
+from ..mirrors import Mirror, Secondary
+from ..mirrors.form import MirrorForm
+from ..mirrors.pose import MirrorPose
+from .covered import CoveredMirror
+from .folded import FoldedMirror
+from .obscuration import Obstructions
+from .posed import PosedMirror
+from .reflection import Ends, Specular
+from .space import Reflections
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PUPIL_STEPS = 12  # each takes what is left to a hundredth or less
+PUPIL_CLOSE = 1e-13
+MIRROR_EDGES = ("mirror", "secondary mirror")
+
+
+@dataclass(frozen=True)
+class OpticalTrain:
+    """What light passes between the world and the imager.
+
+    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions`` is the housing, None
+    without one.
+
+    >>> import omnimirror as om
+    >>> train = om.load_sensor("paper-spherical").optical_train
+    >>> origins, directions = train.rays_of_image(np.array([[2.6, 0.0]]), np.zeros(2))  # mm right of the axis
+    >>> train.posed_mirror.trace(origins, directions).points.round(2)
+    array([[43.67,  0.  , 25.7 ]])
+    """
+
+    mirror: Mirror
+    lens: Lens
+    mirror_distance_mm: float
+    pose: MirrorPose
+    form: MirrorForm
+    secondary: Secondary | None = None
+    obstructions: Obstructions | None = None
+
+    @cached_property
+    def posed_mirror(self) -> PosedMirror | FoldedMirror:
+        """The mirror where it sits; seen in a second one, the lens's side of the frame is the unfolded one."""
+        if self.secondary is not None:
+            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
+        return PosedMirror(self.mirror, self.pose, self.form)
+
+    @cached_property
+    def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
+        """The mirror as it is seen from outside: through the tube or the dome, if there is one."""
+        mirror, cover = self.posed_mirror, self.obstructions
+        if cover is None or cover.housing.shell is None:
+            return mirror
+        assert isinstance(mirror, PosedMirror)
+        ends = cover.envelope.base_mm, cover.envelope.back_mm
+        return CoveredMirror(mirror, cover.housing.shell, ends, self.mirror_distance_mm, self.lens.pupil)
+
+    @property
+    def lens_offset(self) -> Array:
+        """The lens's reference point (3,)."""
+        vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
+        return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
+
+    @property
+    def pupil_offset(self) -> Array:
+        """The middle (3,) of the lens's entrance pupil, as rays near the axis see it."""
+        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
+        return offset
+
+    def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
+        """Return the clearance (n,), mm, of rays at every edge between object and imager; below 0 where it blocks them.
+
+        The one description of what limits light: the edges of mirrors and lens, bore, barrel, camera, rod, rims, lids
+        and window frame. The stop itself is the unit disk in which rays are sampled.
+
+        Parameters
+        ----------
+        seen_at, to_pupils : (n, 3) arrays
+            Points that the lens looks at, on the mirror or on a second one, and directions from there to the lens.
+        points, to_targets : (n, 3) arrays
+            Points on the mirror, and directions of the rays off it into the world.
+        """
+        with np.errstate(all="ignore"):
+            found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
+            found |= self.lens.clearances(seen_at - self.lens_offset, -to_pupils)
+            return found | self._housing_clearances(seen_at, points, to_pupils, to_targets)
+
+    def _housing_clearances(
+        self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array
+    ) -> dict[str, Array]:
+        if self.obstructions is None:
+            return {}
+        mirror, towards_lens = self.posed_mirror, to_pupils
+        if isinstance(mirror, FoldedMirror):
+            towards_lens = mirror.over(seen_at) - points
+        return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
+
+    def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
+        """Reflect rays (n, 3), (n, 3) of the lens's side as if nothing obstructed them, with their clearances (n,).
+
+        Obstructions are the parts of the housing and those of two mirrors; the edges of the mirrors and of the lens are
+        left out.
+        """
+        mirror, own = self.posed_mirror, {}
+        to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        with np.errstate(all="ignore"):
+            if isinstance(mirror, FoldedMirror):
+                found, seen_at = mirror.unobstructed(origins, directions), mirror.seen_at(origins, directions)
+                own = mirror.clearances(seen_at, found.points, to_pupils, found.directions)
+                own = {part: edge for part, edge in own.items() if part not in MIRROR_EDGES}
+            else:
+                found = mirror.trace(origins, directions)
+                seen_at = found.points
+            return found, own | self._housing_clearances(seen_at, found.points, to_pupils, found.directions)
+
+    def passes_lens(self, origins: Array, directions: Array) -> Mask:
+        """Return which rays (n, 3), (n, 3) of the lens's side the edges of the lens let through."""
+        with np.errstate(all="ignore"):
+            edges = self.lens.clearances(origins - self.lens_offset, directions)
+        passed = np.ones(len(origins), dtype=bool)
+        for edge in edges.values():
+            passed &= edge >= 0
+        return passed
+
+    def passes(self, origins: Array, directions: Array, found: Reflections) -> Mask:
+        """Return which rays (n, 3), (n, 3) of the lens's side, which the mirror reflects as found, get through."""
+        to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        mirror = self.posed_mirror
+        seen_at = mirror.seen_at(origins, directions) if isinstance(mirror, FoldedMirror) else found.points
+        edges = self.clearances(seen_at, found.points, to_pupils, found.directions)
+        passed: Mask = np.logical_and.reduce([found.valid, *(edge >= 0 for edge in edges.values())])
+        return passed
+
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
+        """Where points (n, 2) of the unit disk of the aperture see from.
+
+        ``chief`` are slopes (n, 2) of the chief rays, where the pupil moves with them; those near the axis by default.
+        """
+        if self.lens.TELECENTRIC:
+            return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
+        return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
+
+    def chief_rays_to(self, targets: Ends) -> Specular:
+        """Where the middle of the lens's entrance pupil sees targets (n,), points or directions.
+
+        Where the pupil moves with the viewing angle, it and the mirror point are found in turn.
+        """
+        mirror, middle = self.seen_mirror, np.zeros((1, 2))
+        found = mirror.specular(self.entrance_pupil_points(middle), targets)
+        if not self.lens.pupil.moves:
+            return found
+        for _ in range(PUPIL_STEPS):
+            slopes = found.chief_slopes
+            found = mirror.specular(self.entrance_pupil_points(middle, slopes), targets, found.points)
+            with np.errstate(invalid="ignore"):
+                if not (np.abs(found.chief_slopes - slopes) > PUPIL_CLOSE).any():
+                    break
+        return found
+
+    def image_of(self, targets: Ends) -> Array:
+        """Images (n, 2) of targets (n,) on a square imager, mm right of and below the optical axis; NaN if unseen."""
+        return self._image_of(self.chief_rays_to(targets))
+
+    def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:
+        """The same, and where (n, 3) mm the rays begin that lead from there to the targets: on the mirror or cover."""
+        found = self.chief_rays_to(targets)
+        return self._image_of(found), self.seen_mirror.left_at(found)
+
+    def _image_of(self, found: Specular) -> Array:
+        image = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils)
+        image[~found.valid] = np.nan
+        return image
+
+    def rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
+        """Origins and unit directions (n, 3) of rays from image points (n, 2) through aperture points to the mirror.
+
+        Image points count in mm right of and below the optical axis, in the picture before any flip; aperture points
+        (n, 2), or one, in the radii of the entrance pupil.
+        """
+        origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
+        origins = origins + self.lens_offset
+        if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
+            bound = np.linalg.norm(self.pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
+            bound += 2 * np.abs(self.lens_offset[2])
+            origins = origins - (bound + np.abs(origins[:, 2:])) * directions
+        return origins, directions

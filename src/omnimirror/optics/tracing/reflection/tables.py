@@ -1,0 +1,115 @@
+"""What a search for reflection points looks up: a mirror's meridian, and where to begin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mirrors import Mirror
+from ..meridian import trace_chief_rays
+from .surface import continued_profile
+
+Array = NDArray[np.float64]
+
+CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are then right to 1e-9 mm and 1e-9
+BEYOND = 256  # as wide, past the rim, to which an estimate may have to come nearer than the drawing says
+TIP = 1e-3  # of the rim radius: nearer to the tip of a pointed mirror nothing is looked for first
+
+
+@dataclass(frozen=True)
+class MirrorTables:
+    """A mirror's tables, in cubic pieces of four coefficients for each function.
+
+    Parameters
+    ----------
+    meridian : (n, 8)
+        Sag and slope by the distance from the axis, ``cell_mm`` a piece.
+    by_omega : (m, 4)
+        Distance from the axis by the field angle about ``middle_mm``, between ``omegas``.
+    depth : (k, 4) or None
+        Depth before the lens by the tangent of a ray, up to ``most_tangent``; None if the lens is telecentric.
+    rim_mm, least_mm
+        Radius of the rim, and of what is too near to the tip of a pointed mirror.
+    """
+
+    meridian: Array
+    by_omega: Array
+    depth: Array | None
+    cell_mm: float
+    omegas: tuple[float, float]
+    middle_mm: float
+    most_tangent: float
+    rim_mm: float
+    least_mm: float
+
+    @classmethod
+    def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
+        """A mirror as a lens sees it whose entrance pupil is so far (mm) from its vertex, infinitely if telecentric."""
+        rim = mirror.rim_radius_mm
+        x = np.linspace(0.0, rim, 4 * CELLS + 1)
+        rays = trace_chief_rays(mirror, pupil_distance, x)
+        omegas = float(rays.omega[0]), float(rays.omega[-1])
+        even = np.interp(np.linspace(*omegas, CELLS + 1), rays.omega, x)
+        depth, most = None, 0.0
+        if np.isfinite(pupil_distance):
+            most = float(x[-1] / rays.w[-1])
+            depth = _depths(mirror, pupil_distance, np.linspace(0.0, most, CELLS + 1), x, rays.w)
+        return cls(
+            meridian_table(mirror),
+            cubic_pieces(even, np.gradient(even)),
+            depth,
+            rim / CELLS,
+            omegas,
+            float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]),
+            most,
+            rim,
+            TIP * rim if mirror.is_pointed else 0.0,
+        )
+
+    def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
+        """As kernels take it, with where the lens is."""
+        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
+
+
+def radii(mirror: Mirror, cells: int = CELLS) -> Array:
+    """The nodes (n,) mm of its tables, one of them at the rim."""
+    beyond = cells * BEYOND // CELLS
+    return np.linspace(0.0, (cells + beyond) / cells * mirror.rim_radius_mm, cells + beyond + 1)
+
+
+def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
+    """Cubic pieces (n, 8) of sag and slope between the nodes, so many to the rim, four coefficients each.
+
+    >>> from omnimirror.optics.mirrors import Sphere
+    >>> table = meridian_table(Sphere(50.0, 40.0))
+    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
+    ((1280, 8), array([10.  ,  0.75]))
+    """
+    sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
+    step = mirror.rim_radius_mm / cells
+    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
+
+
+def cubic_pieces(values: Array, rates: Array) -> Array:
+    """Coefficients (n, 4) of Hermite's cubics between n + 1 nodes, rates per cell.
+
+    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
+    array([1., 3., 3., 1.])
+    """
+    rise = np.diff(values)
+    low, high = rates[:-1], rates[1:]
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
+
+
+def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Pieces (n, 4) of how far before the lens the mirror lies under tangents, found from pairs x and depth w."""
+    r = np.interp(tangents, x / w, x)
+    for _ in range(4):
+        sag, slope, _ = mirror.profile(r)
+        r = np.clip(r - (r - (distance + sag) * tangents) / (1 - slope * tangents), 0.0, mirror.rim_radius_mm)
+    sag, slope, _ = mirror.profile(r)
+    growth = slope * (distance + sag) / (1 - slope * tangents)
+    return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))

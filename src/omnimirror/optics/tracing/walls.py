@@ -1,0 +1,324 @@
+"""Transparent walls: what passes through them and what they throw back; cylinders and spheres that bend rays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.errors import InvalidParameter
+from ...base.native import backend, kernel_array
+from ..housing import FlatWindow, Shell, Tube
+from ..mirrors.pose import MirrorPose
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+AXIS = np.array([0.0, 0.0, 1.0])
+
+
+def wall_transmission(
+    incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None, medium_index: float = 1.0
+) -> Array:
+    """Share of unpolarised light (n,) that passes a clear wall, at angles of incidence in radians.
+
+    Fresnel's formulas; the reflections between both sides are summed for each polarisation. What does not pass is
+    thrown back. A bent wall, or one before another medium than air, is left at an angle ``behind`` that differs from
+    that of incidence.
+
+    >>> wall_transmission(np.radians([0.0, 45.0]), 1.5).round(4)  # 12/13 straight through
+    array([0.9231, 0.9073])
+    """
+    first = _fresnel(np.asarray(incidence, dtype=float), refractive_index)
+    second = first
+    if behind is not None:
+        second = _fresnel(np.asarray(behind, dtype=float), refractive_index / medium_index)
+    each = [(1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300) for a, b in zip(first, second, strict=True)]
+    passed: Array = (each[0] + each[1]) / 2
+    return passed
+
+
+def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
+    """Reflectances of one side for both polarisations, at angles outside, by the index relative to there."""
+    n, cos_i = refractive_index, np.cos(angle)
+    cos_t = np.sqrt(np.maximum(1 - (np.sin(angle) / n) ** 2, 0.0))
+    return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
+
+
+class Passage(NamedTuple):
+    """Rays (n,) that leave a tube or a dome from inside."""
+
+    points: Array
+    """(n, 3): where they leave it."""
+    directions: Array
+    """(n, 3), unit vectors: whereto, outside."""
+    met: Array
+    """(n, 3): where they meet the inner side."""
+    thrown_back: Array
+    """(n, 3), unit vectors: the part that the wall throws back, inside."""
+    passed: Array
+    """(n,): share of the light that passes; 1 and unchanged along the axis, where the wall is never met."""
+
+
+def passage(shell: Shell, points: Array, directions: Array) -> Passage:
+    """Rays (n, 3), (n, 3) from inside a tube or a dome about the axis, traced out through its wall.
+
+    In the camera frame, whose origin is the mirror's vertex as it was meant to be; its sizes are known.
+
+    Raises
+    ------
+    InvalidParameter
+        A ray starts outside.
+    """
+    distances, reach = _from_middle(shell, points)
+    if (distances > reach).any():
+        raise InvalidParameter(
+            f"a ray starts {distances.max():.4g} mm from the {'axis' if isinstance(shell, Tube) else 'centre'} of the "
+            f"{shell.KIND}, and its inner radius is {reach:g} mm"
+        )
+    return let_out(shell, points, directions)
+
+
+class WayOut(NamedTuple):
+    """Where rays (n,) go through a wall; nothing of how much of their light does."""
+
+    points: Array
+    """(n, 3): where they leave it; of rays that do not meet it, where they start."""
+    directions: Array
+    """(n, 3), unit vectors: whereto, outside."""
+    met: Array
+    """(n, 3): where they meet the inner side."""
+    incident: Array
+    """(n, 3), unit vectors: whereto, inside."""
+    inwards: Array
+    """(n, 3), unit vectors: normals of the inner side where it is met."""
+    lengths: tuple[Array, Array]
+    """(n,) until the inner side is met, and within the wall."""
+    cosines: tuple[Array, Array]
+    """(n,) of the angles to the normals, inside and outside."""
+    meets: Mask
+    """(n,) False for rays along a tube, and those that come from the wrong side of a window."""
+    passes: Mask
+    """(n,) whether any light gets out."""
+
+
+def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
+    """As :func:`passage`, but nothing passes of rays that start outside."""
+    if not shell.is_axial:
+        pose = pose_of(shell)
+        found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
+        places, ways = pose.to_camera, pose.turned_to_camera
+        return Passage(
+            places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
+        )
+    return _with_light(way_out(shell, points, directions), shell.index, shell.outer_index)
+
+
+def way_out(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """Where :func:`let_out` leads, without what it takes to know how much light passes."""
+    if not shell.is_axial:
+        pose = pose_of(shell)
+        way = way_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
+        turn = pose.turned_to_camera
+        return way._replace(
+            points=pose.to_camera(way.points), directions=turn(way.directions), met=pose.to_camera(way.met),
+            incident=turn(way.incident), inwards=turn(way.inwards),
+        )  # fmt: skip
+    way_out_of = way_out_compiled if backend.is_compiled else way_out_in_numpy
+    return way_out_of(shell, points, directions)
+
+
+def way_out_compiled(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """The same as :func:`way_out_in_numpy`, to the last digits."""
+    points, directions = (kernel_array(rays, np.float64) for rays in np.broadcast_arrays(points, directions))
+    count = len(points)
+    vectors, numbers, flags = np.empty((5, count, 3)), np.empty((4, count)), np.empty((2, count), np.bool_)
+    backend.kernels.leave_wall(said_to_kernels(shell), points, directions, vectors, numbers, flags.view(np.uint8))
+    left_at, outwards, met, incident, inwards = vectors
+    before, within, cosine, behind = numbers
+    return WayOut(left_at, outwards, met, incident, inwards, (before, within), (cosine, behind), *flags)
+
+
+def said_to_kernels(shell: Shell) -> tuple[int, tuple[float, float], tuple[float, float], float, float]:
+    """A wall in its own frame: its kind, where its sides are, their radii, its index and that of what is outside."""
+    if isinstance(shell, FlatWindow):
+        return 0, shell.heights_mm, (0.0, 0.0), shell.index, shell.outer_index
+    if isinstance(shell, Tube):
+        return 1, (0.0, 0.0), shell.radii_mm, shell.index, shell.outer_index
+    return 2, shell.centres_mm, shell.radii_mm, shell.index, shell.outer_index
+
+
+def way_out_in_numpy(shell: Shell, points: Array, directions: Array) -> WayOut:
+    """Rays (n, 3), (n, 3) out through a wall about the axis, with nothing compiled."""
+    indices = shell.index, shell.outer_index
+    if isinstance(shell, FlatWindow):
+        return through_window(points, directions, shell.heights_mm, *indices)
+    inner, outer = shell.radii_mm
+    if isinstance(shell, Tube):
+        way = through_tube(points, directions, outer, shell.wall_mm, *indices)
+    else:
+        near, far = (AXIS * height for height in shell.centres_mm)
+        way = through_dome(points, directions, (near, inner), (far, outer), *indices)
+    return way._replace(passes=way.passes & (_from_middle(shell, points)[0] <= inner))
+
+
+def _with_light(way: WayOut, refractive_index: float, medium_index: float) -> Passage:
+    """What passes and what is thrown back; all of what never meets the wall."""
+    before, behind = (np.arccos(np.clip(cosine, 0, 1)) for cosine in way.cosines)
+    share = np.where(way.meets, wall_transmission(before, refractive_index, behind, medium_index), 1.0)
+    back = way.incident + 2 * (way.cosines[0] * way.meets)[:, None] * way.inwards
+    return Passage(way.points, way.directions, way.met, back, np.where(way.passes, share, 0.0))
+
+
+def pose_of(shell: Shell) -> MirrorPose:
+    """Where a tube or a dome sits, said as of a mirror."""
+    return MirrorPose(shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg)
+
+
+def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
+    """Distances (n,) of points from a tube's axis or the centre of a dome's inner side, and how large they may be.
+
+    Before a window they are depths below its inner side.
+    """
+    inside = points if shell.is_axial else pose_of(shell).to_mirror(points)
+    if isinstance(shell, FlatWindow):
+        return shell.heights_mm[0] - inside[:, 2], 0.0
+    if isinstance(shell, Tube):
+        return np.hypot(inside[:, 0], inside[:, 1]), shell.radii_mm[0]
+    from_centre = inside - AXIS * shell.centres_mm[0]
+    return np.sqrt(_dot(from_centre, from_centre)), shell.radii_mm[0]
+
+
+def through_window(
+    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
+) -> WayOut:
+    """Rays down through both sides of a pane square to the axis, by Snell's law; nothing passes of others.
+
+    Parameters
+    ----------
+    points, directions : (n, 3)
+    heights
+        Of the inner and of the outer side.
+    refractive_index, medium_index
+        Of the pane, and of what is outside.
+    """
+    d = _unit(directions)
+    up = np.broadcast_to(AXIS, d.shape)
+    passes = (d[:, 2] < 0) & (points[:, 2] > heights[0])
+    keep = passes[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before = (heights[0] - points[:, 2]) / d[:, 2]
+        met = points + before[:, None] * d
+        inside = _refracted(d, up, 1 / refractive_index)
+        within = (heights[1] - heights[0]) / inside[:, 2]
+        left = met + within[:, None] * inside
+        out = _refracted(inside, up, refractive_index / medium_index)
+    return WayOut(
+        np.where(keep, left, points), np.where(keep, out, d), np.where(keep, met, points), d, up,
+        (np.where(passes, before, 0.0), np.where(passes, within, 0.0)), (-d[:, 2], -out[:, 2]), passes, passes,
+    )  # fmt: skip
+
+
+def through_tube(
+    points: Array,
+    directions: Array,
+    outer_radius: float,
+    wall: float,
+    refractive_index: float,
+    medium_index: float,
+) -> WayOut:
+    """Rays from inside a tube about the axis z, traced out through its wall by Snell's law.
+
+    Parameters
+    ----------
+    points, directions : (n, 3)
+    outer_radius, wall
+        In the unit of the points.
+    refractive_index, medium_index
+        Of the wall, and of what is outside.
+    """
+    d = _unit(directions)
+    meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
+    met, inwards, before = _meet(points, d, outer_radius - wall)
+    inside = _refracted(d, inwards, 1 / refractive_index)
+    left, normal, within = _meet(met, inside, outer_radius)
+    out = _refracted(inside, normal, refractive_index / medium_index)
+    cosines = -_dot(d, inwards), -_dot(out, normal)
+    passes = (cosines[0] > 0) & (cosines[1] > 0)
+    if not meets.all():
+        keep = meets[:, None]
+        left, out, met = (np.where(keep, new, old) for new, old in ((left, points), (out, d), (met, points)))
+        before, within, passes = before * meets, within * meets, passes | ~meets
+    return WayOut(left, out, met, d, inwards, (before, within), cosines, meets, passes)
+
+
+def through_dome(
+    points: Array,
+    directions: Array,
+    inner: tuple[Array, float],
+    outer: tuple[Array, float],
+    refractive_index: float,
+    medium_index: float,
+) -> WayOut:
+    """Rays from inside a dome, traced out through its two spheres by Snell's law.
+
+    Parameters
+    ----------
+    points, directions : (n, 3)
+    inner, outer
+        Centre (3,) and radius of either sphere, in the unit of the points.
+    refractive_index, medium_index
+        Of the wall, and of what is outside.
+
+    Notes
+    -----
+    Where both have one centre, a ray that passes it at a distance s leaves as far from it, and is turned by
+    asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
+    """
+    d = _unit(directions)
+    met, inwards, before = _meet_sphere(points, d, *inner)
+    inside = _refracted(d, inwards, 1 / refractive_index)
+    left, normal, within = _meet_sphere(met, inside, *outer)
+    out = _refracted(inside, normal, refractive_index / medium_index)
+    cosines = -_dot(d, inwards), -_dot(out, normal)
+    passes = (cosines[0] > 0) & (cosines[1] > 0)
+    return WayOut(left, out, met, d, inwards, (before, within), cosines, np.ones(len(d), bool), passes)
+
+
+def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Where rays from inside meet a sphere, its unit normals there, towards its centre, and after how long a way."""
+    p = points - centre
+    b, c = _dot(p, d), _dot(p, p) - radius**2
+    way = np.sqrt(np.maximum(b**2 - c, 0)) - b
+    met = points + way[:, None] * d
+    return met, (centre - met) / radius, way
+
+
+def _meet(points: Array, d: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Where rays from inside meet a cylinder, its unit normals there, towards the axis, and after how long a way."""
+    (x, y), (u, v) = points[:, :2].T, d[:, :2].T
+    a, b, c = u * u + v * v, x * u + y * v, x * x + y * y - radius**2
+    way = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)
+    met = points + way[:, None] * d
+    normals = met / -radius
+    normals[:, 2] = 0.0
+    return met, normals, way
+
+
+def _dot(a: Array, b: Array) -> Array:
+    products: Array = np.einsum("ni,ni->n", a, b)
+    return products
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.sqrt(_dot(vectors, vectors))[:, None]
+    return unit
+
+
+def _refracted(d: Array, normal: Array, ratio: float) -> Array:
+    """Unit directions behind a surface, Snell's law; ``ratio`` is the index before over the one behind."""
+    cosine = -_dot(d, normal)
+    behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
+    turned: Array = ratio * d + (ratio * cosine - behind)[:, None] * normal
+    return turned

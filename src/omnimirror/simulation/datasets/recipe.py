@@ -1,0 +1,185 @@
+"""How a set was made, as its dataset.json keeps it, so that it can be made again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ...base.errors import MediaError
+from ...base.files import LARGEST_TEXT, parse_json, read_bytes
+from ...io.keyframes import Keyframes
+from ...optics.sensor import Sensor
+from ...optics.sensor_files import AnyCamera, format_camera, parse_camera
+from ..detector import Detector
+from ..radiometry import Radiometry
+from ..scenes.contract import Scene
+from ..scenes.sources import SceneSource, record_of, source_of
+from ..scenes.worlds.bodies import MovingBox
+from ..scenes.worlds.hall import Hall
+
+FORMAT = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What a set of any kind is made from."""
+
+    KIND: ClassVar[str]
+
+    sensor: AnyCamera
+    samples: int = 16
+    blur: bool | None = None
+    """None: where the camera is a sensor, which has an aperture."""
+    radiometry: Radiometry | None = None
+    detector: Detector = field(default_factory=Detector)
+    seed: int = 0
+    truth: bool = False
+
+    def __post_init__(self) -> None:
+        if self.blur is None:
+            object.__setattr__(self, "blur", isinstance(self.sensor, Sensor))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRecipe(Recipe):
+    """What a set of pictures of the hall's boards is made from."""
+
+    KIND: ClassVar[str] = "calibration"
+
+    views: int = 12
+    hall: Hall = field(default_factory=Hall)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoRecipe(Recipe):
+    """What a video along a path through a scene is made from."""
+
+    KIND: ClassVar[str] = "video"
+
+    scene: Scene | SceneSource
+    path: Keyframes
+    bodies: tuple[MovingBox, ...] = ()
+    frame_rate: float = 25.0
+    duration_s: float | None = None
+
+
+KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
+    kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)
+}
+
+
+def format_of(kind: str) -> str:
+    """What a dataset.json says of its own format."""
+    return f"omnimirror {kind} set {FORMAT}"
+
+
+def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
+    """A recipe as JSON holds it."""
+    encoders: dict[str, Any] = {
+        "sensor": format_camera,
+        "hall": asdict,
+        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
+        "detector": _detector_record,
+        "scene": record_of,
+        "path": _path_record,
+        "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
+    }
+    same: Any = lambda value: value  # noqa: E731
+    told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
+    whole = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | told
+    as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
+    return as_read
+
+
+def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of a record; files of scenes may lie in a folder."""
+    given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
+    decoders: dict[str, Any] = {
+        "sensor": parse_camera,
+        "hall": lambda r: Hall(**r),
+        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
+        "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
+        "scene": lambda r: source_of(r, folder),
+        "path": _path_of,
+        "bodies": lambda r: tuple(map(_body_of, r)),
+    }
+    same: Any = lambda value: value  # noqa: E731
+    return KINDS[record["kind"]](**{name: decoders.get(name, same)(value) for name, value in given.items()})
+
+
+class KeptRecipe(NamedTuple):
+    """The recipe of a set, and the version of omnimirror that made it."""
+
+    recipe: CalibrationRecipe | VideoRecipe
+    made_by: str | None
+
+
+def load_recipe(path: str | Path) -> KeptRecipe:
+    """The recipe of a dataset.json.
+
+    Raises
+    ------
+    MediaError
+        There is no such file; it is of another format, holds no recipe, or an entry of it is not valid.
+    OmnimirrorError
+        The scene cannot be read.
+    """
+    record = _record_in(path)
+    try:
+        return KeptRecipe(_recipe_of(record, Path(path).parent), record.get("omnimirror"))
+    except (TypeError, KeyError, AttributeError):
+        raise MediaError(f"{path} holds an entry of its recipe that is not valid") from None
+
+
+def _record_in(path: str | Path) -> dict[str, Any]:
+    """The recipe in a dataset.json of this format, as JSON."""
+    try:
+        data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
+        record = data["recipe"]
+        kind, told = record["kind"], data.get("format")
+    except OSError as e:
+        raise MediaError(f"cannot read {path}: {e.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise MediaError(f"{path} does not say how a set is made; dataset.json of this release's sets does") from None
+    if kind not in KINDS:
+        raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
+    if told != format_of(kind):
+        raise MediaError(f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew")
+    return record  # type: ignore[no-any-return]
+
+
+def _path_record(path: Keyframes) -> dict[str, Any]:
+    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "between": path.interpolation}
+
+
+def _path_of(record: dict[str, Any]) -> Keyframes:
+    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"])
+
+
+def _body_of(record: dict[str, Any]) -> MovingBox:
+    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
+
+
+def _detector_record(detector: Detector) -> dict[str, Any]:
+    record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
+    return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
+
+
+def _reflectivity_text(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_reflectivity_text(each) for each in value]
+    return str(value) if isinstance(value, complex) else value
+
+
+def _reflectivity_of(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_reflectivity_of(each) for each in value)
+    try:
+        return complex(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

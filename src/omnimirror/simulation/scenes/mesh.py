@@ -1,0 +1,150 @@
+"""Scenes out of files: triangle meshes in glTF, GLB, OBJ, PLY and STL, through trimesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.colour import Light, linear_from_srgb
+from ...base.errors import InvalidParameter, MediaError
+from ...cameras.frames import turned
+from .contract import Array, Scene
+from .mesh_checks import check_corners, check_faces, check_mesh_file
+from .surfaces import Surfaces, Texture
+from .triangles import combined, facets, halves
+from .worlds.painted import Surroundings
+
+TO_WORLD = {
+    "y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+"""From a file's axes to forward, left and up: y up is looked at along -z, z up along x."""
+USUAL = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
+"""Unit (mm) and upward axis, where a file's kind has its own."""
+SUN = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
+FROM_SKY, FROM_SUN = 0.55, 0.45
+
+
+def load_mesh(
+    path: str | Path, unit_mm: float | None = None, up: str | None = None, background: Scene | None = None
+) -> Surroundings:
+    """Read a mesh.
+
+    Textures are shown as they are, as light that was painted in; corner colours and plain ones are shaded by
+    a sun and an even sky.
+
+    Parameters
+    ----------
+    path
+        A .glb, .gltf, .obj, .ply or .stl file with what belongs to it.
+    unit_mm
+        What one unit of the file is, mm; by default a metre, as glTF says, and a millimetre in an STL.
+    up : "y" or "z"
+        The axis that points up; by default y, as glTF says, which then looks along -z, and z in an STL.
+    background
+        What is seen beside the mesh, such as an :class:`Environment`; nothing by default.
+
+    Raises
+    ------
+    MediaError
+        The file cannot be read, holds no triangles or none that can be seen, or names files that are not there; or
+        trimesh is not installed.
+    InvalidParameter
+        For an unknown axis or a unit that is no length.
+    """
+    path = Path(path)
+    usual_unit, usual_up = USUAL.get(path.suffix.lower(), USUAL[".glb"])
+    unit_mm, up = usual_unit if unit_mm is None else unit_mm, usual_up if up is None else up
+    if up not in TO_WORLD:
+        raise InvalidParameter(f"up = {up!r} is not one of {', '.join(TO_WORLD)}")
+    if not 0 < unit_mm < np.inf:
+        raise InvalidParameter(f"unit_mm = {unit_mm:g} is no length; it is valid above 0")
+    meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
+    for mesh in meshes:
+        check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
+    with np.errstate(all="ignore"):  # what overflows is refused
+        corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
+        check_corners(path, corners)
+    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # as glTF says; others say nothing and mean sRGB
+    parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
+    return Surroundings(combined(parts), background)
+
+
+def _meshes(path: Path) -> list[Any]:
+    """The meshes of a file, where they stand in its scene."""
+    try:
+        import trimesh
+    except ImportError:
+        raise MediaError(
+            f"{path.name} is a mesh, which needs one more package: pip install 'omnimirror[cad]'"
+        ) from None
+    if not path.exists():
+        raise MediaError(f"there is no mesh {path}")
+    check_mesh_file(path)
+    try:
+        loaded = trimesh.load_scene(path, process=False)
+        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    except Exception as e:  # readers of so many formats raise whatever they meet
+        reason = str(e).strip().splitlines()
+        raise MediaError(f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}") from None
+    if not meshes:
+        raise MediaError(f"the mesh {path} holds no triangles")
+    return meshes
+
+
+def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool) -> Surfaces:
+    picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
+    if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
+        return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)
+    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (to_world.T / np.linalg.norm(to_world[0]))
+    shade = FROM_SKY * (0.5 + 0.5 * normals[..., 2]) + FROM_SUN * np.clip(normals @ SUN, 0, 1)
+    return facets(triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32))
+
+
+def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
+    """Triangles (n, 3, 3) with a picture at places (n, 3, 2), counted from its lower left corner to 1."""
+    height, width = picture.shape[:2]
+    at = np.stack([uv[..., 0] * width - 0.5, (1 - uv[..., 1]) * height - 0.5], axis=-1)
+    at[:, 1:] -= at[:, :1]
+    return halves(triangles, at, Texture(picture, repeats=True))
+
+
+def _texture(visual: Any) -> Light | None:
+    """Texels (h, w, 4) of a mesh's material, or None: linear colours, and how far one sees through."""
+    material = getattr(visual, "material", None)
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is None:
+        return None
+    rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255
+    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(getattr(material, "baseColorFactor", None))
+    is_opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
+    alpha = np.ones_like(rgba[..., 3:]) if is_opaque else rgba[..., 3:]
+    return np.ascontiguousarray(np.concatenate([colour * alpha, 1 - alpha], axis=-1), np.float32)
+
+
+def _linear_factor(factor: Any) -> NDArray[np.float32]:
+    """A material's factor, which is linear; trimesh keeps it in bytes."""
+    if factor is None:
+        return np.ones(3, np.float32)
+    numbers = np.asarray(factor)
+    return (numbers[:3] / (255 if numbers.dtype.kind == "u" else 1)).astype(np.float32)
+
+
+def _corner_colours(mesh: Any, are_linear: bool) -> Light:
+    """Linear RGB (n, 3, 3) of the corners of the triangles."""
+    visual, shape = mesh.visual, (len(mesh.faces), 3, 3)
+    if visual.kind == "vertex":
+        corners = np.asarray(visual.vertex_colors)[mesh.faces][..., :3] / np.float32(255)
+        return corners if are_linear else linear_from_srgb(corners)
+    if visual.kind == "face":
+        return np.broadcast_to(linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape)
+    material = getattr(visual, "material", None)
+    factor, diffuse = (getattr(material, name, None) for name in ("baseColorFactor", "diffuse"))
+    if factor is not None:
+        return np.broadcast_to(_linear_factor(factor), shape)
+    if diffuse is not None:
+        return np.broadcast_to(linear_from_srgb(np.asarray(diffuse)[:3] / 255), shape)
+    return np.full(shape, 0.6, np.float32)

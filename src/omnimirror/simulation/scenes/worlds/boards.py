@@ -1,0 +1,61 @@
+"""Checkerboards for calibration, at places that are known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....cameras.frames import pan_tilt_direction, view_axes
+from ..boxes import Face
+from ..canvas import Canvas, Paint
+from ..contract import Array
+
+SQUARES = (12, 8)
+SQUARE_MM = 100.0
+MARGIN_MM = 100.0
+BLACK, WHITE, LABEL = Paint("#141414"), Paint("#f2f2f0"), Paint("#9aa4ab")
+
+
+@dataclass(frozen=True)
+class HallBoard:
+    """A checkerboard of 12 x 8 squares of 100 mm within a white margin: 11 x 7 inner corners.
+
+    Its middle lies at a pan, a tilt and a distance from the scene's origin, which it faces but for a turn
+    (to the right), a lean (backwards) and a roll (clockwise) of its own.
+    """
+
+    name: str
+    pan_deg: float
+    tilt_deg: float
+    distance_mm: float
+    turn_deg: float = 0.0
+    lean_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    @property
+    def face(self) -> Face:
+        """The whole board."""
+        middle = self.distance_mm * pan_tilt_direction(np.radians(self.pan_deg), np.radians(self.tilt_deg))
+        forward, right, down = view_axes(self.pan_deg + self.turn_deg, self.tilt_deg + self.lean_deg, self.roll_deg)
+        width, height = (count * SQUARE_MM + 2 * MARGIN_MM for count in SQUARES)
+        corner = middle - width / 2 * right + height / 2 * down
+        return Face(corner, right, -down, -forward, width, height)
+
+    def inner_corners_mm(self) -> Array:
+        """The inner corners (7, 11, 3), mm in the scene: rows from the top, columns from the left, as one reads it."""
+        face, (columns, rows) = self.face, SQUARES
+        x = MARGIN_MM + SQUARE_MM * np.arange(1, columns)
+        y = face.height_mm - MARGIN_MM - SQUARE_MM * np.arange(1, rows)
+        return face.point(*np.meshgrid(x, y))
+
+    def paint(self, texel_mm: float) -> Canvas:
+        """Its picture; the squares end where texels do."""
+        face, (columns, rows) = self.face, SQUARES
+        canvas = Canvas(face.width_mm, face.height_mm, SQUARE_MM / max(1, round(SQUARE_MM / texel_mm)), WHITE)
+        for row in range(rows):
+            for column in range(row % 2, columns, 2):
+                left, top = MARGIN_MM + column * SQUARE_MM, face.height_mm - MARGIN_MM - row * SQUARE_MM
+                canvas.rectangle(left, top - SQUARE_MM, left + SQUARE_MM, top, BLACK)
+        canvas.text(self.name, face.width_mm / 2, MARGIN_MM / 2, 0.5 * MARGIN_MM, LABEL)
+        return canvas

@@ -1,0 +1,268 @@
+"""A hall for calibration: checkerboards all around the sensor, at places that are known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....base.arguments import checked, finite
+from ....base.colour import Light
+from ....base.errors import InvalidParameter
+from ....base.parameters import Parameter
+from ..boxes import Box, Face, face_of, rays_inside
+from ..canvas import Canvas, Paint
+from ..contract import Array
+from ..lighting import light_on
+from .boards import HallBoard
+from .painted import Surroundings, finished, outsides, surfaces_of
+
+TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
+PLAIN = 4.0  # times coarser, where there are no corners to be found
+HALL = Box((-5200.0, -4200.0, -1700.0), (5200.0, 4200.0, 3300.0))
+CRATES = (
+    Box((3900.0, 2700.0, -1700.0), (4900.0, 3700.0, -800.0)),
+    Box((4100.0, 2800.0, -800.0), (4700.0, 3400.0, -200.0)),
+    Box((-4900.0, -3900.0, -1700.0), (-3600.0, -3300.0, -900.0)),
+    Box((3600.0, -4000.0, -1700.0), (4400.0, -3400.0, -1100.0)),
+)
+PILLARS = tuple(
+    Box((x - 150.0, y - 150.0, -1700.0), (x + 150.0, y + 150.0, 3300.0))
+    for x in (-4000.0, 4000.0)
+    for y in (-3950.0, 3950.0)
+)
+SOLIDS = (*CRATES, *PILLARS)
+
+BOARDS = (
+    *(
+        HallBoard(f"A{i + 1}", -180.0 + 60 * i, 3.0 + 5 * (i % 2), 2300.0 + 300 * (i % 3), 14 * (-1) ** i)
+        for i in range(6)
+    ),
+    *(
+        HallBoard(
+            f"B{i + 1}", -150.0 + 60 * i, -42.0 - 5 * (i % 2), 1750.0 + 120 * (i % 2), 0, 10 * (-1) ** i, 8 * (-1) ** i
+        )
+        for i in range(6)
+    ),
+    *(
+        HallBoard(f"C{i + 1}", -150.0 + 60 * i, 36.0 + 4 * (i % 2), 2300.0 + 200 * (i % 3), 0, 12 * (-1) ** i)
+        for i in range(6)
+    ),
+)
+"""In three rings: at the sensor's height, below it and above it."""
+
+
+@dataclass(frozen=True)
+class Hall:
+    """A hall of 10.4 x 8.4 x 5 m with 18 checkerboards, each of 11 x 7 inner corners 100 mm apart.
+
+    Parameters
+    ----------
+    texel_mm : mm
+        Fineness of the boards. The hall is painted and lit at the first question, once for all alike.
+
+    Raises
+    ------
+    InvalidParameter
+        For a fineness out of range.
+
+    Examples
+    --------
+    >>> hall = Hall(texel_mm=25.0)
+    >>> corners = hall.board_corners_mm("A4")  # ahead, its left side turned nearer
+    >>> corners.shape, corners[0, 0].round(1), corners[-1, -1].round(1)
+    ((7, 11, 3), array([2116.1,  475. ,  617.2]), array([2439.1, -475. ,   23. ]))
+    """
+
+    texel_mm: float = 4.0
+
+    def __post_init__(self) -> None:
+        TEXEL.check("texel_mm", self.texel_mm)
+
+    @property
+    def boards(self) -> tuple[str, ...]:
+        """The boards' names, as they stand on their lower margins."""
+        return tuple(board.name for board in BOARDS)
+
+    @checked
+    def board_corners_mm(self, name: str) -> Array:
+        """The inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its left, as one reads it.
+
+        Parameters
+        ----------
+        name
+            One of :attr:`boards`.
+
+        Returns
+        -------
+        (7, 11, 3) array
+            mm.
+
+        Raises
+        ------
+        InvalidParameter
+            If there is no such board.
+        """
+        for board in BOARDS:
+            if board.name == name:
+                return board.inner_corners_mm()
+        raise InvalidParameter(f"there is no board {name!r} in the hall; there are {', '.join(self.boards)}")
+
+    def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
+        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+
+        Raises
+        ------
+        InvalidParameter
+            If a ray starts outside the hall, or a direction is zero or not finite.
+        """
+        origins, towards = rays_inside(HALL, "the hall", origins_mm, directions)
+        return _painted(self.texel_mm).radiance(origins, towards)
+
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between two corners.
+
+        Parameters
+        ----------
+        low_mm, high_mm : (3,)
+            The corners, mm.
+
+        Returns
+        -------
+        Surroundings
+            The hall; None where the box is not inside it.
+
+        Raises
+        ------
+        InvalidParameter
+            For corners that are no points.
+        """
+        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
+        inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
+        return _painted(self.texel_mm) if inside else None
+
+    def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
+        """How far (n,) rays go.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n,) array
+            mm.
+
+        Raises
+        ------
+        InvalidParameter
+            If a ray starts outside the hall, or a direction is zero or not finite.
+        """
+        origins, towards = rays_inside(HALL, "the hall", origins_mm, directions)
+        return _painted(self.texel_mm).distance_mm(origins, towards)
+
+
+@lru_cache(maxsize=2)
+def _painted(texel_mm: float) -> Surroundings:
+    coarse = PLAIN * texel_mm
+    walls = [face_of(HALL, i, inside=True) for i in range(6)]
+    painted: list[tuple[Face, Canvas]] = [(face, _wall(i, face, coarse)) for i, face in enumerate(walls)]
+    for number, face in enumerate(outsides(SOLIDS)):
+        painted.append((face, _crate(face, coarse) if number < 6 * len(CRATES) else _pillar(face, coarse)))
+    painted += [(board.face, board.paint(texel_mm)) for board in BOARDS]
+    backs = [_back(board.face) for board in BOARDS]
+    painted += [(face, Canvas(face.width_mm, face.height_mm, 50.0, Paint("#5b6670"))) for face in backs]
+    lights = light_on(painted, HALL, SOLIDS)
+    pictures = [finished(canvas, light) for (_, canvas), light in zip(painted, lights, strict=True)]
+    return Surroundings(surfaces_of([face for face, _ in painted], pictures))
+
+
+THICKNESS_MM = 6.0
+
+
+def _back(face: Face) -> Face:
+    """The other side of a board."""
+    behind = face.corner + face.width_mm * face.right - THICKNESS_MM * face.normal
+    return Face(behind, -face.right, face.up, -face.normal, face.width_mm, face.height_mm)
+
+
+# -- painting ------------------------------------------------------------------------------------------
+
+CONCRETE, STRIPE, DARK = Paint("#a9a69e"), Paint("#e0b13c"), Paint("#3c444b")
+LAMP = Paint("#fff6e6", glow=1.6)
+
+
+def _wall(number: int, face: Face, texel_mm: float) -> Canvas:
+    if number == 4:
+        return _floor(face, texel_mm)
+    if number == 5:
+        return _ceiling(face, texel_mm)
+    canvas = Canvas(
+        face.width_mm, face.height_mm, texel_mm, Paint(("#c9cdc8", "#bfc8cd", "#cfc8bd", "#c6c4cf")[number])
+    )
+    canvas.rectangle(0, 0, face.width_mm, 1250, Paint(("#6f8577", "#5f7a8c", "#93775f", "#77708c")[number]))
+    canvas.rectangle(0, 1250, face.width_mm, 1310, Paint("#e9e6df"))
+    for middle in np.arange(650.0, face.width_mm, 1300.0):  # panels
+        canvas.rectangle(middle - 648, 1310, middle - 640, face.height_mm, Paint("#a8aaa6"))
+        canvas.rectangle(middle - 400, 3500, middle + 400, 4350, Paint("#8fb0c9"))
+        canvas.frame(middle - 440, 3460, middle + 440, 4390, 40, Paint("#e9e6df"))
+        canvas.rectangle(middle - 15, 3500, middle + 15, 4350, Paint("#e9e6df"))
+    canvas.text(("SOUTH", "NORTH", "EAST", "WEST")[number], face.width_mm / 2, 2700, 520, DARK)
+    return canvas
+
+
+def _floor(face: Face, texel_mm: float) -> Canvas:
+    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, CONCRETE)
+    for x in np.arange(face.width_mm / 2 % 1000, face.width_mm, 1000.0):
+        canvas.rectangle(x - 6, 0, x + 6, face.height_mm, Paint("#8d8a83"))
+    for y in np.arange(face.height_mm / 2 % 1000, face.height_mm, 1000.0):
+        canvas.rectangle(0, y - 6, face.width_mm, y + 6, Paint("#8d8a83"))
+    canvas.frame(500, 500, face.width_mm - 500, face.height_mm - 500, 90, STRIPE)
+    x, y = face.width_mm / 2, face.height_mm / 2
+    for radius, paint in ((520.0, STRIPE), (470.0, CONCRETE), (60.0, DARK)):
+        canvas.disc(x, y, radius, paint)
+    for letter, right, up in (("N", 0, 1), ("E", 1, 0), ("S", 0, -1), ("W", -1, 0)):
+        canvas.text(letter, x + 290 * right, y + 290 * up, 190.0, DARK)
+    return canvas
+
+
+def _ceiling(face: Face, texel_mm: float) -> Canvas:
+    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint("#dcdcd8"))
+    for y in np.arange(1000.0, face.height_mm, 2100.0):
+        for x in np.arange(1300.0, face.width_mm, 2100.0):
+            canvas.rectangle(x - 560, y - 160, x + 560, y + 160, DARK)
+            canvas.rectangle(x - 520, y - 120, x + 520, y + 120, LAMP)
+    return canvas
+
+
+def _crate(face: Face, texel_mm: float) -> Canvas:
+    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint("#b08a5e"))
+    for y in np.arange(0.0, face.height_mm, 150.0):
+        canvas.rectangle(0, y, face.width_mm, y + 12, Paint("#7a5c3a"))
+    canvas.frame(0, 0, face.width_mm, face.height_mm, 70, Paint("#94704a"))
+    return canvas
+
+
+def _pillar(face: Face, texel_mm: float) -> Canvas:
+    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint("#d3d1c9"))
+    for y in np.arange(0.0, 1600.0, 400.0):
+        canvas.rectangle(0, y, face.width_mm, y + 200, STRIPE)
+        canvas.rectangle(0, y + 200, face.width_mm, y + 400, DARK)
+    return canvas

@@ -1,0 +1,411 @@
+"""Figures draw for every sensor, show what the analysis says, and come out the same twice."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from io import BytesIO
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Ellipse, Rectangle
+from matplotlib.text import Text
+from scipy.optimize import minimize
+
+import omnimirror as om
+from omnimirror.analysis import figures
+from omnimirror.analysis.figures import FIGURES, PAPER, Conditions, draw, render, save_all
+from omnimirror.analysis.figures.labels import EndLabels, axis_label, axis_of_both, axis_title, shown_points, spread
+from omnimirror.analysis.figures.raytraces import ray_traces
+from omnimirror.analysis.figures.style import FORMATS, PALETTE, save_figure, styled
+from omnimirror.analysis.figures.subjects import subjects_of
+from omnimirror.apps.cli.commands.evaluation.evaluate import command
+from omnimirror.apps.reproduction import paper_sensors
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.housing import CameraBody, Housing, Rod
+from omnimirror.optics.sensor_files import bundled_sensors
+from tests.conftest import sensor_of
+from tests.everyday import few
+
+SENSORS = paper_sensors()
+
+
+@cache
+def drawn(name):
+    """A figure of the three, the paper's way; not to be changed."""
+    return draw(name, SENSORS, PAPER)
+
+
+def line(figure, gid):
+    """x and y of the line of that gid."""
+    found = [a for ax in figure.axes for a in ax.get_lines() if a.get_gid() == gid]
+    assert len(found) == 1, f"{gid}: {len(found)} lines"
+    return np.asarray(found[0].get_xdata(), float), np.asarray(found[0].get_ydata(), float)
+
+
+def texts(figure):
+    return [t.get_text() for ax in figure.axes for t in ax.texts]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("sensor", few(bundled_sensors(), "folded-hyperboloidal"))
+def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
+    assert draw(name, [om.load_sensor(sensor)]).axes  # the next test also renders them
+
+
+@pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig8", "fig11"))
+def test_every_figure_draws_a_cone_and_six_sensors(name):
+    """A cone has a pointed tip, a hole in its image and no tangential image of distant objects."""
+    render(draw(name, [sensor_of("cone"), sensor_of("ellipsoid"), *SENSORS, sensor_of("sphere", "orthographic")]))
+
+
+@pytest.mark.parametrize(
+    ("figure", "column"),
+    few(
+        [
+            ("fig5", "h_px"),
+            ("fig5", "dh_domega_px_per_deg"),
+            ("fig6", "viewpoint_z_mm"),
+            ("fig7", "area_px2"),
+            ("fig7", "aspect"),
+            ("fig9", "blur_t_px"),
+            ("fig9", "blur_s_px"),
+            ("fig9", "blur_t_deg"),
+            ("fig9", "blur_s_deg"),
+            ("fig9", "floored_area_deg2"),
+        ],
+        ("fig5", "h_px"),
+        ("fig5", "dh_domega_px_per_deg"),
+        ("fig6", "viewpoint_z_mm"),
+        ("fig7", "area_px2"),
+        ("fig7", "aspect"),
+    ),
+)
+def test_lines_are_the_columns_of_the_evaluation(figure, column):
+    picture = drawn(figure)
+    for sensor in SENSORS:
+        omega, y = line(picture, f"{sensor.name}:{column}")
+        result = om.evaluate(sensor, omega, mode="paper", image_radius_px=500)
+        np.testing.assert_array_equal(y, getattr(result, column))
+        assert omega[0] == 0
+        assert omega[-1] == pytest.approx(135, abs=0.01)
+
+
+def test_virtual_images_and_depth_of_field_of_figure_4():
+    figure = drawn("fig4")
+    for sensor in SENSORS:
+        omega = np.linspace(*sensor.field_deg, 361)
+        for name, distance in (("∞", np.inf), ("5M", 5 * sensor.mirror.rim_radius_mm)):
+            result = om.evaluate(sensor, omega, object_distance_mm=distance)
+            for way in "TS":
+                x, z = line(figure, f"{sensor.name}:{way}{name}")
+                np.testing.assert_allclose(x, getattr(result, f"image_{way.lower()}_x_mm"), rtol=1e-12)
+                np.testing.assert_allclose(z, getattr(result, f"image_{way.lower()}_z_mm"), rtol=1e-12)
+        bands = [p for ax in figure.axes for p in ax.patches if p.get_gid() == f"{sensor.name}:depth-of-field"]
+        near, far = om.evaluate(sensor, mode="paper").depth_of_field_mm
+        assert [b.get_height() for b in bands] == pytest.approx([far - near] * 2)
+        assert bands[0].get_y() == pytest.approx(near - sensor.mirror_distance_mm)
+
+
+def test_rays_of_figure_4_obey_the_law_of_reflection():
+    figure = draw("fig4", SENSORS[:1])
+    (xs, x, foot), (zs, z, lens) = line(figure, "SPH:ray:75")
+    slope = SENSORS[0].mirror.slope(x)
+    normal = np.array([slope, -1]) / np.hypot(slope, 1)
+    to_object, to_lens = (v / np.linalg.norm(v) for v in (np.array([xs - x, zs - z]), np.array([foot - x, lens - z])))
+    assert to_object @ normal == pytest.approx(to_lens @ normal, abs=1e-9)
+    assert lens == -SENSORS[0].mirror_distance_mm
+
+
+def test_rectangles_of_figure_8_are_fifteen_degrees():
+    figure = drawn("fig8")
+    result = om.evaluate(SENSORS[0], [90.0], image_radius_px=500)
+    (patch,) = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_gid() == "SPH:rectangle:90"]
+    assert patch.get_width() == pytest.approx(15 * result.dh_domega_px_per_deg[0])
+    assert patch.get_height() == pytest.approx(15 * result.width_px_per_deg[0])
+    assert patch.get_x() + patch.get_width() / 2 == pytest.approx(result.h_px[0])
+
+
+def test_spots_of_figure_11_are_ten_times_the_blur():
+    figure = drawn("fig11")
+    result = om.evaluate(SENSORS[0], [90.0], mode="paper", image_radius_px=500)
+    (spot,) = [p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.get_gid() == "SPH:spot:90"]
+    assert spot.height == pytest.approx(10 * abs(result.blur_t_deg[0]))
+    assert spot.width == pytest.approx(10 * abs(result.blur_s_deg[0]))
+    assert "(0.212°)²" in texts(figure)
+
+
+def test_tangential_and_sagittal_lines_are_labelled():
+    assert {"SPH T", "SPH S", "E-DI T", "E-DI S", "SVP T, S"} <= set(texts(drawn("fig9")))
+
+
+def test_each_sensor_keeps_its_colour():
+    for name in ("fig5", "fig6", "fig9"):
+        lines = [a for ax in drawn(name).axes for a in ax.get_lines() if a.get_gid()]
+        for i, sensor in enumerate(SENSORS):
+            assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {PALETTE[i]}
+
+
+@pytest.mark.parametrize("name", few(["fig5", "fig7", "fig9", "fig12", "fig15"], "fig7", "fig12"))
+def test_end_labels_do_not_overlap(name):
+    figure = drawn(name)
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        labels = [t for t in ax.texts if getattr(t, "arrow_patch", None) is not None]
+        boxes = sorted((Text.get_window_extent(t) for t in labels), key=lambda b: b.y0)
+        for below, above in pairwise(boxes):
+            assert above.y0 >= below.y0 + 0.8 * below.height
+
+
+@pytest.mark.parametrize("name", few(["fig3", "fig9"], "fig3"))
+def test_the_same_figure_gives_the_same_file(name):
+    first, second = (render(draw(name, SENSORS[:1]), "svg") for _ in range(2))
+    assert first == second
+    assert b"<text" in first  # text stays text
+    assert not re.search(rb"<dc:date>", first)
+
+
+def test_drawing_leaves_matplotlib_as_it_was():
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    draw("fig5", SENSORS)
+    assert dict(mpl.rcParams) == before
+
+
+def test_save_all_writes_what_it_says(tmp_path):
+    seen = []
+    files = save_all(SENSORS[:1], tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
+    assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
+    assert seen == ["fig6", "fig5"]
+
+
+def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"fig99.*valid are fig3"):
+        save_all(SENSORS, tmp_path, which=["fig5", "fig99"])
+    with pytest.raises(InvalidParameter, match=r"'gif'.*valid are svg"):
+        save_all(SENSORS, tmp_path, formats=["gif"])
+    with pytest.raises(InvalidParameter, match="1 to 6"):
+        draw("fig5", [])
+    with pytest.raises(InvalidParameter, match="not as gif"):
+        save_figure(drawn("fig6"), tmp_path / "a.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_may_hold_anything():
+    render(draw("fig5", [replace(s, name=f"{s.name} $_{{<&") for s in SENSORS[:2]]), "svg")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spread_keeps_apart_in_order_and_inside(seed):
+    rng = np.random.default_rng(seed)
+    wanted = rng.uniform(0, 10, 8)
+    placed = spread(wanted, 0.9, 0.0, 10.0)
+    order = np.argsort(wanted)
+    assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
+    assert placed.min() >= 0
+    assert placed.max() <= 10
+
+
+def test_spread_is_the_least_squares_solution():
+    """Against a general solver of the same problem."""
+    rng = np.random.default_rng(3)
+    for gap, low, high in ((0.9, 0.0, 10.0), (1.6, -2.0, 7.0), (0.0, 0.0, 10.0)):
+        sought = np.sort(rng.uniform(-1, 11, 6))
+        found = minimize(
+            lambda at, sought=sought: np.sum((at - sought) ** 2),
+            np.linspace(low, high, 6),
+            jac=lambda at, sought=sought: 2 * (at - sought),
+            bounds=[(low, high)] * 6,
+            constraints={"type": "ineq", "fun": lambda at, gap=gap: np.diff(at) - gap},
+            method="SLSQP",
+            options={"ftol": 1e-12},
+        )
+        np.testing.assert_allclose(spread(sought, gap, low, high), found.x, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("sought", "placed"),
+    [
+        ([], []),
+        ([5.0], [5.0]),
+        ([-5.0], [0.0]),
+        ([12.0], [10.0]),
+        ([9.0, 1.0], [9.0, 1.0]),
+        ([4.0, 4.0], [3.5, 4.5]),
+        ([5.0, 5.0, 5.0], [4.0, 5.0, 6.0]),
+        ([9.9, 10.0], [9.0, 10.0]),
+        ([0.0] * 21, np.linspace(0, 10, 21)),
+    ],
+)
+def test_spread_of_few_labels(sought, placed):
+    """Alone, in reverse order, at the same place, at the edge, and more than fit."""
+    np.testing.assert_allclose(spread(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
+
+
+def test_end_labels_stand_beside_the_last_shown_point_of_their_line():
+    """Without other labels near, a label is level with its point, in the colour of its line, 7 pt from the axes."""
+    figure = Figure(dpi=144)
+    ax = figure.subplots()
+    ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
+    x = np.arange(6.0)
+    up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
+    assert shown_points(ax, up).tolist() == [True] * 5 + [False]
+    assert not shown_points(ax, outside).any()
+    edges = ax.plot([2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0])[0]
+    assert shown_points(ax, edges).tolist() == [True, False, True, False, True, True, False, False]
+    labels = EndLabels(figure)
+    labels.of_line(ax, up, "up")
+    labels.of_line(ax, outside, "outside")
+    labels.at(ax, 1.0, 2.0, "at", "green")
+    assert labels.settle() is figure
+    figure.draw_without_rendering()
+    assert [(t.get_text(), t.get_color(), t.xy) for t in ax.texts] == [
+        ("up", "red", (4.0, 9.0)),
+        ("at", "green", (1.0, 2.0)),
+    ]
+    for text in ax.texts:
+        box = Text.get_window_extent(text)
+        level = ax.transData.transform(text.xy)[1]
+        assert (box.y0 + box.y1) / 2 == pytest.approx(level, abs=box.height / 4)
+        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=0.5)
+        assert text.get_fontsize() == 6.5
+        # the hairline leaves the middle of the label's left edge, with Matplotlib's 2 pt and 0.5 pt of room, and ends
+        # 1 pt before the point; 1 pt is 2 px
+        start, end = text.arrow_patch.get_path().vertices[[0, -1]]
+        point, edge = ax.transData.transform(text.xy), np.array([box.x0, (box.y0 + box.y1) / 2])
+        towards = (point - edge) / np.hypot(*(point - edge))
+        np.testing.assert_allclose(end, point - 2.0 * towards, atol=0.05)
+        np.testing.assert_allclose(start, edge + (4.0 / abs(towards[0]) + 1.0) * towards, atol=0.05)
+        assert text.arrow_patch.get_linewidth() == 0.4
+    labels.at(ax, 1.0, 2.0, "again", "green")
+    figure.draw_without_rendering()
+    levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
+    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.01)
+
+
+def test_end_labels_follow_axes_that_the_layout_moves():
+    """A limit or a size that changes after the labels were placed moves them with their points."""
+    figure = Figure(dpi=72)
+    axes = figure.subplots(2, 1)
+    labels = EndLabels(figure, size=9.0)
+    for ax in axes:
+        ax.set_ylim(0.0, 10.0)
+        labels.of_line(ax, ax.plot([0.0, 1.0], [3.0, 4.0], color="red")[0], "end")
+    labels.settle()
+    figure.set_size_inches(3.0, 9.0)
+    axes[0].set_ylim(-10.0, 10.0)
+    figure.draw_without_rendering()
+    for ax in axes:
+        (text,) = ax.texts
+        box = Text.get_window_extent(text)
+        assert text.get_fontsize() == 9.0
+        assert (box.y0 + box.y1) / 2 == pytest.approx(ax.transData.transform((1.0, 4.0))[1], abs=box.height / 4)
+        assert box.x0 - ax.get_window_extent().x1 == pytest.approx(7.0, abs=0.5)
+        assert box.x1 < figure.bbox.x1
+
+
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [
+        (axis_label("distance_t_mm"), "L$_t$ (mm)"),
+        (axis_label("h_px", titled=True), "Image height h (px)"),
+        (axis_label("aspect"), "Δw/Δh"),
+        (axis_title("blur_area_deg2"), "Blur area (deg²)"),
+        (axis_title("aspect"), "Aspect"),
+        (axis_of_both("blur_px", "blur_t_px", "blur_s_px"), "Blur Δ$_t$, Δ$_s$ (px)"),
+    ],
+)
+def test_labels_of_axes_hold_symbols_and_units(label, text):
+    assert label == text
+
+
+def test_figures_draw_what_was_evaluated():
+    """Every option that changes numbers changes the figure's lines to the same numbers."""
+    asked = {"object_distance_mm": 50.0, "mode": "paper", "image_radius_px": 500, "wavelength_nm": 850.0}
+    sensor = om.load_sensor("paper-spherical")
+    result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **asked)
+    figure = draw("fig9", [sensor], Conditions.of(result))
+    for column in ("blur_t_px", "blur_s_px", "blur_t_deg", "floored_area_deg2"):
+        omega, drawn = line(figure, f"{sensor.name}:{column}")
+        np.testing.assert_allclose(drawn, getattr(om.evaluate(sensor, omega, **asked), column), rtol=1e-12)
+    assert "±2 px" in texts(figure)
+    assert "objects at 50 mm" in figure.axes[0].get_title(loc="left")
+    close_up = draw("fig4", [sensor], Conditions.of(result))
+    near = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), **asked)
+    np.testing.assert_allclose(line(close_up, f"{sensor.name}:T50mm")[1], near.distance_t_mm - 180.429, rtol=1e-9)
+
+
+def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or [])
+    options = "--paper-mode --image-radius-px 500 --object-distance-mm 50 --wavelength-nm 850 --tolerance-px 2"
+    run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)])
+    assert run.exit_code == 0, run.output
+    assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
+
+
+@pytest.fixture(scope="module")
+def obscured():
+    """One of the three whose camera and rod hide the middle."""
+    return replace(SENSORS[0], housing=Housing(CameraBody(60.0), Rod(4.0)))
+
+
+@pytest.mark.parametrize("name", few(["fig5", "fig6", "fig7", "fig9", "fig15"], "fig5"))
+def test_angles_that_are_hidden_are_a_band(name, obscured):
+    (ring,) = obscured.obscured
+    for ax in draw(name, [obscured]).axes:
+        (band,) = [p for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
+        box = band.get_extents().transformed(ax.transData.inverted())
+        np.testing.assert_allclose([box.x0, box.x1], ring.omega_deg, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", few(["fig3", "fig8", "fig10"], "fig8"))
+def test_what_is_hidden_in_the_picture_is_a_ring(name, obscured):
+    (ring,) = obscured.obscured
+    edge = float(om.evaluate(obscured, [ring.omega_deg[1]]).h_px[0])
+    (patch,) = [p for ax in draw(name, [obscured]).axes for p in ax.patches if p.get_gid() == f"{obscured.name}:hidden"]
+    box = patch.get_extents().transformed(patch.axes.transData.inverted())
+    np.testing.assert_allclose([box.x0, box.x1], [-edge if name == "fig3" else 0.0, edge], rtol=1e-3, atol=1e-6)
+
+
+def test_spots_that_are_hidden_say_so(obscured):
+    assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
+
+
+@pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig11"))
+def test_nothing_is_drawn_as_hidden_where_nothing_is(name):
+    assert not [t for t in texts(drawn(name)) if "hidden" in t]
+
+
+@pytest.mark.parametrize("kind", few(FORMATS, "pdf"))
+def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, monkeypatch):
+    sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
+    with styled():
+        draw("fig5", sensors).savefig(saved, format=kind, metadata=undated)
+    laid_out, layout = [], ConstrainedLayoutEngine.execute
+    monkeypatch.setattr(
+        ConstrainedLayoutEngine, "execute", lambda self, figure: laid_out.append(figure) or layout(self, figure)
+    )
+    figure, whole = draw("fig5", sensors), Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer))
+    assert render(figure, kind) == saved.getvalue()
+    assert drawn == laid_out == [figure]
+    assert figure.get_layout_engine() is not None  # for the next format
+
+
+@pytest.mark.parametrize("names", [["paper-hyperboloidal"], ["paper-spherical", "paper-equidistant"]])
+def test_no_word_beside_ray_traces_is_cut_off(names):
+    with styled():
+        figure = ray_traces(subjects_of([om.load_sensor(name) for name in names], Conditions()))
+        figure.get_layout_engine().execute(figure)
+        boxes = [ax.get_tightbbox(figure.canvas.get_renderer()) for ax in figure.axes]
+    assert min(box.x0 for box in boxes) >= 0
+    assert max(box.x1 for box in boxes) <= figure.bbox.width

@@ -1,0 +1,44 @@
+"""``omnimirror reproduce`` as a user runs it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import omnimirror.apps.reproduction as package
+from omnimirror.apps.cli import main
+from tests.commands import fails, omnimirror
+
+
+def test_writes_table_and_figures(tmp_path):
+    run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {
+        "numbers.csv", "numbers.md", "fig6.svg", "fig6.png", "fig8.svg", "fig8.png",
+    }  # fmt: skip
+    assert "2 are not reproduced, 0 differ from the known result" in run.stdout
+    assert "erratum 19" in run.stdout
+
+
+def test_no_figures(tmp_path):
+    run = omnimirror("reproduce", "--no-figures", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert {p.name for p in (tmp_path / "reproduced").iterdir()} == {"numbers.csv", "numbers.md"}
+
+
+def test_an_unknown_figure_is_one_sentence(tmp_path):
+    assert "fig99" in fails("reproduce", "--only", "fig99", cwd=tmp_path)
+
+
+def test_a_wrong_number_ends_with_exit_code_1_and_names_the_row(tmp_path, monkeypatch, capsys):
+    claims = package.all_claims()
+    i = next(i for i, c in enumerate(claims) if c.quantity == "whole sphere")
+    claims[i] = replace(claims[i], compute=lambda paper: 41000.0)
+    monkeypatch.setattr(package, "all_claims", lambda: claims)
+    with pytest.raises(SystemExit, match=r"^1$"):
+        main(["reproduce", "--no-figures", "--out", str(tmp_path)])
+    sentence = capsys.readouterr().err.strip()
+    assert len(sentence.splitlines()) == 1
+    assert f"{i + 1} (Sec. 3.3: whole sphere)" in sentence
+    assert "**differs** (expected: agrees)" in (tmp_path / "numbers.md").read_text(encoding="utf-8")

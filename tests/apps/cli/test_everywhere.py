@@ -1,0 +1,128 @@
+"""What holds for all commands: numbers as JSON, saying less and more, completion by the shell."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import omnimirror as om
+from omnimirror.apps.cli import app, main
+from tests.apps.cli.test_help_pages import COMMANDS
+from tests.everyday import few
+
+TABLES = {
+    "sensors": [],
+    "mappings": [],
+    "spots": ["paper-spherical", "--omega-deg", "30,90"],
+    "psf": ["paper-spherical", "--omega-deg", "30"],
+    "mtf": ["paper-spherical", "--omega-deg", "30", "--cycles-per-px", "0.1,0.2"],
+    "illumination": ["paper-spherical", "--omega-deg", "30"],
+    "apertures": ["paper-spherical"],
+    "parts": ["paper-spherical", "--best"],
+    "bracket plan": ["paper-spherical"],
+    "simulate roundtrip": ["paper-spherical", "--samples", "1"],
+}
+"""Commands whose only table is written by --json, and arguments that are quick."""
+NUMBER = re.compile(r"^-?\d+(\.\d+)?$")
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(w) for w in words], catch_exceptions=False, standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", few(TABLES, *(TABLES.keys() - {"parts", "simulate roundtrip"})))
+def test_json_holds_every_line_of_the_table(name, tmp_path):
+    """As many records as lines, and of each line its first cell."""
+    file = tmp_path / "table.json"
+    shown = run(*name.split(), *TABLES[name], "--json", file)
+    records = json.loads(file.read_text())
+    if name == "mtf":  # the terminal has columns of its own choice
+        assert [r["cycles_per_px"] for r in records] == [0.1, 0.2]
+        return
+    lines = [line for line in shown.stdout.splitlines() if line.strip() and not line.startswith("Wrote")][
+        -len(records) :
+    ]
+    for line, record in zip(lines, records, strict=True):
+        first, told = line.split()[0], next(iter(record.values()))
+        if name == "parts":
+            assert record["lens"] in line
+            assert record["imager"] in line
+        elif NUMBER.match(first):
+            assert float(first) == pytest.approx(told, rel=1e-3)
+        else:
+            assert first == told
+
+
+def test_json_of_files_says_what_was_written(tmp_path):
+    run("export", "paper-spherical", "-o", tmp_path / "x", "--formats", "csv", "--json", tmp_path / "x.json")
+    (record,) = json.loads((tmp_path / "x.json").read_text())
+    assert os.path.exists(record["path"])
+    assert record["deviation_um"] < 0.01
+
+
+def test_every_command_that_prints_a_table_writes_json():
+    """By the source of each command; reproduce writes its numbers as CSV and Markdown."""
+    without = {
+        name
+        for name, command in COMMANDS.items()
+        if re.search("plain_table\\(|print_(rows|verdict|design)\\(|_table\\(", inspect.getsource(command.callback))
+        and not any("--json" in p.opts for p in command.params)
+    }
+    assert without <= {"reproduce"}
+
+
+def whole(*words, **environment):
+    """A process of its own: its words, and what it says to be said."""
+    program = [sys.executable, "-m", "omnimirror", *words]
+    return subprocess.run(program, capture_output=True, text=True, env={**os.environ, **environment})
+
+
+def test_quiet_says_nothing_and_writes_all_the_same(tmp_path, capsys):
+    main(["evaluate", "paper-spherical", "--omega-deg", "30", "--quiet", "--csv", str(tmp_path / "a.csv")])
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "a.csv").read_text().startswith("omega_deg")
+    with pytest.raises(SystemExit, match=r"^1$"):
+        main(["evaluate", "nothing", "--quiet"])
+    assert "nothing" in capsys.readouterr().err
+    main(["dewarp", "--quiet", *picture(tmp_path), "-o", str(tmp_path / "b.png")])
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "b.png").is_file()
+
+
+def picture(folder):
+    om.write_image(folder / "ball.png", np.full((64, 64, 3), 90, np.uint8))
+    return [str(folder / "ball.png"), "--ball", "31.5,31.5,30,300", "--size", "32x16"]
+
+
+def test_quiet_leaves_standard_output_to_files(capsys):
+    main(["sensors", "--quiet", "--json", "-"])
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)) == len(om.bundled_sensors())
+    assert not err
+
+
+def test_verbose_ends_with_what_it_took(capsys):
+    main(["sensors", "--verbose"])
+    said = capsys.readouterr().err.strip()
+    assert re.fullmatch(r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", said)
+
+
+def test_what_stands_after_two_dashes_is_nobodys_option(capsys):
+    with pytest.raises(SystemExit, match=r"^1$"):
+        main(["evaluate", "--", "--quiet"])
+    assert "--quiet" in capsys.readouterr().err
+
+
+def test_a_shell_completes_sensors_and_commands():
+    found = whole(_OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror evaluate paper-s", COMP_CWORD="2")
+    assert found.stdout.splitlines() == ["plain,paper-spherical", "file,paper-s"]
+    found = whole(_OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror illu", COMP_CWORD="1")
+    assert found.stdout.splitlines() == ["plain,illumination"]

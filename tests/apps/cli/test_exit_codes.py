@@ -1,0 +1,104 @@
+"""Exit codes: 2 where a command was not used as it can be, 1 for whatever else went wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from tests.commands import omnimirror
+
+BALL = ("--ball", "31.5,31.5,30,300")
+DESIGN = ("design", "--optimise", "worst_blur_deg")
+
+
+@pytest.fixture
+def place(tmp_path):
+    om.write_image(tmp_path / "a.png", np.full((64, 64, 3), 90, np.uint8))
+    (tmp_path / "broken.toml").write_text("name = ")
+    (tmp_path / "broken.png").write_bytes(b"no picture")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("dewarp", "a.png", "-o", "b.png"),  # no camera
+        ("dewarp", "a.png", *BALL),  # no output
+        ("dewarp", "a.png", *BALL, "-o", "a.png"),
+        ("dewarp", "a.png", *BALL, "-o", "b.jpg", "--transparent"),
+        ("dewarp", "a.png", "a.png", *BALL, "-o", "b.png"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--restore"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--border", "blue-ish"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--codec", "h264"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--view", "cylinder", "--wall-mm", "100:50"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--pan-deg", "west"),
+        ("calibrate", "a.png"),  # no board
+        ("calibrate", "a.png", "--board", "7x5"),  # of no size
+        ("board", "-o", "b.pdf"),
+        ("bracket", "merge", "paper-spherical", "a.png", "-o", "m.png"),  # focused nowhere
+        ("evaluate", "paper-spherical", "--object-distance-mm", "-1"),
+        ("psf", "paper-spherical", "--omega-deg", "0:130:1", "-o", "p.png"),
+        ("simulate", "paper-spherical", "-o", "p.jpg", "--bits", "12"),
+        ("simulate", "paper-spherical", "-o", "p.png", "--spp", "0"),
+        ("simulate", "dataset", "-o", "set"),
+        ("compare", *["paper-spherical"] * 7),
+        ("apertures", "paper-spherical", "--f-number", "8:4"),
+        (*DESIGN, "--starts", "0"),
+        (*DESIGN, "--resume", "s.json", "--terms", "3,4"),
+        ("design", "--pareto", "worst_blur_deg"),
+        ("init", "--no-such-option"),
+        ("nothing",),
+    ],
+    ids=" ".join,
+)
+def test_a_command_that_is_not_used_as_it_can_be(place, words):
+    run = omnimirror(*words, cwd=place)
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.startswith("omnimirror: ")
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("dewarp", "missing.png", *BALL, "-o", "b.png"),
+        ("dewarp", "broken.png", *BALL, "-o", "b.png"),
+        ("dewarp", "a.png", "--sensor", "broken.toml", "-o", "b.png"),
+        ("evaluate", "missing.toml"),
+        ("evaluate", "broken.toml"),
+        ("design", "broken.toml"),
+        ("judge", "missing.toml", "paper-spherical"),
+        ("simulate", "paper-spherical", "--scene", "missing.hdr", "-o", "p.png"),
+        ("simulate", "dataset", "--again", "broken.toml", "-o", "set"),
+        ("parts", "paper-spherical", "missing.csv"),
+        ("evaluate", "paper-spherical", "--omega-deg", "170"),  # which this sensor does not see
+    ],
+    ids=" ".join,
+)
+def test_what_is_not_there_or_not_seen(place, words):
+    run = omnimirror(*words, cwd=place)
+    assert run.returncode == 1, run.stderr
+    assert run.stderr.startswith("omnimirror: ")
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())",
+        "import omnimirror as om; om.read_image('a.png')",
+    ],
+)
+def test_missing_opencv_raises_with_remedy(statement, place):
+    """The folder cv2 is missing, as after uninstalling one of two OpenCV packages."""
+    code = f"import sys; sys.modules['cv2'] = None; {statement}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
+    assert run.returncode == 1
+    last = run.stderr.strip().splitlines()[-1]
+    assert "OpenCV cannot be imported" in last
+    assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")
+    assert "should not have happened" not in run.stderr

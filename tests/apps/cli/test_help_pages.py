@@ -1,0 +1,85 @@
+"""What every command's help shows: options in groups, examples that can be typed, and a page that exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+from omnimirror.apps.cli import app
+from omnimirror.apps.cli.help_pages import DocumentedCommand
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def commands(group: click.Group = app, words: tuple[str, ...] = ()) -> Iterator[tuple[str, click.Command]]:
+    for name in group.list_commands(click.Context(group)):
+        command = group.get_command(click.Context(group), name)
+        if isinstance(command, click.Group):
+            yield from commands(command, (*words, name))
+        else:
+            yield " ".join((*words, name)), command
+
+
+COMMANDS = dict(commands())
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_every_command_has_a_page_and_an_example_of_its_own(words):
+    command = COMMANDS[words]
+    assert isinstance(command, DocumentedCommand)
+    assert (DOCS / f"{command.page}.md").exists()
+    page = (DOCS / f"{command.page}.md").read_text(encoding="utf-8")
+    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' picture', '')}" in page
+    shown = command.get_help(click.Context(command, info_name=words))
+    assert f"More: docs/{command.page}.md" in shown
+    assert command.examples
+    for example in command.examples:
+        assert f"  {example}\n" in shown  # on one line, so that it can be copied
+
+
+@pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
+def test_examples_are_understood(example, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pictures").mkdir()
+    understand(example)
+
+
+def understand(line: str) -> None:
+    """Refuse a command line with unknown options or values of a wrong kind; it is not run."""
+    first, name, *words = shlex.split(line)
+    assert first == "omnimirror"
+    if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
+        name = f"{name} {words.pop(0)}"
+    command = COMMANDS["simulate picture" if name == "simulate" else name]
+    command.make_context("command", words)
+
+
+SHOWN = {
+    f"{page.name}: {line}": line
+    for page in [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
+    for line in re.findall(r"^    (omnimirror .*)$", page.read_text(encoding="utf-8"), flags=re.M)
+}
+"""Commands of the documentation that are shown and not run: they need cameras, films, or half an hour."""
+
+
+@pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)
+def test_commands_that_pages_only_show_are_understood(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    understand(re.split(r" [|>] ", line)[0])
+
+
+def test_options_stand_in_their_groups_and_each_once():
+    shown = COMMANDS["dewarp"].get_help(click.Context(COMMANDS["dewarp"], info_name="dewarp"))
+    headings = [line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")]
+    assert headings[0] == "Options:"
+    assert len(headings) >= 7
+    camera = shown.split("Which camera it was:")[1].split("\n\n")[0]
+    assert "--ocam" in camera
+    assert "--crf" not in camera
+    flags = [line.split()[0].rstrip(",") for line in shown.splitlines() if line.startswith("  -")]
+    assert len(flags) == len(set(flags)) == len(COMMANDS["dewarp"].get_params(click.Context(COMMANDS["dewarp"]))) - 1

@@ -1,0 +1,179 @@
+"""Outputs that are no plain files: standard output, devices, pipes, links."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+
+import click
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from omnimirror.apps.cli import COMMANDS, app, main, outputs
+
+FEW = ["--omega-deg", "0:90:45"]
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(a) for a in args], catch_exceptions=False, standalone_mode=False)
+
+
+def test_a_table_on_standard_output_is_all_there_is(tmp_path):
+    written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
+    piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
+    assert piped.stdout == (tmp_path / "a.csv").read_text()
+    assert "best focus" in piped.stderr  # the words are not lost
+    assert "Wrote" in written.stdout
+    assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"]["omega_deg"] == [
+        0,
+        45,
+        90,
+    ]
+
+
+def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
+    source = tmp_path / "round.png"
+    cv2.imwrite(str(source), np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8))
+    words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
+    run(*words, "-o", tmp_path / "out.tif")
+    for kind, magic in ((None, b"\x89PNG"), ("tif", b"II*\0"), ("jpg", b"\xff\xd8\xff")):
+        piped = run(*words, "-o", "-", *(["--format", kind] if kind else []))
+        assert piped.stdout_bytes.startswith(magic)
+        if kind != "jpg":
+            picture = cv2.imdecode(np.frombuffer(piped.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED)
+            assert np.array_equal(picture, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED))
+
+
+def test_a_figure_on_standard_output():
+    assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
+    assert b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
+
+
+@pytest.mark.parametrize(
+    ("args", "sentence"),
+    [
+        (["evaluate", "paper-spherical", "--csv", "-", "--json", "-"], "--csv and --json cannot both be written"),
+        (["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"], "--format says what '-' writes"),
+        (["evaluate", "paper-spherical", "--csv", ""], "this one is empty"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=r"^2$"):
+        main(args)
+    assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_reader_may_leave():
+    command = [sys.executable, "-m", "omnimirror", "evaluate", "paper-spherical", "--omega-deg", "0:130:.01"]
+    for words in (command, [*command, "--csv", "-"]):
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdout.readline()
+            process.stdout.close()
+            assert b"omnimirror: " not in process.stderr.read()
+            assert process.wait() == 0
+
+
+def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
+    """An option that takes a name of a file takes ``-`` too; folders, sources and videos' paths do not."""
+    from omnimirror.apps.cli.outputs import Output
+
+    writes = ("csv_file", "json_file", "output", "out", "figure", "encircled", "panorama")
+
+    def leaves(command, name):
+        for sub in getattr(command, "commands", {}).values():
+            yield from leaves(sub, f"{name} {sub.name}")
+        yield name, command
+
+    context = app.make_context("omnimirror", ["evaluate"])
+    for name in COMMANDS:
+        for path, command in leaves(app.get_command(context, name), name):
+            for parameter in command.params:
+                is_folder = getattr(parameter.type, "file_okay", True) is False or path in ("reproduce", "demo")
+                if parameter.name in writes and not is_folder and not parameter.is_flag:
+                    assert isinstance(parameter.type, Output), f"{path} {parameter.opts}"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("rim a.png --figure ./a.png", "--figure would be written over a.png, which is read; name another file"),
+        ("evaluate s.toml --omega-deg 0 --csv link.toml", "--csv would be written over link.toml, which is read"),
+        ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
+        ("evaluate s.toml --omega-deg 0 --csv x --json ./x", "--csv and --json would both be written to x"),
+        ("evaluate s.toml --omega-deg 0 --csv x --json ./s.toml", "--json would be written over s.toml, which is read"),
+        ("evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml", "--json would be written over s.toml"),
+    ],
+)
+def test_nothing_is_written_over_what_is_read_or_over_another_output(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("a.png", np.zeros((64, 64, 3), np.uint8))
+    main(["init", "s.toml"])
+    (tmp_path / "link.toml").symlink_to("s.toml")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(SystemExit, match=r"^[12]$"):
+        main(words.split())
+    assert sentence in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_two_outputs_may_go_to_one_device():
+    run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")
+
+
+def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
+    """Control sequences of names are not obeyed, brackets are no styles, and numbers get no colours."""
+    outputs.notice("a [bold]b[/bold] \x1b[31m")
+    outputs.remark("c \x1b]0;d")
+    outputs.say("1 of 2 ", ("e.csv", "bold"))
+    told = capsys.readouterr()
+    assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
+    assert told.out == "1 of 2 e.csv\n"
+
+
+def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Screen()
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
+        monkeypatch.delenv(name, raising=False)
+    outputs.say("12.5 mm 'a' True ", ("e.csv", "bold"))
+    outputs.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
+    assert screen.getvalue() == ("12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n")
+
+
+def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
+    @click.command()
+    @outputs.output_option("--a", multiple=True)
+    @outputs.output_option("--b")
+    def command(**_):
+        pass
+
+    monkeypatch.chdir(tmp_path)
+    words = ["--a", "/dev/null", "--a", "f"]
+    outputs.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
+    with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
+        outputs.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
+
+
+def test_numbers_of_a_table_are_never_broken_and_words_are():
+    """The column of words takes what the first column and the numbers leave of 28 characters."""
+    table = outputs.plain_table("name", "mm", "remark", words=("name", "remark"))
+    table.add_row("first part", "1234.5678", "as long as it may be")
+    console = Console(file=io.StringIO(), width=28)
+    console.print(table)
+    lines = console.file.getvalue().splitlines()
+    assert lines[0].index("mm") + 2 == lines[1].index("1234.5678") + 9  # numbers to the right
+    assert lines[0].index("rem") == lines[1].index("as")  # words to the left
+    assert lines[1].startswith("first part  1234.5678  as")
+    assert " ".join(" ".join(line.split()) for line in lines[2:]) == "long as it may be"

@@ -1,0 +1,465 @@
+"""Signals end every command with one message and its exit code, and leave neither files nor processes; and `main`
+leaves the process that calls it as it was."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import av
+import click
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+import omnimirror as om
+from omnimirror.apps.cli import app, main
+from omnimirror.apps.cli.commands.evaluation import sensors
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.base.native import backend
+from tests.commands import omnimirror
+from tests.everyday import few
+
+BALL = ("--ball", "31.5,31.5,30,300")
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+MARK = "OMNIMIRROR_TEST_RUN"
+"""Variable by which processes that a command started are found."""
+REQUIREMENTS = """
+[field]
+omega_max_deg = 120
+[mirror]
+family = "sphere"
+rim_radius_mm = 30
+[[limit]]
+quantity = "total_blur_deg"
+at_most = 0.8
+"""
+PARTS = '[parts]\ncatalogue = "typical"\n'
+PATH = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n100,1000,0,0\n"
+VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
+
+ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
+    "reproduce": (("reproduce", "--out", "out"), "out/*"),
+    "tolerance": (
+        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"), "out/trials/*",
+    ),
+    "design": (
+        ("design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--starts", "99", "--resume", "s.json"),
+        "s.json",
+    ),
+    "simulate": (("simulate", "paper-spherical", "--spp", "4000", "-o", "a.png"), ""),
+    "dataset": (("simulate", "dataset", "paper-spherical", "--views", "500", "-o", "set"), "set/*"),
+    "demo": (("demo", "--out", "out"), "out/*"),
+    "dewarp a video": (
+        ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"), ".view*",
+    ),
+    "dewarp a folder": (("dewarp", "many", *BALL, "--size", "1600x800", "-o", "out"), "out/*"),
+    "bracket": (("bracket", "plan", "paper-spherical"), ""),
+    "evaluate": (("evaluate", "paper-spherical", "--figures", "out"), ""),
+    "export": (("export", "paper-spherical", "-o", "x"), ""),
+    "parts": (("parts", "paper-spherical"), ""),
+    "studio": (("studio", "--no-open"), "stdout"),
+    "view": (("view", "long.mp4", *BALL, "--no-open"), "stdout"),
+    "serve": (("serve", "long.mp4", "--views", "views.toml", *BALL), "stdout"),
+    "serve and publish": (
+        ("serve", "long.mp4", "--views", "views.toml", *BALL, "--publish", "udp://127.0.0.1:9/{view}"), "2 processes",
+    ),
+    "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
+    "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
+    "dewarp in a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "media.live.outputs:Preview.write",
+    ),
+    "calibrate": (
+        ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
+    ),
+    "design with parts": (("design", "parts.toml", "--processes", "2", "--most", "999"), "3 processes"),
+    "learning": (
+        ("simulate", "learning", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*",
+    ),
+}  # fmt: skip
+"""Commands at work and what shows it: a file, a line of output, processes, a function called, or a signal handler."""
+REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
+    "sensors": (("sensors",), "cli.commands.evaluation.sensors:load_sensor"),
+    "init": (("init", "new.toml", "--force"), "cli.commands.design.init:write_text"),
+    "judge": (("judge", "lens.toml", "paper-spherical"), "cli.commands.design.judge:judge"),
+    "mappings": (("mappings", "--figure", "a.png"), "figures:save_figure"),
+    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "cli.commands.interop.rays:write_rays"),
+    "maps": (
+        ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
+        "cli.commands.interop.maps:write_maps",
+    ),
+    "colmap": (
+        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "cli.commands.interop.colmap:load_camera",
+    ),
+    "spots": (("spots", "paper-spherical", "-o", "a.png"), "cli.commands.evaluation.spots:spots"),
+    "psf": (("psf", "paper-spherical"), "cli.commands.evaluation.psf:psf"),
+    "mtf": (("mtf", "paper-spherical"), "cli.commands.evaluation.mtf:mtf"),
+    "illumination": (("illumination", "paper-spherical"), "cli.commands.evaluation.illumination:illumination"),
+    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "cli.commands.evaluation.form:form_error"),
+    "compare": (
+        ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
+        "cli.commands.evaluation.compare:compare",
+    ),
+    "roundtrip": (
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "cli.commands.pictures.simulate:load_sensor",
+    ),
+    "bracket take": (
+        ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
+        "cli.commands.pictures.bracket:expose",
+    ),
+    "bracket merge": (
+        ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
+        "cli.commands.pictures.bracket:merge_bracket",
+    ),
+    "board": (
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "cli.commands.calibration.board:write_board",
+    ),
+    "rim": (("rim", "view/0.png", "--figure", "a.png"), "cli.commands.calibration.rim:find_rim"),
+    "lines": (
+        ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
+        "cli.commands.calibration.lines:load_camera",
+    ),
+    "uncertainty": (("uncertainty", "paper-spherical"), "cli.commands.calibration.uncertainty:load_camera"),
+    "convert": (
+        ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
+        "cli.commands.calibration.convert:convert",
+    ),
+    "apertures": (("apertures", "paper-spherical"), "cli.commands.design.apertures:best_apertures"),
+}  # fmt: skip
+"""Commands that end soon, and the function of their module that a test repeats until a signal comes."""
+REPEAT = """
+import functools, importlib, pathlib, sys
+from omnimirror.__main__ import run
+is_repeated = bool(sys.argv.pop(1))
+module, name = sys.argv.pop(1).split(":")
+*owners, name = name.split(".")
+owner = functools.reduce(getattr, owners, importlib.import_module(module))
+function = getattr(owner, name)
+@functools.wraps(function)
+def repeated(*args, **more):
+    pathlib.Path("begun").touch()
+    while is_repeated:
+        function(*args, **more)
+    return function(*args, **more)
+setattr(owner, name, repeated)
+run()
+"""
+KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
+"""Commands that first say what was done and kept."""
+EVERYDAY = [
+    ("reproduce", signal.SIGTERM), ("tolerance", signal.SIGHUP), ("dewarp a video", signal.SIGHUP),
+    ("simulate", signal.SIGTERM), ("studio", signal.SIGHUP), ("serve", signal.SIGTERM), ("evaluate", signal.SIGINT),
+    ("calibrate", signal.SIGTERM), ("serve and publish", signal.SIGHUP), ("dewarp a bag", signal.SIGTERM),
+    ("dewarp with a preview", signal.SIGTERM), ("dewarp in a preview", signal.SIGHUP),
+    ("design with parts", signal.SIGINT), ("rim", signal.SIGHUP),
+    ("lines", signal.SIGTERM), ("form", signal.SIGTERM), ("colmap", signal.SIGINT), ("rays", signal.SIGHUP),
+    ("maps", signal.SIGTERM), ("judge", signal.SIGHUP),
+]  # fmt: skip
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc")
+
+
+def listens(process: int, number: int) -> bool:
+    """Whether a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
+    caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
+    return bool(int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1)
+
+
+def processes_of(mark: str) -> list[int]:
+    """Processes that were started with the mark in their environment, and still run."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes():
+                found.append(int(folder.name))
+        except OSError:  # of others, or gone
+            continue
+    return found
+
+
+def unignored() -> None:
+    """Give signals their default actions: background jobs and nohup ignore some of them, and children inherit that."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def wait_until(state: Callable[[], bool], run: subprocess.Popen) -> None:
+    while not state():
+        assert run.poll() is None, run.stderr.read()
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A folder with inputs, and one for temporary files."""
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "work").mkdir()
+    return tmp_path
+
+
+def prepare(folder: Path, words: tuple[str, ...]) -> None:
+    picture = np.full((64, 64, 3), 90, np.uint8)
+    if "long.mp4" in words:
+        with av.open(str(folder / "long.mp4"), "w") as file:
+            stream = file.add_stream("mpeg4", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+            for _ in range(500):
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            file.mux(stream.encode())
+    if "tolerances.toml" in words:
+        omnimirror("tolerance", "init", "paper-spherical", cwd=folder)
+    if "many" in words:
+        for number in range(100):
+            om.write_image(folder / "many" / f"{number}.png", picture)
+    for name, count, side in (("boards", 400, 320), ("view", 1, 256), ("large", 1, 1024)):
+        if any(word.startswith(name) for word in words):
+            for number in range(count):
+                om.write_image(folder / name / f"{number}.png", noise(side))
+    if "ride" in words:
+        ride(folder / "ride", picture)
+    if "points.csv" in words:
+        x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30)))
+        z = om.load_sensor("paper-spherical").mirror.sag(np.hypot(x, y))
+        np.savetxt(folder / "points.csv", np.column_stack([x, y, z]), delimiter=",")
+    (folder / "views.toml").write_text(VIEWS)
+    (folder / "requirements.toml").write_text(REQUIREMENTS)
+    (folder / "lens.toml").write_text(REQUIREMENTS + "[lens]\ntheta_max_deg = 12\n")
+    (folder / "parts.toml").write_text(REQUIREMENTS + PARTS)
+    (folder / "path.csv").write_text(PATH)
+
+
+def noise(side: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (side, side, 3), np.uint8)
+
+
+def ride(folder: Path, picture: np.ndarray) -> None:
+    """Write a recording of a robot, with one picture again and again."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    height, width = picture.shape[:2]
+    with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        kind = "sensor_msgs/msg/Image"
+        connection = writer.add_connection("/camera/image_raw", kind, typestore=store)
+        for number in range(500):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](number, 0), "camera")
+            message = types[kind](header, height, width, "rgb8", 0, 3 * width, picture.ravel())
+            writer.write(connection, number * 10**9, store.serialize_cdr(message, kind))
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY)
+)
+def test_a_signal_ends_a_command_without_leftovers(name, number, place, request):
+    program = ["-m", "omnimirror"]
+    words, file = (ENDLESS | REPEATED)[name]
+    if ":" in file:
+        program = ["-c", REPEAT, "repeated" if name in REPEATED else "", f"omnimirror.{file}"]
+        file = "begun"
+    if "--preview" in words:
+        request.getfixturevalue("display")
+    work, temporary = place / "work", place / "temporary"
+    prepare(work, words)
+    environment = {**os.environ, MARK: str(place), "TMPDIR": str(temporary)}
+    with subprocess.Popen(
+        [sys.executable, *program, *words], cwd=work, env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, process_group=0,
+        preexec_fn=unignored,
+    ) as run:  # fmt: skip
+        if file == "stdout":
+            assert run.stdout.readline()
+        elif file.endswith("processes"):
+            wait_until(lambda: len(processes_of(str(place))) >= int(file.split()[0]), run)
+        elif file:
+            wait_until(lambda: any(work.glob(file)), run)
+        else:
+            wait_until(lambda: listens(run.pid, number), run)
+        if number == signal.SIGTERM:
+            run.send_signal(number)
+        else:  # a terminal sends it to all processes of the command
+            os.killpg(run.pid, number)
+        said = run.communicate()[1]
+    assert run.returncode == 128 + number, said
+    assert "Traceback" not in said
+    assert "ignored" not in said
+    lines = [line for line in said.split("\n") if not line.endswith("trying again")]  # of a publisher, at any time
+    assert sum("omnimirror: stopped" in line for line in lines) == 1, said
+    assert len([line for line in lines if line]) <= 1 + name.startswith(KEEP), said
+    assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []
+    assert list(temporary.rglob("*omnimirror*")) == []
+    assert processes_of(str(place)) == []
+
+
+def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Words of every command below one."""
+    if not isinstance(command, click.Group):
+        yield words
+        return
+    context = click.Context(command)
+    for name in command.list_commands(context):
+        yield from leaves(command.get_command(context, name), (*words, name))
+
+
+class Deaf:
+    """Attribute whose signal the interpreter wraps in RuntimeError."""
+
+    def __set_name__(self, owner, name):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def in_an_import():
+    """Raise the message of a missing package for an extension module whose initialisation was interrupted."""
+    try:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt as e:
+            raise ImportError("initialization failed") from e  # as pybind11 does
+    except ImportError:
+        raise OmnimirrorError("one more package is needed: pip install 'omnimirror[exr]'") from None
+
+
+@pytest.mark.parametrize("wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import])
+def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, capsys):
+    monkeypatch.setattr(sensors, "bundled_sensors", wrapped)
+    with pytest.raises(SystemExit) as ended:
+        main(["sensors"])
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert "omnimirror: stopped" in capsys.readouterr().err
+
+
+def test_signals_are_sent_to_every_command():
+    called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
+    called.append(("simulate", "picture"))  # as which "simulate SENSOR" is read
+    assert [words for words in leaves(app) if not any(words == those[: len(words)] for those in called)] == []
+
+
+def test_hang_ups_that_are_ignored_stay_so(tmp_path):
+    """As under nohup: the command goes on, and another signal ends it."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", "studio", "--no-open"], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    ) as run:  # fmt: skip
+        assert run.stdout.readline()
+        run.send_signal(signal.SIGHUP)
+        run.send_signal(signal.SIGTERM)
+        assert run.communicate()[1] == "omnimirror: stopped\n"
+    assert run.returncode == 128 + signal.SIGTERM
+
+
+# -- what a caller finds after main ----------------------------------------------------------------------
+
+
+def state() -> dict[str, object]:
+    """The state of this process that a command could change."""
+    return {
+        "signals": {n: signal.getsignal(n) for n in signal.valid_signals()},
+        "environment": dict(os.environ), "warnings": list(warnings.filters), "showwarning": warnings.showwarning,
+        "hooks": (sys.excepthook, sys.unraisablehook, sys.displayhook), "argv": list(sys.argv), "path": list(sys.path),
+        "streams": (sys.stdin, sys.stdout, sys.stderr), "errors": (sys.stdout.errors, sys.stderr.errors),
+        "descriptors": [(os.fstat(n).st_dev, os.fstat(n).st_ino) for n in range(3)],
+        "folder": Path.cwd(), "numbers": np.geterr(), "threads": backend.threads, "recursion": sys.getrecursionlimit(),
+    }  # fmt: skip
+
+
+CALLS = {
+    "success": (("sensors",), None),
+    "quiet": (("sensors", "--quiet"), None),
+    "help": (("--help",), None),
+    "wrong use": (("evaluate", "--no-such-option"), 2),
+    "error": (("evaluate", "nothing.toml"), 1),
+    "threads": (("dewarp", "a.png", *BALL, "-o", "b.png", "--threads", "3"), None),
+    "debug": (("evaluate", "nothing.toml", "--debug"), 1),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    om.write_image(tmp_path / "a.png", np.full((64, 64, 3), 90, np.uint8))
+    words, code = CALLS[name]
+    before = state()
+    if code is None:
+        main(list(words))
+    else:
+        with pytest.raises(SystemExit) as ended:
+            main(list(words))
+        assert ended.value.code == code
+    assert state() == before
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatch, capsys):
+    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    try:
+        before = state()
+        monkeypatch.setattr(sensors, "bundled_sensors", lambda: signal.raise_signal(number))
+        with pytest.raises(SystemExit) as ended:
+            main(["sensors"])
+        assert ended.value.code == 128 + number
+        assert "omnimirror: stopped" in capsys.readouterr().err
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert state() == before
+    finally:
+        signal.signal(signal.SIGINT, inherited)
+
+
+def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
+    """In a process of its own, where standard error is the descriptor 2: C code of the caller writes to it again."""
+    code = (
+        "import os, signal, sys, omnimirror.apps.cli as cli\n"
+        "cli.main(['sensors', '--quiet'])\n"
+        "try: cli.main(['evaluate', 'nothing.toml'])\n"
+        "except SystemExit as e: print(e.code)\n"
+        "os.write(2, b'by the caller')\n"
+        "assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL\n"
+        "assert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path)
+    assert (run.returncode, run.stdout) == (0, "1\n"), run.stderr
+    assert run.stderr.startswith("omnimirror: ")
+    assert run.stderr.endswith("by the caller")
+
+
+@pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
+def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
+    """As while modules define dataclasses: the interpreter would end itself by SIGINT, handled or not."""
+    (tmp_path / "interrupted.py").write_text(
+        "import signal, sys, omnimirror.apps.cli as cli\n"
+        "from omnimirror.__main__ import run\n"
+        "def work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n"
+        f"{where} = work\n"
+        "sys.argv = ['omnimirror', 'sensors']\n"
+        "run()\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-m", "interrupted"], capture_output=True, text=True, timeout=300, cwd=tmp_path,
+        preexec_fn=unignored,
+    )  # fmt: skip
+    assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
+
+
+def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
+    """An exception in a destructor is lost; the command is ended all the same."""
+    code = (
+        "import signal, sys, time, omnimirror.apps.cli as cli\n"
+        "class Deaf:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGTERM); sum(range(100))\n"
+        "def work(*args, **more):\n"
+        "    Deaf()\n"
+        "    while True: time.sleep(0.01)\n"
+        "cli.app.invoke = work\n"
+        "cli.main(['sensors'])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert run.returncode == 128 + signal.SIGTERM
+    assert run.stderr.strip() == "omnimirror: stopped"

@@ -1,0 +1,67 @@
+"""The page of a calibration: whole, without a word to fetch, with every picture and corner that it names."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.reports.calibration import calibration_figures, calibration_html, direction_sigmas
+
+BOARD = om.Board("chessboard", 11, 7, 30.0)
+TRUTH = om.Unified(0.95, (158.0, 158.0), (326.0, 236.0), (640, 480))
+
+
+@pytest.fixture(scope="module")
+def found() -> om.Calibration:
+    seen = om.simulate_detections(TRUTH, BOARD, 6, noise_px=0.1)
+    seen[2].corners_px[7] += 3.0
+    seen.append(om.Detection("<dark>.png", (640, 480), reason="no board was found"))
+    return om.calibrate_camera(seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False)
+
+
+def test_the_page_holds_everything_and_fetches_nothing(found):
+    page = calibration_html(found, "omnimirror calibrate a&b.png")
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+    assert "$" not in re.sub(r"base64,[^\"]*", "", page)
+    assert f"{found.rms_px:.3f} px" in page
+    assert f"{found.held_out_rms_px:.3f} px" in page
+    assert "&lt;dark&gt;.png" in page
+    assert "no board was found" in page
+    assert "omnimirror calibrate a&amp;b.png" in page
+    (outlier,) = found.outliers
+    assert f"<td>{outlier.corner}</td><td>{outlier.residual_px:.2f}</td>" in page
+    assert all(p.name in page for p in found.parameters)
+    assert page.count("data:image/svg+xml") == 5
+
+
+@pytest.mark.full
+def test_figures_are_drawn_and_written(found, tmp_path):
+    paths = om.write_calibration_figures(found, tmp_path)
+    assert [p.stem for p in paths] == list(calibration_figures(found))
+    for path in paths:
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+
+
+@pytest.mark.full
+def test_the_error_of_directions_is_that_of_repeated_pictures(found):
+    """Ten cameras from other noise scatter about the truth as the map of the first says, within a factor of two."""
+    directions = np.array([[1.0, 0.2, -0.3], [-0.5, 0.9, 0.1], [0.1, -1.0, -0.8]])
+    pixels = TRUTH.image(directions, distant=True).pixels
+    rays = []
+    for seed in range(10):
+        seen = om.simulate_detections(TRUTH, BOARD, 6, noise_px=0.1)
+        random = np.random.default_rng(seed)
+        for detection in seen:
+            detection.corners_px[:] += random.normal(0, 0.1, detection.corners_px.shape)
+        again = om.calibrate_camera(seen, BOARD, model="unified", fixed=("k1", "k2", "k3"), board_shape=False)
+        rays.append(again.model.backproject(pixels).directions)
+    scatter = np.degrees(np.sqrt(np.sum(np.var(rays, axis=0), axis=1)))
+    told = found.direction_sigma_deg(directions)
+    assert (scatter < 3 * told).all()
+    assert (scatter > told / 3).all()
+    shown = direction_sigmas(found)
+    assert np.nanmax(shown) > told.min()

@@ -1,0 +1,66 @@
+"""The page for an order: its numbers are those of the report, and everything is inside."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.reports.tolerances import indications, write_tolerances
+from omnimirror.base.errors import InvalidParameter
+from tests.commands import omnimirror
+
+SENSOR = om.load_sensor("paper-spherical")
+ERRORS = {
+    "mirror.tilt_x_deg": om.Tolerance(0.1),
+    "mirror.tilt_y_deg": om.Tolerance(0.2),
+    "mirror.decentre_x_mm": om.Tolerance(0.05),
+    "mirror.zernike_5_um": om.Tolerance(0.3),
+    "mirror.zernike_8_um": om.Tolerance(0.4),
+    "mirror.conic": om.Tolerance(0.005),
+    "lens.k1": om.Tolerance(0.01),
+}
+PLAN = om.TolerancePlan(
+    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, objects={"angles": 2, "azimuths": 6}
+)
+
+
+def test_a_surface_is_indicated_as_iso_10110_does():
+    rows = {name: code for name, code, _ in indications(PLAN.tolerances)}
+    assert rows["surface form"] == "3/- RMSt < 289 nm"  # of .3 and .4 um, evenly spread
+    assert rows["centring"] == "4/3' (0.025 mm)"
+    assert rows["conic constant"] == "± 0.005"
+
+
+@pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
+def test_the_page_says_what_the_report_found(tmp_path, wanted):
+    found = om.tolerance(SENSOR, PLAN, trials=500, target_yield=wanted)
+    page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
+    assert page.count("data:image/svg+xml") == 2
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    of = found.statistics.yields if found.allocation is None else found.allocation.confirmed_yield
+    assert f"{100 * of.value:.2f} %" in page
+    assert f"{100 * of.low:.2f} to {100 * of.high:.2f} %" in page
+    held = {name: bound.value for name, bound in ERRORS.items()}
+    held |= {} if found.allocation is None else dict(found.allocation.tolerances)
+    rows = dict(re.findall(r"<small>([\w.]+)</small></th><td>± ([\d.e+-]+)", page))
+    assert rows.keys() == ERRORS.keys()
+    for name, words in rows.items():
+        assert float(words) == pytest.approx(held[name], rel=5e-3)
+    prices = [float(p) for p in re.findall(r"<td>uniform</td><td>([\d.e+-]+)</td>", page)]
+    told = sum(prices)
+    assert told == pytest.approx(len(ERRORS) if found.allocation is None else found.allocation.cost, rel=1e-2)
+
+
+def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t.toml").write_text('[[error]]\nname = "lens.k1"\ntolerance = 0.1\n')
+    done = omnimirror("tolerance", "paper-spherical", "t.toml", "--trials", "50", "--report", "order.html")
+    assert done.returncode == 0, done.stderr
+    assert "Tolerances of paper-spherical" in (tmp_path / "order.html").read_text(encoding="utf-8")
+    found = om.tolerance(SENSOR, PLAN, trials=10)
+    with pytest.raises(InvalidParameter, match=r"written as \.html, and order\.pdf ends otherwise"):
+        write_tolerances(found, "order.pdf")
+    assert np.isfinite(found.statistics.mean("motion_px"))

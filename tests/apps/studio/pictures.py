@@ -1,0 +1,56 @@
+"""Pictures and videos to look at, and what Python makes of them."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import fields
+from pathlib import Path
+
+import av
+import click
+import numpy as np
+
+import omnimirror as om
+from omnimirror.apps.cli.commands.pictures.dewarp import command as dewarp
+from omnimirror.io import read_image
+
+
+def pattern(size: tuple[int, int]) -> np.ndarray:
+    """A smooth picture without two places alike, (h, w, 3)."""
+    width, height = size
+    v, u = np.arange(height)[:, None], np.arange(width)
+    waves = np.empty((height, width, 3), np.float32)
+    waves[..., 0] = 128 + 90 * np.sin(u / 53) * np.cos(v / 61)
+    waves[..., 1] = 128 + 90 * (np.cos(u / 83) * np.cos(v / 47) - np.sin(u / 83) * np.sin(v / 47))
+    waves[..., 2] = 40 + 170 * u / width
+    return np.rint(waves, out=waves).astype(np.uint8)
+
+
+def video_of(path: Path, frames: int = 40) -> Path:
+    """A video whose frames grow lighter."""
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mpeg4", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(frames):
+            picture = np.full((48, 64, 3), 2 * i % 256, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    return path
+
+
+def python_view(line: str, folder: Path) -> om.Dewarper:
+    """The dewarper that a command line asks for."""
+    from omnimirror.apps.cli.options.camera import CameraOptions
+    from omnimirror.apps.cli.options.view import ViewOptions
+
+    words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
+    given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params
+    height, width = read_image(given["sources"][0]).shape[:2]
+    options = [kind(**{f.name: given[f.name] for f in fields(kind)}) for kind in (CameraOptions, ViewOptions)]
+    camera = options[0].camera((width, height))
+    return om.Dewarper(camera, options[1].of(camera), given["interpolation"])
+
+
+def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
+    error = np.mean((a[where].astype(float) - b[where].astype(float)) ** 2)
+    return float(10 * np.log10(255**2 / max(error, 1e-9)))

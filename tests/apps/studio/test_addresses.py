@@ -1,0 +1,344 @@
+"""Addresses: what a link, a reload, Back and a second tab bring back, and what a broken one is answered with."""
+
+from __future__ import annotations
+
+import json
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio.look import routes
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.uploads import encoded
+from omnimirror.io import write_image
+
+from .browser import drop, look, open_page, serving
+from .pictures import pattern
+from .test_bench_page import NOW, WITHOUT_PICTURES, enter, settled
+from .test_bench_page import drawn as plots_drawn
+
+SPHERE = om.load_sensor("paper-spherical")
+
+
+def state(page) -> dict:
+    return page.evaluate("window.omnimirror.store.state")
+
+
+def go(page, part: str) -> None:
+    """Enter another address in the page that is open."""
+    page.evaluate("(part) => { location.hash = part; }", part)
+
+
+def banner(page) -> str:
+    page.wait_for_selector("#banner:visible")
+    return page.locator("#banner").inner_text()
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Two pictures of one size that are not the same."""
+    folder = tmp_path_factory.mktemp("pictures")
+    for name, turned in (("one.png", False), ("two.png", True)):
+        picture = pattern((300, 300))
+        write_image(folder / name, picture[::-1].copy() if turned else picture)
+    return folder
+
+
+@pytest.fixture
+def page(browser, server):
+    page = open_page(browser, server)
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+@pytest.fixture
+def no_rooms(monkeypatch) -> None:
+    """Pictures of rooms are none, at once: which one comes is tried, not what it shows."""
+    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+
+
+@pytest.fixture
+def rooms(no_rooms):
+    """A server of such rooms alone."""
+    with serving(Studio()) as address:
+        yield address
+
+
+def bench_at(browser, address: str, context=None):
+    """The page with the bench at an address, and its errors."""
+    context = context or browser.new_context(viewport={"width": 1000, "height": 700}, bypass_csp=True)
+    context.add_init_script(WITHOUT_PICTURES)
+    page = context.new_page()
+    page.problems = []
+    page.on("pageerror", lambda e: page.problems.append(str(e)))
+    page.goto(address)
+    plots_drawn(page)
+    return page
+
+
+# -- of the bench ------------------------------------------------------------------------------------
+
+GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
+
+
+@pytest.mark.parametrize(
+    ("design", "lacks"),
+    [
+        pytest.param('{"tables":{}}', "[mirror]", marks=pytest.mark.full),
+        pytest.param(
+            '{"tables":{"mirror":{"kind":"moon"},"lens":{},"imager":{}}}', "mirror.kind", marks=pytest.mark.full
+        ),
+        pytest.param(
+            json.dumps({"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}),
+            "mirror.radius_mm",
+            marks=pytest.mark.full,
+        ),
+        ('{"tables":{"mirror":', "cannot be read"),
+    ],
+)
+def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(design, lacks, browser, server):
+    page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
+    said = banner(page)
+    assert lacks in said
+    assert "server" not in said
+    for _ in range(2):
+        page.get_by_role("button", name="Look", exact=True).click()
+        page.get_by_role("button", name="Design", exact=True).click()
+    assert page.get_by_role("button", name="Undo", exact=True).count() == 1
+    assert page.locator("#bench > aside").count() == 1
+    assert page.evaluate(f"{NOW}.tables.name") == "paper-spherical"
+    page.wait_for_function("location.hash.includes('radius_mm')")  # the address is that of what is shown
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_second_link_is_followed_and_a_broken_one_changes_nothing(browser, server):
+    page = bench_at(browser, f"{server}#tab=design")
+    design = page.evaluate(f"JSON.parse(JSON.stringify({NOW}))")
+    design["tables"]["mirror"]["radius_mm"] = 55.0
+    go(page, f"tab=design&design={quote(json.dumps(design))}")
+    page.wait_for_function(f"{NOW}.tables.mirror.radius_mm === 55")
+    go(page, "tab=design&design=%7B%7D")
+    assert "no tables" in banner(page)
+    assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == 55
+    page.get_by_role("button", name="Undo", exact=True).click()
+    assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == SPHERE.mirror.radius_mm
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_change_and_a_reload_at_once_keep_it_and_what_can_be_undone(browser, server):
+    page = bench_at(browser, f"{server}#tab=design")
+    page.wait_for_function("location.hash.includes('design')")
+    page.get_by_label("Focal length", exact=True).fill("12.5")
+    page.evaluate("document.activeElement.blur(); location.reload()")
+    page.wait_for_function("() => window.omnimirror?.tabs.bench?.found?.[0]")
+    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.5
+    page.get_by_role("button", name="Undo", exact=True).click()
+    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == SPHERE.lens.focal_length_mm
+    page.get_by_label("Focal length", exact=True).fill("12.75")  # and nothing pressed
+    page.reload()
+    page.wait_for_function("() => window.omnimirror?.tabs.bench?.found?.[0]")
+    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.75
+    page.context.close()
+
+
+@pytest.mark.full
+def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server):
+    first = bench_at(browser, f"{server}#tab=design")
+    enter(first, "F-number", "5.6")
+    second = bench_at(browser, f"{server}#tab=design", first.context)
+    settled(second)
+    enter(second, "F-number", "8")
+    first.reload()
+    plots_drawn(first)
+    assert first.evaluate(f"{NOW}.tables.lens.f_number") == 5.6
+    first.get_by_role("button", name="Undo", exact=True).click()
+    assert first.evaluate(f"{NOW}.tables.lens.f_number") == 4
+    assert second.evaluate(f"{NOW}.tables.lens.f_number") == 8
+    first.context.close()
+
+
+@pytest.mark.full
+def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, server):
+    page = bench_at(browser, f"{server}#tab=design")
+    sent = page.evaluate("""() => new Promise((resolve) => {
+      const { bench } = window.omnimirror.tabs;
+      let count = 0;
+      const own = WebSocket.prototype.send;
+      WebSocket.prototype.send = function (text) { count += text.includes('"slot":0'); own.call(this, text); };
+      const answered = bench.answers.answered;
+      bench.answers.answered = (found) => { answered(found); if (found.trouble) resolve(count); };
+      bench.answers.ask(0, { tables: "no tables" });
+    })""")
+    assert sent == 1  # the server says that it is no question
+    assert "cannot answer about this design" in page.locator(".trouble").inner_text()
+    enter(page, "F-number", "5.6")
+    page.wait_for_function("document.querySelector('.trouble').hidden")
+    assert page.locator("#banner").is_hidden()
+    page.context.close()
+
+
+# -- of the view -------------------------------------------------------------------------------------
+
+
+def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
+    drop(page, pictures / "one.png")
+    look(page, pan=30)
+    look(page, mode="dome")
+    page.get_by_role("button", name="Design", exact=True).click()
+    assert page.locator("#bench").is_visible()
+    page.go_back()
+    page.wait_for_function("window.omnimirror.store.state.tab === 'look'")
+    assert state(page)["mode"] == "dome"
+    page.go_back()
+    page.wait_for_function("window.omnimirror.store.state.mode === 'panorama'")
+    assert state(page)["pan"] == 30
+    page.go_back()
+    page.wait_for_function("window.omnimirror.look.feed === null")
+    assert page.get_by_text("Drop a picture or video here").is_visible()
+    page.go_forward()
+    page.wait_for_function("window.omnimirror.look.feed?.name === 'one.png'")
+    page.go_forward()
+    page.wait_for_function("window.omnimirror.store.state.mode === 'dome'")
+
+
+@pytest.mark.full
+def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
+    drop(page, pictures / "one.png")
+    look(page, mode="perspective", rim=[150.0, 140.0, 120.0])
+    page.wait_for_function("location.hash.includes('rim')")
+    link = page.evaluate("location.href")
+    drop(page, pictures / "two.png")
+    again = page.context.new_page()
+    again.goto(link)
+    again.wait_for_function("window.omnimirror?.look.feed?.name === 'one.png'")
+    again.close()
+
+    elsewhere = open_page(browser, link)
+    assert elsewhere.get_by_text("Drop one.png here").is_visible()
+    assert elsewhere.get_by_text("links hold the view, not the picture").is_visible()
+    assert elsewhere.evaluate("window.omnimirror.look.feed") is None
+    drop(elsewhere, pictures / "one.png")
+    assert state(elsewhere)["rim"] == [150, 140, 120]  # it is the one, and seen as the link says
+    elsewhere.context.close()
+
+    another = open_page(browser, link)
+    drop(another, pictures / "two.png")
+    assert state(another)["rim"] is None
+    another.context.close()
+
+
+@pytest.mark.long
+def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
+    page = open_page(browser, rooms)
+    drop(page, pictures / "one.png")
+    page.wait_for_function("location.hash.includes('kept')")
+    go(page, "source=room&sensor=folded-spherical&mode=planet")
+    page.wait_for_function("window.omnimirror.look.feed?.name === 'circle.png'")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'folded-spherical'")
+    assert state(page)["mode"] == "planet"
+    assert page.problems == []
+    page.context.close()
+
+
+def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, server):
+    page = open_page(browser, f"{server}#mode=cube&forward=1e9&tilt=high&pan=20&rim=1,2")
+    said = banner(page)
+    for entry in ("mode = cube", "forward = 1e9", "-360 to 360", "tilt = high", "rim = 1,2"):
+        assert entry in said
+    assert "422" not in said
+    assert (state(page)["pan"], state(page)["mode"]) == (20, "panorama")
+    page.get_by_role("button", name="Put this away").click()
+    assert page.locator("#banner").is_hidden()
+    go(page, "sensor=nope")
+    assert "no camera 'nope'" in banner(page)
+    page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
+    go(page, "source=server:nope")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('server does not offer')")
+    assert "does not answer" not in page.locator("#banner").inner_text()
+    go(page, "source=kept")
+    assert page.get_by_text("a picture that it does not name").is_visible()
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_page_with_a_sensor_that_is_none_is_whole(browser, server):
+    page = open_page(browser, f"{server}#sensor=file:0123456789abcdef")
+    assert "does not hold" in banner(page)
+    assert page.evaluate("window.omnimirror.look.sensor.camera.model.id") == "paper-spherical"
+    assert page.locator("#sensor").input_value() == "paper-spherical"
+    page.context.close()
+
+
+@pytest.mark.full
+def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(browser, pictures):
+    with serving(Studio()) as address:
+        page = open_page(browser, address)
+        drop(page, pictures / "one.png")
+        held = []
+        page.route("**/api/camera?*", lambda route: held.append(route))
+        page.locator("#sensor").select_option("paper-hyperboloidal")
+        while not held:
+            page.wait_for_timeout(20)
+        names = "[document.querySelector('#sensor').value, window.omnimirror.look.sensor.camera.model.id]"
+        assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not come
+        assert "paper-spherical" in page.locator("#sensor-words").inner_text() or "sphere" in page.content()
+        held[0].continue_()
+        page.unroute("**/api/camera?*")
+        page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
+        assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
+    page.locator("#sensor").select_option("paper-equidistant")  # which the page has not had
+    assert "does not answer" in banner(page)
+    assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
+    assert state(page)["sensor"] == "paper-hyperboloidal"
+    page.locator("#looks label").filter(has_text="down").click()
+    page.wait_for_function("document.querySelector('#looks input[value=up]').checked")  # it still looks up
+    page.context.close()
+
+
+@pytest.mark.full
+def test_the_demo_room_of_another_sensor_comes_with_it(browser, rooms):
+    page = open_page(browser, f"{rooms}#source=room")
+    page.wait_for_function("window.omnimirror.look.feed")
+    same = """() => {
+      const { feed, sensor } = window.omnimirror.look;
+      window.pairs ??= new Set();
+      window.pairs.add(`${sensor.camera.model.id} ${feed.width}`);
+      requestAnimationFrame(window.watch);
+    }"""
+    page.evaluate(f"window.watch = {same}; window.watch()")
+    page.locator("#sensor").select_option("folded-hyperboloidal")
+    page.wait_for_function("window.omnimirror.store.state.sensor === 'folded-hyperboloidal'")
+    width = om.load_sensor("folded-hyperboloidal").image_size[0]
+    assert set(page.evaluate("[...window.pairs]")) <= {"paper-spherical 1024", f"folded-hyperboloidal {width}"}
+    assert page.evaluate("window.omnimirror.look.sources.shown") == "room of folded-hyperboloidal"
+    page.context.close()
+
+
+def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server):
+    page = open_page(browser, server, 360, 740, device_scale_factor=1)
+    for name in ("Try the demo room", "Choose a file…"):
+        button = page.get_by_role("button", name=name)
+        box = button.bounding_box()
+        assert box["y"] + box["height"] <= 740
+        under = "([x, y]) => document.elementFromPoint(x, y).textContent"
+        assert page.evaluate(under, [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]) == name
+    page.context.close()
+
+
+@pytest.mark.full
+def test_pictures_alike_but_for_one_pixel_are_two(page, tmp_path):
+    picture = np.full((64, 64, 3), 90, np.uint8)
+    found = set()
+    for i in range(3):
+        picture[i, 5] = 91
+        cv2.imwrite(str(tmp_path / "p.bmp"), picture)
+        drop(page, tmp_path / "p.bmp")
+        page.wait_for_function("(old) => !old.includes(window.omnimirror.store.state.source)", arg=[*found, ""])
+        found.add(state(page)["source"])
+    assert len(found) == 3

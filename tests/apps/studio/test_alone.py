@@ -1,0 +1,115 @@
+"""The page that does without a server: what is seen in it is what the command line gives."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio import page_alone
+from omnimirror.apps.studio.look import alone
+from omnimirror.apps.studio.look.cameras import Cameras
+from omnimirror.cameras.frames import Mount
+from omnimirror.io import read_image, write_image
+from tests.commands import fails
+
+from .browser import command, drawn, drop, open_page
+from .pictures import psnr, python_view
+
+SENSORS = ("paper-spherical", "folded-spherical", "ball:260")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("alone") / "look.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=15.0))
+        path.write_text(page_alone(SENSORS), encoding="utf-8")
+    return path.as_uri()
+
+
+def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, address, tmp_path):
+    page = open_page(
+        browser, f"{address}#mode=perspective&pan=60&tilt=20&hfov=50&looks=down&forward=30&pitch=8&roll=-4"
+    )
+    page.get_by_role("button", name="Try the demo room").click()
+    page.wait_for_function("window.omnimirror.look.feed")
+    held = page.evaluate("JSON.parse(document.getElementById('alone').textContent).cameras[0].room")
+    (tmp_path / "circle.jpg").write_bytes(base64.b64decode(held.partition(",")[2]))
+    line = command(page, 200, 150)
+    assert all(
+        word in line for word in ("circle.jpg", "--camera-looks down", "--forward-azimuth-deg 30", "--level=8,-4")
+    )
+    wanted = python_view(line, tmp_path)(read_image(tmp_path / "circle.jpg"))
+    seen = drawn(page, 200, 150)
+    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    assert both.mean() > 0.9
+    assert psnr(seen[..., :3], wanted, both) > 40
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(browser, address, tmp_path):
+    write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
+    page = open_page(browser, address)
+    for name in ("Calibrate", "Restore", "Find circle", "Find level", "Load…"):
+        assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
+    assert page.get_by_text("pip install omnimirror").is_visible()
+    drop(page, tmp_path / "mine.png")
+    page.get_by_role("button", name="Most of a ball").click()
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")
+    assert page.get_by_text("is a guess: fit the circle").is_visible()
+    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_label("Radius").fill("120")
+    page.get_by_label("Radius").press("Enter")
+    page.wait_for_function("window.omnimirror.look.camera.circle.radius === 120")
+    assert page.locator("#view").is_visible()
+    assert page.problems == []
+    page.context.close()
+
+
+@pytest.mark.parametrize(
+    "mount",
+    [
+        Mount("up"),
+        Mount("down", 17.0, True),
+        Mount("forward", -90.0, False, 20.0),
+        Mount("up", 200.0, False, -30.0, 50.0),
+        Mount("forward", 33.0, True, -70.0, -120.0),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_sensor_stands_as_asked(opened, sensor, mount):
+    """The page turns it by itself; what it then sees is checked against Python's own camera."""
+    wanted = Cameras().find(sensor).model(mount)
+    state = {"sensor": sensor, "looks": mount.camera_looks, "forward": mount.forward_azimuth_deg,
+             "flipped": mount.image_flipped, "pitch": mount.pitch_deg, "roll": mount.roll_deg}  # fmt: skip
+    found = opened.evaluate(
+        "async (s) => (await window.omnimirror.look.sensor.want(s), window.omnimirror.look.sensor.camera.model)", state
+    )
+    for name in ("axis", "right", "down"):
+        np.testing.assert_allclose(found[name], getattr(wanted, name), atol=1e-12)
+    assert found["pole"] == wanted.pole
+    seen = [found["tilt_min_deg"], found["tilt_max_deg"]]
+    np.testing.assert_allclose(seen, [wanted.tilt_min_deg, wanted.tilt_max_deg], atol=0.05)
+    assert found["mount"] == wanted.mount.model_dump()
+
+
+@pytest.fixture(scope="module")
+def opened(browser, address):
+    page = open_page(browser, address)
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
+    with pytest.raises(
+        om.base.errors.InvalidParameter, match=r"sensors holds 'paper-sperical'; it is valid with exact"
+    ):
+        page_alone(["paper-sperical"])
+    assert "HTML" in fails("studio", "--page", tmp_path / "look.png")

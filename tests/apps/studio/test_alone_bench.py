@@ -1,0 +1,197 @@
+"""The design bench of the page that does without a server: its numbers are those of the evaluation."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio import page_alone
+from omnimirror.apps.studio.bench.alone import KERNEL, bench_alone
+from omnimirror.apps.studio.bench.answers import answer
+from omnimirror.apps.studio.bench.messages import Ask
+from omnimirror.apps.studio.look import alone
+from omnimirror.optics.sensor_files import parse_sensor, tables_of
+
+from .browser import open_page
+from .test_axe import ASK, AXE
+
+BENCH = "window.omnimirror.tabs.bench"
+ASKED = """(ask) => {
+  const found = window.omnimirror.tabs.bench.answers.answerer.answer(ask, 0);
+  const blocks = found.blocks.map(({ name, columns }) =>
+    [name, Object.fromEntries(columns.map((c) => [c, [...found.block(name).column(c)]]))]);
+  return JSON.stringify({ facts: found.facts, trouble: found.trouble, blocks: Object.fromEntries(blocks) });
+}"""
+ASPHERE = """
+name = "asphere"
+[mirror]
+kind = "conic-asphere"
+vertex_radius_mm = 38.0
+conic = -1.7
+rim_radius_mm = 40.0
+coefficients = [0.2, -0.03]
+normalization_radius_mm = 35.0
+[lens]
+kind = "perspective"
+focal_length_mm = 8.0
+f_number = 2.8
+focus_distance_mm = 190.0
+[imager]
+width_px = 1280
+height_px = 1024
+pixel_pitch_um = 4.8
+centre_px = [600.0, 520.0]
+[mount]
+mirror_distance_mm = 160.0
+"""
+ELLIPSOID = ASPHERE.replace(
+    'kind = "conic-asphere"\nvertex_radius_mm = 38.0\nconic = -1.7\nrim_radius_mm = 40.0\ncoefficients = [0.2, -0.03]\n'
+    "normalization_radius_mm = 35.0",
+    'kind = "ellipsoid"\na_mm = 44.0\nb_mm = 60.0\nrim_radius_mm = 31.0',
+)
+DESIGNS = [
+    *bench_alone().start.sensors, pytest.param(ASPHERE, id="asphere"), pytest.param(ELLIPSOID, id="ellipsoid"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("alone") / "look.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=40.0))
+        path.write_text(page_alone(["paper-spherical"]), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def bench(browser, address):
+    page = open_page(browser, address, 1280, 900)
+    page.get_by_role("button", name="Design", exact=True).click()
+    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+def sensor_of(design: str) -> om.Sensor:
+    return parse_sensor(design) if "\n" in design else om.load_sensor(design)
+
+
+def question(sensor: om.Sensor, **changes) -> Ask:
+    plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
+    return Ask.model_validate({**plain, "section": True, "squares": True, "requirements": None, **changes})
+
+
+def answered(bench, asked: Ask) -> dict:
+    return json.loads(bench.evaluate(ASKED, asked.model_dump()))
+
+
+def served(asked: Ask) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+    """What the server answers, by the evaluation in Python."""
+    data = answer(asked)
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    values, blocks, at = np.frombuffer(data, "<f4", -1, 4 + length), {}, 0
+    for block in header["blocks"]:
+        shape = len(block["columns"]), block["rows"]
+        rows = values[at : at + shape[0] * shape[1]].reshape(shape)
+        at += rows.size
+        blocks[block["name"]] = dict(zip(block["columns"], rows, strict=True))
+    return header["facts"], blocks
+
+
+@pytest.mark.parametrize("distance", [None, 700.0])
+@pytest.mark.parametrize("design", DESIGNS)
+def test_its_numbers_are_those_of_the_evaluation(bench, design, distance):
+    asked = question(sensor_of(design), object_distance_mm=distance)
+    found, (facts, blocks) = answered(bench, asked), served(asked)
+    assert found["trouble"] is None
+    for name, value in facts.items():
+        if name not in ("name", "not_optimised"):
+            wanted = [np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))]
+            seen = [np.nan if v is None else v for v in np.atleast_1d(np.array(found["facts"][name], object))]
+            np.testing.assert_allclose(seen, wanted, rtol=1e-6, atol=1e-9, err_msg=name)
+    assert set(found["blocks"]) == set(blocks)
+    for name, columns in blocks.items():
+        for column, wanted in columns.items():
+            seen = np.array(found["blocks"][name][column], float)
+            known = np.isfinite(wanted)
+            np.testing.assert_array_equal(np.isfinite(seen), known, err_msg=f"{name} {column}")
+            scale = np.abs(wanted[known]).max(initial=0.0)
+            np.testing.assert_allclose(seen[known], wanted[known], rtol=1e-6, atol=1e-6 * scale, err_msg=name)
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_best_focus_is_that_of_the_evaluation(bench, design):
+    sensor = sensor_of(design)
+    find = "([tables, object]) => window.omnimirror.tabs.bench.answers.answerer.bestFocus(tables, object)"
+    found = bench.evaluate(find, [tables_of(sensor), 900.0])
+    wanted = om.best_focus(sensor, object_distance_mm=900.0)
+    area = om.evaluate(sensor, np.linspace(0, sensor.field_deg[1], 2001), focus_mm=found, object_distance_mm=900.0)
+    assert area.floored_area_deg2.max() == pytest.approx(wanted.value, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("section", "entry", "value", "words"),
+    [
+        ("mirror", "radius_mm", 1e9, "radius_mm = 1000000000 mm is outside 0.001 to 1000000 mm"),
+        ("mirror", "radius_mm", 40.0, "rim_radius_mm = 43.905 is not valid: this mirror ends 40.000 mm from its axis"),
+        ("lens", "focus_distance_mm", 5.0, "focus_distance_mm = 5 is not beyond the focal length"),
+        ("lens", "k1", 0.1, "k1 = 0.1: this page, which does without a server, knows ideal lenses alone"),
+        ("mirror", "kind", "cone", "knows no mirror cone; it knows sphere"),
+    ],
+)
+def test_what_cannot_be_is_said_beside_its_field(bench, section, entry, value, words):
+    asked = question(om.load_sensor("paper-spherical"))
+    asked.tables[section][entry] = value
+    found = answered(bench, asked)
+    assert words in found["trouble"]["sentence"]
+    assert found["trouble"]["path"][0] == section
+
+
+def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
+    page = open_page(browser, address, 1280, 900)
+    page.get_by_role("button", name="Design", exact=True).click()
+    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    for name in ("Calibrate", "Download", "Look through it", "Open sensor…", "Optimise", "Try errors"):
+        assert not page.get_by_text(name, exact=True).first.is_visible(), name
+    page.get_by_role("button", name="Pin", exact=True).click()
+    page.get_by_role("spinbutton", name="Radius", exact=True).fill("47")
+    page.get_by_role("spinbutton", name="Radius", exact=True).press("Enter")
+    page.wait_for_function(f"{BENCH}.found[0].facts.field_deg[1] > 140")
+    page.get_by_role("button", name="Best focus").click()
+    page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm !== 212")
+    page.get_by_role("button", name="Undo").click()
+    page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm === 212")
+    page.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
+    page.wait_for_function(f"{BENCH}.found[0].facts.mirror_distance_mm === null")
+    page.reload()
+    page.wait_for_function(f"{BENCH}?.found?.[0]?.facts.mirror_distance_mm === null")
+    assert page.problems == []
+    page.context.close()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("width", [360, 1280])
+def test_axe_finds_nothing_serious_on_it(browser, address, width):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
+    page = open_page(browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1)
+    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    page.add_script_tag(path=AXE)
+    serious = {v["id"]: v["nodes"][0]["html"] for v in page.evaluate(ASK) if v["impact"] in ("serious", "critical")}
+    assert serious == {}
+    page.context.close()
+
+
+def test_the_evaluator_has_no_way_out_of_the_page():
+    """It may write to nothing but its own memory: what its library would call for is answered by nobody."""
+    data = KERNEL.read_bytes()
+    assert data[:4] == b"\0asm"
+    assert len(data) < 60_000
+    assert b"fd_open" not in data
+    assert b"path_open" not in data

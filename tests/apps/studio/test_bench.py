@@ -1,0 +1,465 @@
+"""The design bench's server: answers against the evaluation, other kinds of mirrors, files, work in processes."""
+
+from __future__ import annotations
+
+import json
+import threading
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+import omnimirror as om
+from omnimirror.apps import reports as report
+from omnimirror.apps.studio.app import create_app
+from omnimirror.design.criteria.requirement_file import parse_requirements
+from omnimirror.optics.image_sensor import Imager
+from omnimirror.optics.mirrors import MIRRORS
+from omnimirror.optics.mirrors.form import MirrorForm
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
+
+LOCAL = "http://127.0.0.1"
+WANTED = {
+    "field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]},
+    "limit": [{"quantity": "total_blur_px", "at_most": 9.0}, {"quantity": "resolution_px_per_deg", "at_least": 3.0}],
+}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+def question(sensor: om.Sensor, **changes) -> dict:
+    plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
+    return {**plain, "section": False, "squares": False, "requirements": None, **changes}
+
+
+def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+    """The header of a binary message, and its blocks by name and column."""
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    at, blocks = 4 + length, {}
+    for block in header["blocks"]:
+        columns = {}
+        for column in block["columns"]:
+            columns[column] = np.frombuffer(data, "<f4", block["rows"], at)
+            at += 4 * block["rows"]
+        blocks[block["name"]] = columns
+    assert at == len(data)
+    return header, blocks
+
+
+def ask(client, *questions: dict) -> list[tuple[dict, dict[str, dict[str, np.ndarray]]]]:
+    answers = []
+    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+        for each in questions:
+            socket.send_json(each)
+            answers.append(unpacked(socket.receive_bytes()))
+    return answers
+
+
+def post(client, place: str, **body):
+    return client.post(f"/api/bench/{place}", json=body)
+
+
+# -- answers -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", bundled_sensors())
+def test_curves_are_those_of_the_evaluation(name, client):
+    sensor = om.load_sensor(name)
+    asked = question(sensor, object_distance_mm=900.0, section=True, squares=True)
+    (header, blocks), *_ = ask(client, asked)
+    assert header["trouble"] is None
+    curves = blocks["curves"]
+    expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=900.0)
+    for column, values in curves.items():
+        np.testing.assert_allclose(values, getattr(expected, column), rtol=2e-6, atol=2e-5, err_msg=column)
+    assert header["facts"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
+    mirror = blocks["mirror"]
+    inside = np.isfinite(mirror["z_mm"])
+    x = np.minimum(np.abs(mirror["x_mm"][inside].astype(float)), sensor.mirror.rim_radius_mm)
+    np.testing.assert_allclose(mirror["z_mm"][inside], sensor.mirror.sag(x), atol=1e-4)
+
+
+def test_rays_of_the_section_obey_the_law_of_reflection(client):
+    """In from Omega, out to the lens: both make the same angle with the normal of the mirror."""
+    sensor = om.load_sensor("paper-spherical")
+    (_, blocks), *_ = ask(client, question(sensor, section=True))
+    rays = {float(name[4:]): block for name, block in blocks.items() if name.startswith("ray ")}
+    assert sorted(rays) == list(range(0, 136, 15))
+    for omega, ray in rays.items():
+        (x, lens_x), (z, lens_z) = ray["x_mm"].astype(float), ray["z_mm"].astype(float)
+        slope = float(sensor.mirror.slope(x))
+        normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
+        to_object = np.array([np.sin(np.radians(omega)), -np.cos(np.radians(omega))])
+        to_lens = np.array([lens_x - x, lens_z - z])
+        assert to_object @ normal == pytest.approx(to_lens @ normal / np.linalg.norm(to_lens), abs=1e-5)
+
+
+def test_what_cannot_be_is_said_beside_its_entry(client):
+    sensor = om.load_sensor("paper-spherical")
+    tables = tables_of(sensor)
+    wrong = [
+        ("lens", "f_number", 0.0),
+        ("mirror", "rim_radius_mm", 51.0),  # beyond the sphere
+        ("lens", "focus_distance_mm", 5.0),  # nearer than the focal length
+        ("mount", "mirror_distance_mm", -1.0),
+    ]
+    for section, name, value in wrong:
+        changed = {**tables, section: {**tables[section], name: value}}
+        (header, blocks), *_ = ask(client, question(sensor, tables=changed))
+        assert header["trouble"]["path"] == [section, name]
+        assert name in header["trouble"]["sentence"]
+        assert blocks == {}
+
+
+def test_the_newest_of_the_questions_that_wait_is_answered(client):
+    sensor = om.load_sensor("exact-equidistant")
+    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+        for number in range(1, 41):
+            socket.send_json(question(sensor, number=number, slot=0))
+        numbers = [0]
+        while numbers[-1] < 40:
+            numbers.append(unpacked(socket.receive_bytes())[0]["number"])
+    assert numbers == sorted(numbers)
+    assert len(numbers) < 35
+
+
+def test_a_lens_that_follows_stands_where_the_mapping_needs_it(client):
+    sensor = om.load_sensor("exact-equidistant")
+    wider = replace(sensor, mirror=replace(sensor.mirror, omega_max_deg=120.0))
+    (header, blocks), *_ = ask(client, question(wider, follows=True))
+    assert header["facts"]["mirror_distance_mm"] == pytest.approx(wider.mirror.design_distance)
+    rate = blocks["curves"]["dh_domega_px_per_deg"]
+    np.testing.assert_allclose(rate, rate[0], rtol=1e-6)
+
+
+def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
+    sensor = om.load_sensor("paper-spherical")
+    (header, _), *_ = ask(client, question(sensor, requirements=WANTED))
+    rows = {row["name"]: row for row in header["rows"]}
+    omega = np.linspace(0, 130, 4001)
+    worst = max(np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max() for e in (
+        om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf)
+    ))  # fmt: skip
+    blur = rows["total_blur_px"]
+    assert blur["reached"] == pytest.approx(worst, rel=1e-4)
+    assert blur["is_met"] == (worst <= 9.0)
+    assert blur["margin"] == pytest.approx(9.0 - worst, abs=1e-3)
+    assert not rows["resolution_px_per_deg"]["is_met"]
+    assert rows["resolution_px_per_deg"]["omega_deg"] == pytest.approx(130.0)
+    assert rows["omega_max_deg"]["is_met"]
+    (header, _), *_ = ask(client, question(sensor, requirements={"field": {"omega_max_deg": 500}}))
+    assert header["rows"] == []
+    assert "omega_max_deg" in header["requirements_trouble"]
+
+
+# -- other kinds ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", list(MIRRORS))
+def test_another_kind_of_mirror_keeps_the_rim(kind, client):
+    sensor = om.load_sensor("paper-spherical")
+    made = post(client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None).json()
+    new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
+    assert made["tables"]["mirror"]["kind"] == kind
+    assert new.mirror.rim_radius_mm == pytest.approx(sensor.mirror.rim_radius_mm)
+    reaches = {"rectifying": 75.0, "ground-plane": 75.0}.get(kind, sensor.field_deg[1])
+    assert new.field_deg[1] == pytest.approx(reaches, abs=0.06)
+    assert np.degrees(new.meridian.theta_max) == pytest.approx(np.degrees(sensor.meridian.theta_max), abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])
+def test_another_lens_keeps_the_size_of_the_image(name, client):
+    sensor = om.load_sensor(name)
+    to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
+    made = post(client, "change", tables=tables_of(sensor), what="lens", to=to, object_distance_mm=None).json()
+    new = parse_sensor(toml(made["tables"]))
+    assert made["tables"]["lens"]["kind"] == to
+    assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
+
+
+def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(client):
+    sensor, omega = om.load_sensor("paper-spherical"), [30.0, 90.0, 130.0]
+    asked = {"tables": tables_of(sensor), "what": "lens", "object_distance_mm": None}
+    made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
+    assert made.lens.KIND == "table"
+    focus = made.lens.focus_distance_mm
+    assert om.evaluate(made, omega).h_px == pytest.approx(om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01)
+    refused = post(client, "change", to="surfaces", **asked)
+    assert "comes from its .zmx file" in refused.json()["detail"]
+
+
+def test_the_best_focus_is_that_of_the_evaluation(client):
+    sensor = om.load_sensor("paper-spherical")
+    asked = {"what": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
+    made = post(client, "change", tables=tables_of(sensor), **asked).json()
+    best = om.best_focus(sensor, "worst_blur_px", object_distance_mm=300.0).focus_mm
+    assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
+    refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon", object_distance_mm=None)
+    assert refused.status_code == 400
+    assert "spoon" in refused.json()["detail"]
+
+
+def toml(tables: dict) -> str:
+    import tomli_w
+
+    return tomli_w.dumps(tables)
+
+
+# -- files ---------------------------------------------------------------------------------------------
+
+
+def test_a_sensor_file_is_written_and_opened_without_loss(client):
+    sensor = om.load_sensor("folded-spherical")
+    text = post(client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None).content
+    assert parse_sensor(text.decode()) == sensor
+    opened = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
+    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
+
+
+def test_a_requirement_file_is_opened_and_written_without_loss(client):
+    own = {"mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": [10, 14]}}
+    text = toml({**WANTED, **own})
+    text = text.replace("1000000000000.0", "inf")
+    opened = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
+    assert opened["sensor"] is None
+    sensor = om.load_sensor("paper-spherical")
+    again = post(client, "requirements", requirements=opened["requirements"], tables=tables_of(sensor)).text
+    asked, got = parse_requirements(text), parse_requirements(again)
+    assert (got.field, got.mirror, got.lens, got.limits) == (asked.field, asked.mirror, asked.lens, asked.limits)
+
+
+def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
+    sensor = om.load_sensor("paper-spherical")
+    table = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=800.0)
+    om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(tmp_path / "t.csv")
+    assert table.content == (tmp_path / "t.csv").read_bytes()
+    assert 'filename="paper-spherical-evaluation.csv"' in table.headers["content-disposition"]
+    for tables in (tables_of(sensor), tables_of(om.load_sensor("folded-spherical"))):
+        drawing = post(client, "file", tables=tables, kind="drawing", object_distance_mm=None)
+        assert drawing.content.startswith(b"%PDF-")
+
+
+SPIES = (
+    b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n',
+    b'[field]\nomega_max_deg = 90\n[mirror]\nmapping = "tabulated-mapping"\nmapping_csv = "/etc/passwd"\n',
+)
+
+
+@pytest.mark.parametrize("text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *SPIES])
+def test_files_that_are_none_are_refused_with_a_sentence(text, client):
+    answer = client.post("/api/bench/open", params={"name": "bad.toml"}, content=text)
+    assert answer.status_code == 400
+    assert "bad.toml" in answer.json()["detail"]
+    assert "root:" not in answer.text
+
+
+def test_no_question_makes_the_server_read_a_file(client):
+    sensor = om.load_sensor("paper-spherical")
+    tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
+    (header, _), *_ = ask(client, question(sensor, tables=tables))
+    assert "names another file" in header["trouble"]["sentence"]
+    mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
+    (header, _), *_ = ask(client, question(sensor, requirements={**WANTED, "mirror": mirror}))
+    assert "names another file" in header["requirements_trouble"]
+
+
+@pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
+def test_tables_that_make_no_sense_are_refused_with_a_sentence(entry, client):
+    sensor = om.load_sensor("folded-spherical")
+    wrong = [{**tables_of(sensor), section: entry} for section in ("name", "mirror", "lens", "mount", "secondary")]
+    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
+    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}]
+    answers = ask(client, *(question(sensor, tables=tables, follows=True) for tables in wrong))
+    assert all(header["trouble"] or header["facts"] for header, _ in answers)
+    assert sum(header["trouble"] is not None for header, _ in answers) >= 5
+    wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
+    answers = ask(client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted))
+    assert all(header["requirements_trouble"] for header, _ in answers)
+
+
+def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
+    for place in ("ask", "work"):
+        with client.websocket_connect(f"ws://127.0.0.1/api/bench/{place}") as socket:
+            socket.send_text("{}")
+            message = socket.receive()
+            assert message["type"] == "websocket.close"
+            assert message["reason"].endswith(" must be given")
+
+
+@pytest.mark.full
+def test_the_preview_is_the_simulated_picture_made_small(client):
+    sensor = om.load_sensor("paper-spherical")
+    data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)[..., ::-1]
+    assert picture.shape == (128, 128, 3)
+    whole = om.take_picture(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
+    small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
+    assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
+
+
+# -- work ------------------------------------------------------------------------------------------------
+
+
+def task(**changes) -> dict:
+    sensor = om.load_sensor("paper-spherical")
+    plain = {"what": "optimise", "tables": tables_of(sensor), "requirements": None, "merit": "worst_blur_deg"}
+    return {**plain, "terms": 3, "starts": 1, "shape": "polynomial", "object_distance_mm": None, **changes}
+
+
+@pytest.mark.full
+def test_an_optimised_mirror_comes_with_news_on_the_way(client):
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(object_distance_mm=400.0))
+        news = [socket.receive_json()]
+        while news[-1]["state"] == "running":
+            news.append(socket.receive_json())
+    assert len(news) > 2
+    last = news[-1]
+    assert last["state"] == "done"
+    found = parse_sensor(toml(last["sensor"]["tables"]))
+    e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001), object_distance_mm=400.0)
+    assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
+
+
+def test_what_cannot_be_optimised_is_said_before_it_is_asked_for(client):
+    sensor = om.load_sensor("folded-spherical")
+    ((header, _),) = ask(client, question(sensor))
+    assert "has two" in header["facts"]["not_optimised"]
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(tables=tables_of(sensor)))
+        news = socket.receive_json()
+    assert (news["state"], news["sentence"]) == ("failed", header["facts"]["not_optimised"])
+
+
+@pytest.mark.full
+def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_large(client):
+    sensor = om.load_sensor("paraboloid-telecentric")
+    ((header, _),) = ask(client, question(sensor))
+    assert header["facts"]["not_optimised"] is None
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(tables=tables_of(sensor), terms=4))
+        news = socket.receive_json()
+        while news["state"] == "running":
+            news = socket.receive_json()
+    found = parse_sensor(toml(news["sensor"]["tables"]))
+    assert found.lens.KIND == "orthographic"
+    assert found.lens.working_f_number == pytest.approx(sensor.lens.working_f_number)
+    assert found.imager == sensor.imager
+    assert found.rim_radius_px == pytest.approx(sensor.rim_radius_px)
+    assert found.field_deg[1] == pytest.approx(sensor.field_deg[1])
+    after, before = (
+        np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max()
+        for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (found, sensor))
+    )
+    assert after < before
+    assert after == pytest.approx(news["value"], rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"])
+def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
+    sensor = om.load_sensor(name)
+    lens = parse_requirements(post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text).lens
+    assert lens.kind == sensor.lens.KIND
+    if name == "paraboloid-telecentric":
+        assert lens.f_number == pytest.approx(sensor.lens.working_f_number)
+        assert lens.focal_length_mm is None
+        return
+    assert lens.f_number == sensor.lens.f_number
+    assert lens.focal_length_mm == sensor.lens.focal_length_mm
+    theta = np.arctan(sensor.rim_radius_px * sensor.imager.pitch_mm / sensor.lens.image_distance)
+    assert lens.theta_max_deg == pytest.approx(np.degrees(theta), abs=1e-5)
+
+
+def misaligned() -> om.Sensor:
+    pose = MirrorPose(decentre_x_mm=1.7, decentre_y_mm=-0.9, displacement_mm=1.0, tilt_x_deg=0.8)
+    return replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
+
+
+def test_a_form_error_is_said_not_to_be_in_the_plots(client):
+    sensor = om.load_sensor("paper-spherical")
+    formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
+    (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
+    assert header["trouble"] is None
+    assert header["remark"].startswith("The file tells a form error of the mirror")
+    assert header["facts"]["not_optimised"].endswith("this sensor has a form error or an imager that leans.")
+    np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
+
+
+def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(client):
+    sensor = misaligned()
+    opened = client.post("/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)).json()
+    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
+    (header, blocks), (there, same) = ask(client, question(sensor), question(sensor.aligned()))
+    assert header["trouble"] is None
+    assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["remark"]
+    assert there["remark"] is None
+    np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
+    assert "place" in header["facts"]["not_optimised"]
+    change = {"what": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
+    focused = post(client, "change", tables=tables_of(sensor), **change)
+    assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
+    for kind in ("table", "report"):
+        refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
+        assert refused.status_code == 400
+        assert "in their places" in refused.json()["detail"]
+        assert "()" not in refused.json()["detail"]  # no Python
+
+
+def test_the_picture_of_a_misaligned_sensor_is_taken_as_its_mirror_stands(client):
+    sizes = {"width_px": 64, "samples": 1}
+    pictures = [
+        post(client, "picture", tables=tables_of(sensor), **sizes).content
+        for sensor in (misaligned(), misaligned().aligned())
+    ]
+    assert pictures[0] != pictures[1]
+
+
+def test_a_sensor_is_designed_from_requirements(client):
+    wanted = {**WANTED, "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": 12.0}}
+    wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(what="design", requirements=wanted))
+        news = socket.receive_json()
+        while news["state"] == "running":
+            news = socket.receive_json()
+    assert news["sentence"] == "Everything is met."
+    assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
+    assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
+
+
+def test_how_far_a_report_is_can_be_asked_while_it_is_made(client, monkeypatch):
+    reached, go_on = threading.Event(), threading.Event()
+
+    def slowly(sensor, folder, progress):
+        progress("Taking the picture", 0.25)
+        reached.set()
+        assert go_on.wait(60)
+        (path := Path(folder) / "report.html").write_text("made")
+        return path
+
+    monkeypatch.setattr(report, "write_demo", slowly)
+    asked = {"tables": tables_of(om.load_sensor("paper-spherical")), "kind": "report", "object_distance_mm": None}
+    assert client.post("/api/bench/making", json=asked).json() is None
+    with ThreadPoolExecutor() as pool:
+        made = pool.submit(client.post, "/api/bench/file", json=asked)
+        assert reached.wait(60)
+        told = client.post("/api/bench/making", json=asked).json()
+        other = client.post("/api/bench/making", json={**asked, "kind": "drawing"}).json()
+        go_on.set()
+        assert made.result().text == "made"
+    assert told == {"sentence": "Taking the picture", "share": 0.25}
+    assert other is None
+    assert client.post("/api/bench/making", json=asked).json() is None

@@ -1,0 +1,451 @@
+"""What a user does at the design bench, and what the page then shows."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+import omnimirror as om
+from omnimirror.apps.studio.look import routes
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.uploads import encoded
+from omnimirror.optics.mirrors import SlopeSpline
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.sensor_files import parse_sensor, save_sensor
+
+from .browser import COARSE, PATIENCE_MS, serving
+from .pictures import pattern
+from .test_page import AXE
+
+PAGE = Path(om.__file__).parent / "studio" / "page"
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
+WITHOUT_PICTURES = f"""
+if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
+"""  # they are simulated, which takes all processors
+NOW = "window.omnimirror.tabs.bench.history.now"
+CANCEL_AT_FIRST_STEP = """
+new MutationObserver((_, observer) => {
+  const words = [...document.querySelectorAll("#bench .words")].map((e) => e.textContent);
+  const said = words.find((t) => / step \\d/.test(t));
+  if (!said) return;
+  observer.disconnect();
+  window.seen = said;
+  [...document.querySelectorAll("#bench button")].find((b) => b.textContent === "Cancel").click();
+}).observe(document.querySelector("#bench"), { subtree: true, childList: true, characterData: true });
+"""  # words of a step stand for some milliseconds only: who presses the button must be on the page
+
+
+@pytest.fixture
+def bench(browser, server):
+    """The bench with the paper's sphere on it; errors of the page fail the test."""
+    viewport = {"width": 1280, "height": 800}
+    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
+    context.add_init_script(WITHOUT_PICTURES)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    problems = []
+    page.on("pageerror", lambda e: problems.append(str(e)))
+    page.goto(f"{server}#tab=design")
+    drawn(page)
+    yield page
+    context.close()
+    assert problems == []
+
+
+def drawn(page) -> None:
+    """Wait until something is drawn."""
+    page.wait_for_selector("#bench .compare tbody td")
+
+
+def settled(page) -> None:
+    """Wait until the answer to what is on the bench has been drawn."""
+    page.wait_for_function("""() => {
+      const { bench } = window.omnimirror.tabs;
+      return bench.answers.waiting.size === 0 && bench.answers.onItsWay === null;
+    }""")
+
+
+def sensor_on(page) -> om.Sensor:
+    return parse_sensor(tomli_w.dumps(page.evaluate(f"{NOW}.tables")))
+
+
+def plotted(page, title: str) -> np.ndarray:
+    """What a chart has drawn: field angles, and the values of its series."""
+    script = """(title) => {
+      const { charts } = window.omnimirror.tabs.bench.desk;
+      return charts.find((c) => c.chart.title === title).plot.data.map((column) => Array.from(column));
+    }"""
+    return np.array(page.evaluate(script, title), float)
+
+
+def slide(page, name: str, place: float) -> None:
+    """Drag a slider to a share of its width, and let it go."""
+    slider = page.get_by_label(f"{name}, slider", exact=True)
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] / 2, y)
+    page.mouse.down()
+    for share in np.linspace(0.5, place, 6):
+        page.mouse.move(box["x"] + box["width"] * share, y)
+    page.mouse.up()
+    settled(page)
+
+
+def enter(page, name: str, value: str) -> None:
+    page.get_by_label(name, exact=True).fill(value)
+    page.keyboard.press("Enter")
+    settled(page)
+
+
+@pytest.mark.parametrize(
+    "mirror", ["equidistant", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial"))]
+)
+def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
+    if mirror != "sphere":
+        bench.get_by_label("Kind of mirror").select_option(mirror)
+        bench.wait_for_function(f"{NOW}.tables.mirror.kind === '{mirror.replace(' ', '-')}'")
+    name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficient 1"}[mirror]
+    before = bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)")
+    slide(bench, name, 0.57)
+    sensor = sensor_on(bench)
+    assert bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)") != before
+    expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361))
+    charts = {
+        "Image height": ["h_px"],
+        "Viewpoint": ["viewpoint_z_mm"],
+        "Blur in the image": ["blur_t_px", "blur_s_px"],
+        "Floored blur area": ["floored_area_deg2"],
+    }
+    for title, columns in charts.items():
+        omega, *series = plotted(bench, title)
+        np.testing.assert_allclose(omega, expected.omega_deg, rtol=1e-6)
+        for column, values in zip(columns, series, strict=True):
+            np.testing.assert_allclose(values, getattr(expected, column), rtol=1e-5, atol=1e-4)
+    if mirror == "equidistant":
+        assert np.ptp(expected.dh_domega_px_per_deg) < 1e-9  # the lens followed the mirror
+
+
+def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
+    chart = bench.get_by_label(re.compile("^Image height against"))
+    chart.wait_for()
+    chart.hover(position={"x": 120, "y": 70})
+    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
+    expected = om.evaluate(om.load_sensor("paper-spherical"), [omega])
+    figures = bench.locator("figure.plot")
+    for title, value in (
+        ("Image height, px", f"{expected.h_px[0]:.1f}"),
+        ("Aspect", f"{expected.aspect[0]:.3f}"),
+        ("Cross-section", f"x {expected.x_mm[0]:.2f} mm"),
+    ):
+        readout = figures.filter(has_text=title).first.locator("output").inner_text()
+        assert readout.startswith(f"{omega:.1f}°")
+        assert value in readout
+    section = bench.locator("svg.section").first
+    section.hover(position={"x": 300, "y": 70})
+    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
+    assert figures.filter(has_text="Cross-section").locator("output").inner_text().startswith(f"{omega:.1f}°")
+    read = section.locator(".read circle")
+    assert float(read.get_attribute("cy")) == pytest.approx(70, abs=1.5)  # the mirror point at the pointer's height
+    chart.focus()
+    bench.keyboard.press("ArrowRight")
+    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(omega + 1)
+
+
+def test_undo_redo_and_a_reload_lose_nothing(bench):
+    first = sensor_on(bench)
+    slide(bench, "Radius", 0.6)
+    second = sensor_on(bench)
+    enter(bench, "F-number", "5.6")
+    third = sensor_on(bench)
+    assert len({first, second, third}) == 3
+    bench.keyboard.press("Control+z")
+    assert sensor_on(bench) == second
+    bench.keyboard.press("Control+z")
+    assert sensor_on(bench) == first
+    bench.keyboard.press("Control+Shift+z")
+    assert sensor_on(bench) == second
+    bench.get_by_role("button", name="Pin", exact=True).click()
+    bench.get_by_role("button", name="Add a requirement").click()
+    bench.wait_for_function("location.hash.includes('quantity')")
+    bench.reload()
+    drawn(bench)
+    assert sensor_on(bench) == second
+    bench.get_by_role("button", name=re.compile("^Unpin")).wait_for()  # with the answer for the pinned design
+    bench.get_by_label("Quantity").wait_for()
+    bench.get_by_role("button", name="Undo", exact=True).click()  # the requirement
+    bench.get_by_role("button", name="Undo", exact=True).click()
+    assert sensor_on(bench) == first
+
+
+def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
+    before = plotted(bench, "Image height")
+    enter(bench, "Rim radius", "60")
+    field = bench.locator(".field").filter(has=bench.get_by_label("Rim radius", exact=True))
+    assert "valid below 49.9" in field.locator(".problem").inner_text()
+    assert bench.get_by_label("Rim radius", exact=True).get_attribute("aria-invalid") == "true"
+    assert "last design that can be" in bench.locator(".trouble").inner_text()
+    np.testing.assert_array_equal(plotted(bench, "Image height"), before)
+    enter(bench, "Rim radius", "45")
+    assert not field.locator(".problem").is_visible()
+    assert not bench.locator(".trouble").is_visible()
+    assert not np.array_equal(plotted(bench, "Image height"), before)
+
+
+@pytest.mark.long
+def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
+    first = sensor_on(bench)
+    bench.get_by_role("button", name="Pin", exact=True).click()
+    slide(bench, "Focal length", 0.65)
+    rows = bench.locator(".compare tbody tr")
+    rows.nth(1).wait_for()
+    now, pinned = (rows.nth(i).locator("td").nth(2).inner_text() for i in (0, 1))
+    assert float(now.split()[0]) == pytest.approx(sensor_on(bench).rim_radius_px, rel=1e-3)
+    assert float(pinned) == pytest.approx(first.rim_radius_px, rel=1e-3)
+    omega, old, _ = plotted(bench, "Image height")
+    drawn_at = np.isfinite(old)
+    expected = om.evaluate(first, np.minimum(omega[drawn_at], first.field_deg[1])).h_px
+    np.testing.assert_allclose(old[drawn_at], expected, rtol=1e-5, atol=1e-3)
+    bench.get_by_role("button", name=re.compile("^Take")).click()
+    settled(bench)
+    assert sensor_on(bench) == first
+    bench.get_by_role("button", name=re.compile("^Unpin")).click()
+    assert rows.count() == 1
+    assert len(plotted(bench, "Image height")) == 2
+
+
+def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
+    slide(bench, "Radius", 0.58)
+    enter(bench, "Name", "mine")
+    mine = sensor_on(bench)
+    bench.get_by_text("Download", exact=True).click()
+    with bench.expect_download() as saved:
+        bench.get_by_role("button", name="Sensor file").click()
+    assert saved.value.suggested_filename == "mine.toml"
+    saved.value.save_as(tmp_path / "mine.toml")
+    assert om.load_sensor(tmp_path / "mine.toml") == mine
+    bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
+    bench.wait_for_function(f"{NOW}.tables.name === 'folded-hyperboloidal'")
+    assert bench.get_by_role("heading", name="Second mirror").is_visible()
+    bench.set_input_files("#bench-file", tmp_path / "mine.toml")
+    bench.wait_for_function(f"{NOW}.tables.name === 'mine'")
+    assert sensor_on(bench) == mine
+    (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
+    bench.set_input_files("#bench-file", tmp_path / "bad.toml")
+    bench.get_by_text("did you mean sphere?").first.wait_for()
+    assert sensor_on(bench) == mine
+
+
+def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
+    """The middle of this mirror shows what lies ahead on a ring: a degree about the axis is as wide as one likes."""
+    sphere = om.load_sensor("paper-spherical")
+    slopes = sphere.mirror.profile(np.linspace(0, sphere.mirror.rim_radius_mm, 8))[1]
+    ring = replace(sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm))
+    save_sensor(ring, tmp_path / "ring.toml")
+    sides = "[...document.querySelectorAll('#bench .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
+    before = bench.evaluate(f"{sides}.length")
+    bench.set_input_files("#bench-file", tmp_path / "ring.toml")
+    bench.wait_for_function(f"{NOW}.tables.name === 'ring'")
+    settled(bench)
+    heights = bench.evaluate(f"{sides}.map((height) => height.value)")
+    assert len(heights) == before - 1
+    assert 0 < min(heights) <= max(heights) < 1000
+
+
+@pytest.mark.long
+def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
+    sensor = sensor_on(bench)
+    e = om.evaluate(sensor, np.linspace(0, 135, 2001))
+    blur = np.hypot(np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px)  # with the Airy disk
+    worst = blur.max()
+    bench.get_by_role("button", name="Add a requirement").click()
+    settled(bench)
+    mark = bench.locator(".limit").last.locator(".mark")
+    assert f"✗ missed by {worst - 5:.2f} px" in mark.inner_text()
+    assert "at 135°" in mark.inner_text()
+    assert bench.get_by_text("1 of 3 not met").is_visible()
+    enter(bench, "total_blur_px at most", "10")
+    assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
+    assert bench.get_by_text("All 3 met").is_visible()
+    bench.get_by_role("button", name="part of field").click()
+    enter(bench, "Field angle to, degrees", "60")
+    part = e.omega_deg <= 60
+    worst = blur[part].max()
+    assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
+    (tmp_path / "wanted.toml").write_text(
+        "[field]\nomega_max_deg = 90\nobject_distance_mm = [1000, 12000]\n"
+        "[mirror]\nmapping = 'equiangular'\nrim_radius_mm = 40\n"
+        "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
+    )
+    bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
+    farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
+    # An empty one was there before the file was opened.
+    bench.wait_for_function("[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')")
+    assert farthest.input_value() == "12000"
+    size = bench.viewport_size
+    bench.set_viewport_size({"width": 1280, "height": 800})
+    assert farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0  # all of the number is read
+    bench.set_viewport_size(size)
+    bench.get_by_role("button", name="Design from requirements").click()
+    bench.wait_for_function(f"{NOW}.tables.mirror.kind === 'equiangular'")
+    settled(bench)
+    assert sensor_on(bench).field_deg[1] == pytest.approx(90)
+
+
+def test_a_mirror_is_optimised_cancelled_and_undone(bench):
+    first = sensor_on(bench)
+    bench.get_by_label("Make least").select_option("worst_blur_deg")
+    bench.get_by_label("Terms", exact=True).fill("24")
+    bench.get_by_label("Starts").fill("8")
+    bench.evaluate(CANCEL_AT_FIRST_STEP)
+    bench.get_by_role("button", name="Optimise").click()
+    bench.wait_for_function("window.seen")
+    assert re.fullmatch(r"start 1 of 8, step \d+: 0\.\d+ (deg|°)", bench.evaluate("window.seen"))
+    assert bench.get_by_text("Cancelled; the design is as it was.").is_visible()
+    assert sensor_on(bench) == first
+    bench.get_by_label("Free form").select_option("polynomial")
+    bench.get_by_label("Terms", exact=True).fill("3")
+    bench.get_by_label("Starts").fill("1")
+    bench.get_by_role("button", name="Optimise").click()
+    bench.wait_for_function(f"{NOW}.tables.name === 'optimised-worst-blur-deg'")
+    settled(bench)
+    e, before = (om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first))
+    blur, blur_before = (np.maximum(np.abs(x.blur_t_deg), np.abs(x.blur_s_deg)).max() for x in (e, before))
+    assert blur < 0.95 * blur_before
+    bench.keyboard.press("Control+z")
+    assert sensor_on(bench) == first
+
+
+@pytest.mark.full
+def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tmp_path):
+    pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
+    save_sensor(replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml")
+    before = plotted(bench, "Image height")
+    bench.set_input_files("#bench-file", tmp_path / "mine.toml")
+    bench.get_by_text("The mirror is out of its place").wait_for()
+    assert "()" not in bench.locator(".desk").inner_text()  # no Python
+    assert not np.array_equal(plotted(bench, "Image height"), before)
+    optimise = bench.get_by_role("button", name="Optimise")
+    assert optimise.is_disabled()
+    assert bench.get_by_text("in their place, and this one is decentred").is_visible()
+    enter(bench, "Decentre x", "2")
+    assert sensor_on(bench).mirror_pose.decentre_x_mm == 2
+    bench.get_by_role("button", name="Put the mirror in its place").click()
+    settled(bench)
+    assert sensor_on(bench) == replace(om.load_sensor("paper-hyperboloidal"), name="design", notes="")
+    assert bench.get_by_text("The mirror is out of its place").is_hidden()
+    assert optimise.is_enabled()
+
+
+@pytest.mark.full
+def test_what_cannot_be_optimised_is_not_offered(bench):
+    bench.get_by_label("Start from a bundled sensor").select_option("folded-spherical")
+    optimise = bench.get_by_role("button", name="Optimise")
+    bench.get_by_text("this sensor has two").wait_for()
+    assert optimise.is_disabled()
+    assert bench.locator(f"#{optimise.get_attribute('aria-describedby')}").is_visible()
+    bench.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
+    bench.get_by_text("this sensor has two").wait_for(state="hidden")
+    assert optimise.is_enabled()
+
+
+@pytest.mark.parametrize("width", [1280, pytest.param(360, marks=pytest.mark.full)])
+def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
+    bench.set_viewport_size({"width": width, "height": 800})
+    bench.wait_for_function(
+        "(w) => Math.abs(document.querySelector('svg.section').getBoundingClientRect().width - "
+        "document.querySelector('svg.section').viewBox.baseVal.width) < 1 && innerWidth === w",
+        arg=width,
+    )
+    boxes = bench.evaluate(
+        "[...document.querySelectorAll('svg.section')].map((s) => [...s.querySelectorAll('text')].map((t) => "
+        "{ const b = t.getBBox(); return [b.x, b.y, b.x + b.width, b.y + b.height, t.textContent]; }))"
+    )
+    for section in boxes:
+        for i, a in enumerate(section):
+            for b in section[:i]:
+                over = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+                assert min(over) < 2, (a, b)
+    if width == 1280:
+        assert {"105°", "120°", "135°"} <= {t[-1] for t in boxes[0]}
+
+
+@pytest.mark.full
+def test_designs_are_told_apart_without_their_colours(bench):
+    for value in ("12", "13"):
+        bench.get_by_role("button", name="Pin", exact=True).click()
+        enter(bench, "Focal length", value)
+    bench.locator(".compare tbody tr").nth(2).wait_for()
+    swatches = bench.locator(".swatch line")
+    styles = [swatches.nth(i).get_attribute("stroke-dasharray") for i in range(3)]
+    assert len(set(styles)) == 3
+    drawn_with = bench.evaluate(
+        "window.omnimirror.tabs.bench.desk.charts[0].plot.series.slice(1).map((s) => (s.dash ?? ['none']).join(' '))"
+    )
+    assert sorted(drawn_with) == sorted(styles)
+
+
+def test_a_design_is_looked_through(bench, monkeypatch):
+    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(pattern(known.camera.image_size), ".png"))
+    slide(bench, "Radius", 0.55)
+    mine = sensor_on(bench)
+    bench.get_by_role("button", name="Look through it").click()
+    bench.wait_for_function("window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera")
+    assert bench.locator("#view").is_visible()
+    model = bench.evaluate("window.omnimirror.look.sensor.camera.model")
+    assert model["rim_radius_px"] == pytest.approx(mine.rim_radius_px)
+    bench.get_by_role("button", name="Design", exact=True).click()
+    assert sensor_on(bench) == mine
+
+
+def test_the_bench_goes_on_when_the_server_is_back(browser):
+    with serving(Studio()) as address:
+        page = browser.new_context(bypass_csp=True).new_page()
+        page.add_init_script(WITHOUT_PICTURES)
+        page.goto(f"{address}#tab=design")
+        drawn(page)
+    page.locator("#bench").get_by_label("Radius", exact=True).fill("52")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
+    before = plotted(page, "Image height")
+    with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
+        page.wait_for_function("document.querySelector('#banner').hidden")
+        settled(page)
+        page.wait_for_function("window.omnimirror.tabs.bench.found[0].facts.field_deg[1] < 130")
+        assert not np.array_equal(plotted(page, "Image height"), before)
+    page.context.close()
+
+
+def test_the_bench_keeps_the_policy_of_the_page(browser, server):
+    context = browser.new_context()
+    page = context.new_page()
+    said = []
+    page.on("console", lambda m: said.append(m.text))
+    fetched = []
+    page.on("request", lambda r: fetched.append(r.url))
+    page.goto(server)
+    page.get_by_text("Field -90").wait_for()
+    assert not any("bench" in url for url in fetched)  # the bench costs the first paint nothing
+    page.get_by_role("button", name="Design", exact=True).click()
+    drawn(page)
+    page.get_by_alt_text("Its panorama").wait_for()
+    assert [text for text in said if "Content Security Policy" in text] == []
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
+def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: npm install in web/")
+    bench.emulate_media(color_scheme=scheme)
+    bench.get_by_role("button", name="Pin", exact=True).click()
+    bench.get_by_role("button", name="Add a requirement").click()
+    enter(bench, "Rim radius", "60")
+    bench.add_script_tag(path=AXE)
+    found = bench.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
+    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    assert serious == {}

@@ -1,0 +1,228 @@
+"""The bench's tolerances: the server's answers against trials, and what a user does with the sliders of errors."""
+
+from __future__ import annotations
+
+import re
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+import omnimirror as om
+from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.bench.tolerance_messages import Built
+from omnimirror.apps.studio.framing import unframed
+from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
+from omnimirror.optics.housing import Dome, Housing
+from omnimirror.optics.sensor_files import parse_sensor, tables_of
+
+from .browser import PATIENCE_MS
+from .test_bench_page import AXE, WITHOUT_PICTURES, bench  # noqa: F401 - a fixture
+
+LOCAL = "http://127.0.0.1"
+SPH = om.load_sensor("paper-spherical")
+VALUES = {"mirror.decentre_x_mm": 0.1, "mirror.tilt_y_deg": 0.2, "lens.k1": 0.01}
+AT_REST = """() => {
+  const t = window.omnimirror.tabs.bench.tolerances;
+  return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
+}"""
+LAST = "window.omnimirror.tabs.bench.tolerances.last"
+
+
+@pytest.fixture(scope="module")
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+def asked(path, client, **body):
+    return client.post(f"/api/bench/{path}", json={"tables": tables_of(SPH), **body})
+
+
+def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
+    found = asked("errors", client).json()
+    names = [error["name"] for error in found["errors"]]
+    assert names == [n for n in error_sources(SPH) if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11]
+    assert found["calibrations"] == list(CALIBRATIONS)
+    first = error_sources(SPH)[names[0]]
+    assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
+
+
+def test_a_built_sensor_is_told_as_its_trial(client):
+    answer = asked("built", client, values=VALUES, refocus="none")
+    header, data = unframed(answer.content, Built)
+    evaluator = TrialEvaluator.of(SPH)
+    merits, moved = evaluator.evaluate_with_motions({name: np.array([value]) for name, value in VALUES.items()})
+    for name, of in (("motion_px", header.motion_px), ("direction_error_deg", header.direction_error_deg)):
+        for depth, value in zip(CALIBRATIONS, of, strict=True):
+            assert value == pytest.approx(merits[0, evaluator.names.index(after(name, depth))], abs=1e-9)
+    assert header.straightness_deg[0] > header.straightness_deg[3]
+    columns = np.frombuffer(data, "<f4").reshape(1 + len(CALIBRATIONS), 2, header.objects)
+    np.testing.assert_allclose(columns[0].T, evaluator.reference_px, atol=1e-3)
+    np.testing.assert_allclose(columns[1].ravel(), moved[0], atol=1e-4)
+    assert header.tables == tables_of(perturbed(SPH, VALUES))
+
+
+def test_the_yield_is_that_of_tolerances(client):
+    errors = {"mirror.decentre_x_mm": 0.3, "mirror.tilt_x_deg": 0.1, "lens.k1": 0.0}
+    body = {"errors": [{"name": n, "tolerance": t} for n, t in errors.items()], "refocus": "none", "seed": 3}
+    found = asked("yield", client, merit="motion_px", limit=2.0, trials=1000, **body).json()
+    tolerances = om.Tolerances(SPH, {name: om.Tolerance(size) for name, size in errors.items()})
+    expected = om.tolerance(SPH, tolerances, limits={"motion_px": 2.0}, trials=1000, seed=3)
+    of = expected.statistics.yields
+    assert (found["share"], found["low"], found["high"]) == pytest.approx((of.value, of.low, of.high))
+    max_tolerance = {row.name: row.merits for row in expected.sensitivities}
+    assert [row["name"] for row in found["rows"]] == ["mirror.decentre_x_mm", "mirror.tilt_x_deg"]
+    for row in found["rows"]:
+        format_limit = [max_tolerance[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS]
+        assert row["motion_px"] == pytest.approx(format_limit, abs=1e-9)
+
+
+@pytest.mark.full
+def test_sensors_that_are_built_one_by_one_are_told_too(client):
+    covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
+    assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
+    body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
+    header, _ = unframed(client.post("/api/bench/built", json=body).content, Built)
+    assert header.lost == 0
+    assert 0 < header.motion_px[0] < 5
+    assert header.straightness_deg == (None,) * len(CALIBRATIONS)
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "words"),
+    [
+        ("built", {"values": {"mirror.nonsense": 1.0}, "refocus": "none"}, "not an error source of this sensor"),
+        ("yield", {"merit": "nonsense"}, "not a merit of trials"),
+        ("yield", {"limit": -1.0}, "must be positive"),
+        ("yield", {"errors": []}, "must contain at least one error"),
+        ("errors", {"tables": {}}, "mirror"),
+    ],
+)
+def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
+    plain = {"errors": [{"name": "lens.k1", "tolerance": 0.1}], "refocus": "none", "merit": "motion_px", "limit": 1.0}
+    plain |= {"trials": 10, "seed": 0}
+    answer = asked(path, client, **(plain if path == "yield" else {}) | body)
+    assert 400 <= answer.status_code < 500
+    assert words in answer.json()["detail"]
+
+
+def opened(page):
+    page.get_by_role("button", name="Try errors").click()
+    page.wait_for_function(AT_REST)
+
+
+def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # noqa: F811 - a fixture
+    opened(bench)
+    assert bench.evaluate(f"{LAST}.motion_px")[0] < 1e-6
+    slider = bench.get_by_role("slider", name="Mirror decentre x")
+    slider.fill("2")  # tolerances, by the slider itself
+    bench.wait_for_function(f"{LAST}.motion_px[0] > 1")
+    bench.wait_for_function(AT_REST)
+    assert bench.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
+    moved, _, _, left, _ = bench.evaluate(f"{LAST}.motion_px")
+    evaluator = TrialEvaluator.of(SPH)
+    expected = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.1])})[0]
+    assert moved == pytest.approx(expected[evaluator.names.index("motion_px")], rel=1e-6)
+    assert left < 1e-3
+    drawn = parse_sensor_tables(bench.evaluate(f"{LAST}.tables"))
+    assert drawn.mirror_pose.decentre_x_mm == pytest.approx(0.1)
+    lines = bench.locator("svg.moved").first.locator("line")
+    assert lines.count() == len(evaluator.field)
+    bench.get_by_role("button", name="Without errors").click()
+    bench.wait_for_function(f"{LAST}.motion_px[0] < 1e-6")
+
+
+def parse_sensor_tables(tables):
+    import tomli_w
+
+    return parse_sensor(tomli_w.dumps(tables))
+
+
+def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
+    opened(bench)
+    verdict = bench.locator(".tolerance-body .verdict")
+    before = verdict.text_content()
+    assert "of 4096 built" in before
+    assert bench.locator("svg.tornado rect").count() == 3 * 14
+    assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
+    bench.get_by_label("Shop").select_option("coarse")
+    bench.wait_for_function(AT_REST)
+    assert float(verdict.text_content().split()[0]) < float(before.split()[0])
+    bench.get_by_label("Calibrated", exact=True).select_option("none")
+    bench.wait_for_function(AT_REST)
+    assert verdict.text_content().startswith("0.0 %")
+
+
+@pytest.mark.full
+def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
+    opened(bench)
+    assert bench.get_by_label("Mirror conic", exact=True).count() == 1
+    bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
+    bench.wait_for_function("window.omnimirror.tabs.bench.tolerances.tables.mirror.kind === 'even-polynomial'")
+    bench.wait_for_function(AT_REST)
+    assert bench.get_by_label("Mirror conic", exact=True).count() == 0
+    assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
+    bench.get_by_role("button", name="Leave errors").click()
+    assert bench.locator("figure.tolerances").is_hidden()
+
+
+def tried(page):
+    """What the panel shows: its choices, numbers and verdict."""
+    page.wait_for_function(AT_REST)
+    return page.evaluate("""() => {
+      const body = document.querySelector(".tolerance-body");
+      const values = [...body.querySelectorAll("select, input")].map((e) => e.value);
+      return [...values, body.querySelector(".verdict").textContent];
+    }""")
+
+
+@pytest.mark.full
+def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
+    opened(bench)
+    at_first = tried(bench)
+    for title, choice in (("Shop", "fine"), ("Calibrated", "affine"), ("Focused", "rms")):
+        bench.get_by_label(title, exact=True).select_option(choice)
+    bench.get_by_role("spinbutton", name="At most").fill("0.75")
+    bench.get_by_label("Mirror tilt x", exact=True).fill("0.123")
+    tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
+    tolerance.fill("0.3")
+    tolerance.press("Tab")
+    shown = tried(bench)
+    assert shown != at_first
+    bench.wait_for_function("location.hash.includes('0.123')")
+    link = bench.url
+    with closing(browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)) as context:
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.add_init_script(WITHOUT_PICTURES)
+        page.goto(link)
+        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        assert tried(page) == shown
+        page.reload()
+        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        assert tried(page) == shown
+        page.evaluate("location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')")
+        page.get_by_text("cannot have the error Mirror nonsense").wait_for()
+        assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
+        page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
+        page.get_by_text("The errors of the address cannot be read").wait_for()
+        page.get_by_role("button", name="Leave errors").click()
+        page.wait_for_function("!location.hash.includes('errors')")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: npm install in web/")
+    bench.emulate_media(color_scheme=scheme)
+    opened(bench)
+    bench.add_script_tag(path=AXE)
+    found = bench.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
+    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    assert serious == {}

@@ -1,0 +1,167 @@
+"""Mirrors bent and limits moved by hand on the bench's plots, and where sliders say that requirements are met."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio.bench.designs.judging import requirements_for
+from omnimirror.apps.studio.bench.designs.sensors import sensor_on_bench, why_not_optimised
+from omnimirror.apps.studio.bench.designs.shaping import bent
+from omnimirror.apps.studio.bench.designs.sliding import slid
+from omnimirror.apps.studio.bench.messages import Bend, Slide, SlidesAsk, Task
+from omnimirror.apps.studio.bench.work import perform
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.design.solve.verdict import judge
+from omnimirror.optics.sensor_files import bundled_sensors, tables_of
+
+from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture
+
+STRAIGHT = [name for name in bundled_sensors() if why_not_optimised(om.load_sensor(name)) is None]
+ASKED = {"field": {"omega_max_deg": 130.0}, "limit": [{"quantity": "total_blur_px", "at_most": 8.5}]}
+
+
+@pytest.mark.parametrize("name", STRAIGHT)
+def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
+    sensor = om.load_sensor(name)
+    rim = sensor.mirror.rim_radius_mm
+    for share in (0.3, 0.75, 1.0):
+        x = share * rim
+        wanted = float(sensor.mirror.sag(x)) - 0.002 * rim
+        mirror = bent(sensor, Bend(of="profile", at=x, to=wanted)).mirror
+        assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
+        moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
+        assert abs(moved[0]) < 1e-12
+        assert np.all(np.diff(moved) < 2e-5 * rim)  # as a rod: nothing beside the point goes the other way
+
+
+@pytest.mark.parametrize("name", STRAIGHT)
+def test_a_mapping_goes_through_the_point_to_which_it_is_pulled(name):
+    sensor = om.load_sensor(name)
+    low, high = sensor.field_deg
+    for share in (0.2, 0.5, 0.8):
+        omega = low + share * (high - low)
+        wanted = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
+        moved = bent(sensor, Bend(of="mapping", at=omega, to=wanted))
+        assert om.evaluate(moved, [omega]).h_px[0] == pytest.approx(wanted, abs=0.02)
+        assert moved.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
+        np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
+
+
+def test_what_cannot_be_bent_is_said():
+    sphere = om.load_sensor("paper-spherical")
+    with pytest.raises(OmnimirrorError, match="it can be pulled by less than"):
+        bent(sphere, Bend(of="mapping", at=68.0, to=500.0))
+    with pytest.raises(OmnimirrorError, match=r"can be held from 0.8781 to 43.905 mm"):
+        bent(sphere, Bend(of="profile", at=0.1, to=1.0))
+    with pytest.raises(OmnimirrorError, match="this sensor has two"):
+        bent(om.load_sensor("folded-spherical"), Bend(of="profile", at=10.0, to=1.0))
+
+
+def test_sliders_are_met_where_the_requirements_are_judged_so():
+    sphere = om.load_sensor("paper-spherical")
+    values = tuple(np.linspace(2.0, 9.0, 9))
+    slide = Slide(path=("lens", "f_number"), values=values)
+    asked = SlidesAsk(tables=tables_of(sphere), follows=False, requirements=ASKED, slides=(slide,))
+    ((*missed,),) = slid(asked).missed
+    assert max(missed[0]) > 0 > max(missed[-1])
+    for value, shares in zip(values, missed, strict=True):
+        tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
+        sensor = sensor_on_bench(tables)
+        verdict = judge(requirements_for(ASKED, sensor), sensor, angles=61)
+        assert (max(shares) <= 0) == verdict.is_met
+
+
+def drag(page, handle, right: float, down: float) -> tuple[float, float]:
+    """Take hold of a handle, move it and let it go; how far it stands from where the pointer left it, px."""
+    handle.scroll_into_view_if_needed()
+    box = handle.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for share in np.linspace(0.2, 1.0, 5):
+        page.mouse.move(x + share * right, y + share * down)
+    settled(page)
+    there = handle.bounding_box()
+    page.mouse.up()
+    page.wait_for_function("!window.omnimirror.tabs.bench.bending.isUnderWay")
+    settled(page)
+    return there["x"] - box["x"] - right, there["y"] - box["y"] - down
+
+
+def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa: F811
+    before = sensor_on(bench)
+    off = drag(bench, bench.locator(".handle.profile").first, 3, 0)
+    assert np.hypot(*off) < 1
+    after = sensor_on(bench)
+    assert after.mirror.KIND == "slope-spline"
+    assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; three pixels are 2
+    omega, height = plotted(bench, "Image height")
+    np.testing.assert_allclose(height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2)
+    bench.get_by_role("button", name="Undo").click()
+    settled(bench)
+    assert sensor_on(bench).mirror == before.mirror  # one step back is all of it
+
+
+@pytest.mark.full
+def test_the_mapping_is_bent_on_its_plot(bench):  # noqa: F811
+    handle = bench.locator(".handle.point").nth(1)
+    assert np.hypot(*drag(bench, handle, 0, -8)) < 1
+    sensor = sensor_on(bench)
+    assert sensor.mirror.KIND == "tabulated-mapping"
+    omega, height = plotted(bench, "Image height")
+    np.testing.assert_allclose(height, om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega))).h_px, atol=1e-2)
+    handle.focus()
+    at = float(handle.get_attribute("aria-valuenow"))
+    bench.keyboard.press("Shift+ArrowDown")
+    bench.wait_for_function(f"Number(document.activeElement.getAttribute('aria-valuenow')) < {at}")
+
+
+def test_limits_stand_in_the_plots_and_are_dragged(bench):  # noqa: F811
+    bench.get_by_role("button", name="Add a requirement").click()
+    settled(bench)
+    line = bench.locator(".handle.limit-line")
+    assert np.hypot(*drag(bench, line, 0, -15)) < 1
+    limit = bench.evaluate(f"{NOW}.requirements.limit[0]")
+    assert limit["quantity"] == "total_blur_px"
+    assert 5.5 < limit["at_most"] < 9
+    assert bench.get_by_label("total_blur_px at most").input_value() == f"{limit['at_most']:g}"
+    omega, blur = plotted(bench, "Total blur")
+    sensor = sensor_on(bench)
+    result = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega)))
+    worst = np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px)
+    np.testing.assert_allclose(blur, worst, rtol=1e-4)
+
+
+@pytest.mark.full
+def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F811
+    bench.get_by_role("button", name="Add a requirement").click()
+    settled(bench)
+    enter(bench, "total_blur_px at most", "8.5")
+    bench.wait_for_function("document.querySelector('#bench .marks .met')")
+    said = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
+    low, high = map(float, re.search(r"met at ([\d.]*\d) to ([\d.]*\d)", said).groups())
+    for f_number, is_met in ((low - 0.2, False), (low + 0.2, True), (high - 0.2, True)):
+        enter(bench, "F-number", f"{f_number:g}")
+        assert ("All" in bench.locator("#bench .verdict").first.inner_text()) == is_met
+
+
+def test_a_search_keeps_the_limits_of_the_requirements_where_it_is_asked_to():
+    wanted = {"field": {"omega_max_deg": 130.0}, "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]}
+    sphere = tables_of(om.load_sensor("paper-spherical"))
+    reached = []
+    for keeps in (False, True):
+        news = []
+        task = Task(
+            what="optimise", tables=sphere, requirements=wanted, object_distance_mm=None,
+            merit="worst_floored_area_deg2", shape="polynomial", terms=4, starts=1, keeps_limits=keeps,
+        )  # fmt: skip
+        perform(task, news.append)
+        found = sensor_on_bench(news[-1].sensor.tables)
+        result = om.evaluate(found, np.linspace(0.0, found.field_deg[1], 361))
+        reached.append(np.minimum(result.dh_domega_px_per_deg, result.width_px_per_deg).min())
+    assert reached[0] < 2.9
+    assert reached[1] > 3.0 - 1e-5

@@ -1,0 +1,305 @@
+"""What the server answers to the tab Calibrate: against the engine, and against the truth of simulated pictures."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import struct
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+import omnimirror as om
+from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.calibrate.board_process import told
+from omnimirror.apps.studio.calibrate.detections import taken, together
+from omnimirror.apps.studio.calibrate.looking import Lookers
+from omnimirror.apps.studio.calibrate.messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
+from omnimirror.apps.studio.calibrate.work import perform
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration.targets.finding import compared
+from omnimirror.optics.sensor_files import parse_camera
+
+from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
+
+LOCAL = "http://127.0.0.1"
+ASK = {
+    "board": ASKED, "pictures": WHOLE, "model": "unified", "optics": "mirror", "camera_looks": "up",
+    "image_flipped": False, "centre_px": None, "rim_radius_px": None, "flat_board": True,
+    "command": "omnimirror <here>",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[BoardSeen]:
+    return [told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
+
+
+@pytest.fixture(scope="module")
+def news(client, seen) -> list[dict]:
+    """All that is told of a calibration."""
+    with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:
+        socket.send_text(json.dumps(ASK))
+        for picture in seen:
+            socket.send_text(picture.model_dump_json())
+        told = [json.loads(socket.receive_text())]
+        while told[-1]["state"] not in ("reported", "failed"):
+            told.append(json.loads(socket.receive_text()))
+    return told
+
+
+def look(client, data: bytes, **more):
+    return client.post("/api/calibrate/look", params={**ASKED, "name": "here.png", **more}, content=data)
+
+
+def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
+    code = "import sys, omnimirror.apps.studio.calibrate.board_process; print(*sys.modules)"
+    loaded = set(
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    )
+    assert "omnimirror.calibration.targets.finding" in loaded
+    assert not loaded & {
+        "fastapi",
+        "starlette",
+        "matplotlib",
+        "omnimirror.calibration.estimation",
+        "omnimirror.optics.sensor",
+    }
+
+
+def test_a_picture_that_is_handed_up_shows_its_corners(client):
+    found = look(client, png(0)).json()
+    expected = om.find_board(photograph(0).picture, BOARD)
+    np.testing.assert_array_equal(found["ids"], expected.ids)
+    np.testing.assert_allclose(found["corners_px"], expected.corners_px, atol=1e-4)
+    off = np.linalg.norm(found["corners_px"] - photograph(0).corners_px[:, None], axis=2).min(axis=0)
+    assert len(off) == BOARD.corner_count
+    assert off.max() < 0.3
+    quick = look(client, png(0), quick=True).json()
+    np.testing.assert_allclose(quick["corners_px"], found["corners_px"])
+
+
+@pytest.mark.full
+def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(client):
+    found = look(client, png(WHOLE)).json()
+    off = np.nanmin(np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0)
+    assert BOARD.corner_count / 2 < len(off) < BOARD.corner_count
+    assert off.max() < 0.5
+
+
+@pytest.mark.parametrize("kind", ["GIF", "PPM"])
+def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
+    """OCamCalib's sets are GIFs; machine vision writes PGM."""
+    file = io.BytesIO()
+    Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
+    assert look(client, file.getvalue(), quick=True).json()["ids"] == list(range(BOARD.corner_count))
+
+
+@pytest.mark.parametrize(
+    ("data", "more", "sentence"),
+    [
+        (
+            b"no picture",
+            {},
+            "here.png is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM",
+        ),
+        (b"", {}, "the file is empty"),
+        (BLANK, {"columns": 1}, "columns = 1 is not valid; it is valid as a whole number, 2 to 200"),
+        (BLANK, {"marker_mm": 3}, "marker_mm belongs to boards of kind charuco, and this is one of kind chessboard"),
+    ],
+)
+def test_what_cannot_be_looked_at_is_refused_in_a_sentence(data, more, sentence, client):
+    answer = look(client, data, **more)
+    assert (answer.status_code, answer.json()["detail"]) == (400, sentence)
+
+
+def test_of_a_picture_without_the_board_it_is_said_why(client):
+    assert look(client, BLANK).json()["reason"] == "the picture is blank"
+    other = look(client, png(0), columns=6).json()["reason"]
+    assert other == "a board of 7 x 5 corners was found, and one of 6 x 5 corners was looked for"
+
+
+@pytest.mark.full
+def test_who_goes_ends_the_look_and_the_next_one_is_answered():
+    class Gone:
+        async def receive(self):
+            return {"type": "http.disconnect"}
+
+    class Stays:
+        async def receive(self):
+            await asyncio.Event().wait()
+
+    async def both() -> BoardSeen:
+        lookers, ask = Lookers(), BoardLook(**ASKED, name="here.png")
+        try:
+            with pytest.raises(InvalidParameter, match=r"looking at here\.png was cut off"):
+                await lookers.look(ask, png(0), Gone())
+            assert lookers._idle == []  # its process went with it
+            return await lookers.look(ask, BLANK, Stays())
+        finally:
+            lookers.close()
+
+    with ThreadPoolExecutor(1) as apart:  # a thread of its own: tests of pages leave a loop running in theirs
+        assert apart.submit(asyncio.run, both()).result().reason == "the picture is blank"
+
+
+def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
+    small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
+    ask = TogetherAsk(
+        board=BoardAsked(**ASKED),
+        pictures=(*seen, small),
+        centre_px=CAMERA.centre_px,
+        radius_px=200.0,
+        candidate=seen[2],
+    )
+    answer = together(ask)
+    assert answer.reasons[:-1] == (None,) * len(seen)
+    assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
+    assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
+    assert answer.not_new == "it shows the board much as 2.png does"
+    assert answer.advice[0].startswith("Take more pictures: 6 are used")
+    few = together(ask.model_copy(update={"pictures": tuple(seen[:2])}))
+    assert few.not_new is None
+    empty = np.sum(np.array(few.coverage.counts) < few.coverage.enough)
+    assert empty > np.sum(np.array(answer.coverage.counts) < answer.coverage.enough)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"ids": (0, 0)}, {"ids": (0, 99)}, {"ids": (0,)}, {"corners_px": ((1.0, 1.0), (1e9, 0.0))},
+        {"sigma_px": (1.0,)},
+    ],
+)  # fmt: skip
+def test_corners_that_cannot_be_are_refused(wrong, client, seen):
+    short = seen[0].model_copy(update={"ids": (0, 1), "corners_px": ((1.0, 1.0), (2.0, 2.0)), "sigma_px": (0.1, 0.1)})
+    assert len(taken(short, BOARD).ids) == 2
+    ask = {
+        "board": ASKED,
+        "pictures": [short.model_copy(update=wrong).model_dump()],
+        "centre_px": None,
+        "radius_px": None,
+    }
+    answer = client.post("/api/calibrate/together", json=ask | {"candidate": None})
+    assert answer.status_code == 400
+    assert answer.json()["detail"].startswith("what is told of 0.png cannot be")
+
+
+def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
+    assert [n["state"] for n in news[-2:]] == ["done", "reported"]
+    shares = [n["share"] for n in news[:-1]]
+    assert all(n["state"] == "running" and n["sentence"] for n in news[:-2])
+    assert shares == sorted(shares)
+    found = news[-2]["found"]
+    detections = compared([taken(s, BOARD) for s in seen], BOARD)  # as of pictures that are found together
+    direct = om.calibrate_camera(detections, BOARD, model="unified", board_shape=False)
+    assert found["rms_px"] == pytest.approx(direct.rms_px, rel=1e-6)
+    assert found["held_out_rms_px"] == pytest.approx(direct.held_out_rms_px, rel=1e-6)
+    assert found["rms_px"] < 0.15
+    camera = parse_camera(found["camera_file"])
+    assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5  # px, of the truth
+    residuals = [r for p in found["pictures"] for r in p["residuals"]]
+    assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(found["rms_px"], rel=1e-3)
+    assert {p["name"] for p in found["parameters"]} >= {"xi"}
+
+
+def test_the_report_has_everything_inside_and_nothing_of_the_page_gets_out_in_it(news):
+    report = news[-1]["report"]
+    assert report.lstrip().startswith("<!doctype html>")
+    assert "omnimirror &lt;here&gt;" in report
+
+
+@pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
+def test_a_straightened_board_is_a_board_with_square_squares(number, client, news):
+    """Its corners are looked for in the view and lie on a lattice, which they do not in the picture."""
+    found = news[-2]["found"]
+    place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
+    header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
+    answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(number))
+    assert answer.headers["content-type"] == "image/jpeg"
+    view = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_GRAYSCALE)
+    again = om.find_board(view, BOARD)
+    assert again.used, again.reason
+    scale = place["px_per_mm"]
+    lattice = scale * (BOARD.points_mm[again.ids, :2] + place["margin_mm"])
+    turned = scale * (BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"])  # a board may begin at either end
+    off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
+    assert off < 1.0
+    outcome = found["pictures"][number]
+    assert 0 < outcome["off_straight_px"] < 0.5
+
+
+def test_what_is_no_question_with_a_picture_is_refused(client):
+    short, empty = "the body must be the length of a JSON message", "camera_file must be given"
+    sentences = {b"abc": short, struct.pack("<I", 2) + b"{}": empty, struct.pack("<I", 999) + b"{}": empty}
+    for data, sentence in sentences.items():
+        answer = client.post("/api/calibrate/straight", content=data)
+        assert answer.status_code == 422
+        assert answer.json()["detail"].startswith(sentence)
+
+
+def test_a_board_without_an_extent_is_refused(client, news):
+    found = news[-2]["found"]
+    for high in ([-900.0, 10.0], [1e308, 1e308]):
+        place = found["places"][0] | {"high_mm": high}
+        header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
+        answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0))
+        assert answer.status_code == 400
+        assert "0.png is none" in answer.json()["detail"]
+
+
+def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:
+    """The news of a calibration that is told to stop after some steps."""
+    said = []
+    perform(CalibrationAsk(**ask), seen, said.append, lambda: len(said) > steps)
+    return said
+
+
+def test_one_that_is_stopped_keeps_what_it_found(seen):
+    *_, done, reported = performed(ASK, seen, 2)
+    assert (done.state, reported.state) == ("done", "reported")
+    assert not done.found.is_complete
+    assert "stopped before the end" in done.found.notes[0]
+    assert performed(ASK, seen, -1)[-1].sentence == "stopped before a camera was found"
+
+
+def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
+    blank = told(om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png"))
+    *_, failed = performed(ASK, [*seen[:2], blank])
+    assert failed.state == "failed"
+    assert "in 2 of 3 pictures" in failed.sentence
+    assert "dark.png: the picture is blank" in failed.sentence
+
+
+@pytest.mark.full
+def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
+    frames = [
+        s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i}) for n in (0, 9) for i, s in enumerate(seen)
+    ]
+    *_, done, _ = performed(ASK | {"pictures": len(frames)}, frames)
+    used = [p for p in done.found.pictures if p.used]
+    assert len(used) == len(seen)
+    assert all("much as" in p.reason for p in done.found.pictures if not p.used)
+
+
+def test_what_is_no_calibration_closes_the_socket(client):
+    from starlette.websockets import WebSocketDisconnect
+
+    with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:
+        socket.send_text("{}")
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_text()
+    assert closed.value.reason == "board must be given"

@@ -1,0 +1,343 @@
+"""What a user does in the tab Calibrate, and what the page then shows."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.optics.sensor_files import parse_camera
+from tests.conftest import SHARED
+
+from .boards import BLANK, BOARD, CAMERA, photograph, png
+from .browser import COARSE, PATIENCE_MS
+from .test_page import AXE
+
+TAB = "window.omnimirror.tabs.calibrate"
+KAIDAN = SHARED / "kaidan_omni"
+CAMERA_OF_PICTURES = """
+  const canvas = Object.assign(document.createElement("canvas"), { width: 480, height: 480 });
+  window.show = async (base64) => {
+    const blob = await (await fetch(`data:image/png;base64,${base64}`)).blob();
+    const bitmap = await createImageBitmap(blob);
+    window.shown = () => canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    window.shown();
+  };
+  setInterval(() => window.shown?.(), 50);  // a camera goes on giving pictures
+  navigator.mediaDevices.getUserMedia = async () => {
+    canvas.getContext("2d").fillRect(0, 0, 480, 480);
+    return canvas.captureStream(20);
+  };
+"""
+
+
+@pytest.fixture
+def files(tmp_path) -> list[Path]:
+    """Some of the photographs, as files."""
+    paths = [tmp_path / f"view {i}.png" for i in range(4)]
+    for i, path in enumerate(paths):
+        path.write_bytes(png(i))
+    return paths
+
+
+@pytest.fixture
+def page(browser, server):
+    """The tab, empty; errors of the page fail the test."""
+    viewport = {"width": 1280, "height": 900}
+    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    problems = []
+    page.on("pageerror", lambda e: problems.append(str(e)))
+    page.add_init_script(CAMERA_OF_PICTURES)
+    page.goto(f"{server}#tab=calibrate")
+    page.get_by_text("Drop pictures of a board here").wait_for()
+    for name, value in (("Columns", 7), ("Rows", 5), ("Square, mm", 40)):
+        page.get_by_label(name, exact=True).fill(str(value))
+    page.get_by_label("Model").select_option("unified")
+    yield page
+    context.close()
+    assert problems == []
+
+
+def button(page, name: str):
+    return page.get_by_role("button", name=name, exact=True)
+
+
+def begin(page):
+    """The button that begins a calibration; the tab is called the same."""
+    return page.locator("#calibrate aside").get_by_role("button", name="Calibrate", exact=True)
+
+
+def add(page, paths) -> None:
+    """Hand over pictures, and wait until each was looked at, and all of them together."""
+    page.set_input_files("#calibrate-files", paths)
+    page.wait_for_function(
+        f"""(count) => {{ const tab = {TAB};
+        return tab.shots.all.length >= count && tab.shots.waiting === 0 && tab.shots.all.every((s) => s.thumbnail)
+          && tab.together?.reasons.length === tab.shots.all.filter((s) => s.seen).length; }}""",
+        arg=len(paths),
+    )
+
+
+def calibrate(page) -> dict:
+    """Press the button, and wait for the report."""
+    begin(page).click()
+    page.wait_for_function(f"{TAB}.report !== null")
+    return page.evaluate(f"{TAB}.found")
+
+
+def downloaded(page, name: str) -> str:
+    with page.expect_download() as download:
+        button(page, name).click()
+    return Path(download.value.path()).read_text()
+
+
+def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(page, files):
+    add(page, files[:3])
+    corners = page.locator("#calibrate .shots path.corners")
+    assert corners.count() == 3
+    drawn = page.evaluate(f"{TAB}.shots.all[1].seen.corners_px")
+    expected = om.find_board(photograph(1).picture, BOARD).corners_px
+    np.testing.assert_allclose(drawn, expected, atol=1e-3)
+    assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # a cross each
+    found = calibrate(page)
+    headline = page.locator("#calibrate .headline").inner_text()
+    assert f"{found['rms_px']:.3g}" in headline
+    assert found["rms_px"] < 0.15
+    camera = parse_camera(downloaded(page, "Camera file"))
+    assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
+    assert "Calibration: unified" in downloaded(page, "Report")
+    page.reload()
+    page.locator("#calibrate .headline").wait_for()
+    assert page.evaluate(f"{TAB}.found") == found
+    page.locator("#calibrate .shots button").nth(2).click()
+    page.get_by_text("straightened: its corners lie at most").wait_for()
+    assert (
+        page.get_by_alt_text("The board, straightened").evaluate("(i) => i.decode().then(() => i.naturalWidth)") > 200
+    )
+    assert page.locator("#calibrate .whole .residuals").get_attribute("d").count("L") == 35
+    button(page, "Look through it").click()
+    page.wait_for_function(
+        "window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'"
+    )
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id.startsWith('file:')")
+    page.locator("#view").wait_for()
+    centre = page.evaluate("window.omnimirror.look.sensor.camera.model.centre_px")
+    np.testing.assert_allclose(centre, camera.centre_px, atol=0.01)
+
+
+@pytest.mark.full
+def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(page, files):
+    add(page, files[:3])
+    found = calibrate(page)
+    page.reload()
+    page.locator("#calibrate .headline").wait_for()
+    assert page.evaluate(f"{TAB}.found") == found
+    assert page.get_by_label("Columns", exact=True).input_value() == "7"
+    assert [s["name"] for s in page.evaluate(f"{TAB}.shots.all")] == [p.name for p in files[:3]]
+    page.locator("#calibrate .shots button").first.click()
+    button(page, "Take it out").click()
+    page.locator("#calibrate .headline").wait_for(state="detached")
+    assert page.evaluate(f"{TAB}.shots.all.length") == 2
+    button(page, "Clear").click()
+    page.reload()
+    page.get_by_text("Drop pictures of a board here").wait_for()
+
+
+SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # it never answers
+
+
+@pytest.mark.full
+def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(page, files):
+    add(page, files[:3])
+    kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
+    page.reload()
+    page.wait_for_function(f"{TAB}?.shots.found.length === 3")
+    page.evaluate(SLOW)
+    page.get_by_label("Square, mm").fill("31")
+    page.get_by_label("Square, mm").blur()
+    page.wait_for_function(f"{TAB}.shots.waiting === 0")
+    page.locator("#calibrate .shots button").first.click()
+    button(page, "Take it out").click()
+    page.set_input_files("#calibrate-files", files[3])
+    page.wait_for_function(f"{TAB}.shots.all.length === 3")
+    page.reload()
+    page.get_by_text(f"The page was left before the browser had kept {files[3].name}; add it again.").wait_for()
+    assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
+    assert page.get_by_label("Square, mm").input_value() == "31"
+
+
+CHANGED = """() => {
+  const picture = document.querySelector("#calibrate .shots button");
+  const square = [...document.querySelectorAll("#calibrate label")].find((l) => l.innerText.includes("Square")).control;
+  const before = picture.getBoundingClientRect();
+  square.value = "31";
+  square.dispatchEvent(new Event("change"));
+  const after = picture.getBoundingClientRect();
+  return [after.left - before.left, after.top - before.top];
+}"""
+
+
+@pytest.mark.full
+def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
+    """Leaving the field has all pictures looked at anew, between the press and its end."""
+    add(page, files[:3])
+    page.wait_for_function(f"{TAB}.together !== null")
+    page.locator("#calibrate .state").wait_for()
+    assert page.evaluate(CHANGED) == [0, 0]
+    page.wait_for_function(f"{TAB}.shots.found.length === 3")
+
+
+@pytest.mark.full
+def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
+    assert begin(page).is_disabled()
+    reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
+    assert "found in no picture yet; 3 are the fewest" in reason.inner_text()
+    (tmp_path / "dark.png").write_bytes(BLANK)
+    (tmp_path / "notes.png").write_text("no picture")
+    page.set_input_files("#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"])
+    page.locator("#calibrate .shots").get_by_text("notes.png is not a picture that can be read").wait_for()
+    page.locator("#calibrate .shots").get_by_text("The picture is blank").wait_for()
+    page.get_by_text("found in one picture yet; 3 are the fewest").wait_for()
+    page.get_by_label("Columns", exact=True).fill("6")
+    page.keyboard.press("Tab")
+    page.locator("#calibrate .shots").get_by_text("A board of 7 x 5 corners was found, and one of 6 x 5").wait_for()
+    page.get_by_label("Columns", exact=True).fill("0")
+    page.keyboard.press("Tab")
+    page.get_by_text("A board has 2 to 200 columns and rows").wait_for()
+    assert reason.inner_text() == "Say first which board it is."
+
+
+@pytest.mark.full
+def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(page, files):
+    add(page, files)
+    press = """(name) => new MutationObserver((_, observer) => {
+      const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
+      if (!words.some((text) => /^Fitting/.test(text))) return;
+      observer.disconnect();
+      [...document.querySelectorAll("#calibrate button")].find((b) => b.textContent === name).click();
+    }).observe(document.querySelector("#calibrate aside"), { subtree: true, childList: true, characterData: true })"""
+    page.evaluate(press, "Cancel")
+    begin(page).click()
+    page.get_by_text("Cancelled.").wait_for()
+    assert page.evaluate(f"{TAB}.found") is None
+    assert begin(page).is_enabled()
+    page.get_by_label("Model").select_option("auto")
+    page.evaluate(press, "Stop, and keep what is found")
+    found = calibrate(page)
+    assert not found["is_complete"]
+    page.get_by_text("It was stopped before the end").wait_for()
+
+
+@pytest.mark.long
+def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
+    button(page, "Use the webcam").click()
+    page.locator("#calibrate video").wait_for()
+    taken = f"{TAB}.shots.found.length"
+    advice = page.locator("#calibrate .webcam .advice")
+    for count, number in enumerate((0, 4), 1):
+        page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
+        page.wait_for_function(f"{taken} === {count}")
+        page.wait_for_function("document.querySelector('#calibrate .live path.corners')?.getAttribute('d')")
+    page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(0)).decode())  # there already
+    page.wait_for_function("document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')")
+    assert page.evaluate(taken) == 2
+    wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
+    assert wanted.count("Z") > 8  # parts of the field that no board has covered
+    button(page, "Take a picture").click()
+    page.wait_for_function(f"{TAB}.shots.all.length === 3")
+    assert advice.inner_text()
+    button(page, "Close the webcam").click()
+    assert page.locator("#calibrate video").count() == 0
+    stored = [photograph(n).picture for n in (0, 4)]
+    assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
+
+
+DRAWN_LATE = """() => {
+  const draw = CanvasRenderingContext2D.prototype.drawImage;
+  let late = 3;
+  CanvasRenderingContext2D.prototype.drawImage = function (what, ...where) {
+    if (!(what instanceof HTMLVideoElement) || late-- <= 0) draw.call(this, what, ...where);
+  };
+}"""
+
+
+def test_a_video_gives_pictures(page, tmp_path):
+    """Also where the browser has nothing to draw yet just after a seek, as busy ones."""
+    page.evaluate(DRAWN_LATE)
+    path = tmp_path / "ride.webm"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libvpx", rate=4, options={"crf": "4", "b": "6M"})
+        stream.width, stream.height, stream.pix_fmt = 480, 480, "yuv420p"
+        for number in (0, 4):
+            picture = cv2.cvtColor(photograph(number).picture, cv2.COLOR_GRAY2RGB)
+            for _ in range(2):
+                out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    page.set_input_files("#calibrate-files", path)
+    page.wait_for_function(f"{TAB}.shots.all.length >= 2 && {TAB}.shots.waiting === 0")
+    shots = page.evaluate(f"{TAB}.shots.all")
+    assert shots[0]["name"] == "ride.webm at 0.25 s"
+    assert [len(s["seen"]["ids"]) for s in shots] == [35] * len(shots)
+    assert "ride.webm --board 7x5" in page.locator("#calibrate .command code").inner_text()
+
+
+@pytest.mark.full
+@pytest.mark.skipif(not KAIDAN.is_dir(), reason=f"the photographs are not in {SHARED}")
+def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
+    for name, value in (("Columns", 11), ("Rows", 7), ("Square, mm", 30)):
+        page.get_by_label(name, exact=True).fill(str(value))
+    add(page, [KAIDAN / "KaidanOmni12.jpg"])
+    page.get_by_text("The mirror's rim: 22").wait_for()
+    assert page.get_by_label("Begin at the rim").is_checked()
+    code = page.locator("#calibrate .command code").inner_text()
+    assert "--rim-radius-px 22" in code
+    page.locator("#calibrate .shots button").first.click()
+    radius = float(page.locator("#calibrate .whole circle.rim").get_attribute("r"))
+    assert 222.0 < radius < 225.0
+
+
+def serious(page) -> dict:
+    """What axe finds, in light and in dark."""
+    found = {}
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        said = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
+        found |= {v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")}
+    return found
+
+
+@pytest.fixture
+def axe(page) -> None:
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: npm install in web/")
+    page.add_script_tag(path=AXE)
+
+
+@pytest.mark.full
+def test_axe_finds_nothing_serious(page, axe):
+    assert serious(page) == {}
+
+
+@pytest.mark.full
+def test_axe_finds_nothing_serious_in_a_result_and_nothing_lies_beside_windows_of_any_width(page, axe, files):
+    add(page, files)
+    calibrate(page)
+    page.locator("#calibrate .shots button").nth(1).click()
+    page.get_by_text("straightened: its corners lie at most").wait_for()
+    assert serious(page) == {}
+    for width in (360, 900, 2560):
+        page.set_viewport_size({"width": width, "height": 800})
+        page.wait_for_function("(width) => innerWidth === width", arg=width)
+        wide = page.evaluate(
+            """() => [...document.querySelectorAll("#calibrate *")].filter((e) => !e.closest(".table, svg") &&
+            e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 120))"""
+        )
+        assert wide == []
+        assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -1,0 +1,123 @@
+"""How a server ends: by Ctrl-C and by SIGTERM, at once, whatever is open."""
+
+from __future__ import annotations
+
+import gc
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import omnimirror as om
+from omnimirror.optics.sensor_files import tables_of
+from tests.serving import served
+
+from .pictures import video_of
+
+
+def until_it_listens(port: int) -> None:
+    while True:
+        with socket.socket() as probe:
+            if not probe.connect_ex(("127.0.0.1", port)):
+                return
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        pytest.param(signal.SIG_DFL, id="in the foreground", marks=pytest.mark.full),
+        pytest.param(signal.SIG_IGN, id="as a job of a script"),
+    ],
+)
+def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
+    from websockets.sync.client import connect
+
+    video = video_of(tmp_path / "ride.mp4", 100)
+    words = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, before),
+    ) as server:  # fmt: skip
+        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
+        until_it_listens(port)
+        head = f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
+        with (
+            connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
+            socket.create_connection(("127.0.0.1", port)) as upload,
+            socket.create_connection(("127.0.0.1", port)),
+        ):
+            stream.send("next")
+            assert stream.recv()
+            upload.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
+            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it waits for the rest now
+            upload.sendall(b"abc")
+            server.send_signal(signal.SIGINT)
+            said = server.communicate()
+        assert server.returncode == 130
+        assert said == ("", "\nomnimirror: stopped\n")
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that any thread of a process has started."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for found in lists for child in found.read_text().split()]
+
+
+def is_running(pid: int) -> bool:
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+def test_sigterm_ends_the_server_and_its_searches():
+    from websockets.sync.client import connect
+
+    task = {
+        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "requirements": None, "terms": 12,
+        "object_distance_mm": None, "merit": "worst_blur_deg", "shape": "spline", "starts": 8,
+    }  # fmt: skip
+    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
+        # the address can be opened once it is printed
+        with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:
+            socket.send(json.dumps(task))
+            while not (searches := children_of(server.pid)):
+                time.sleep(0.01)
+            server.send_signal(signal.SIGTERM)
+            said = server.communicate()
+    assert server.returncode == 128 + signal.SIGTERM
+    assert said == ("", "omnimirror: stopped\n")
+    assert not any(map(is_running, searches))
+
+
+@pytest.mark.full
+def test_what_does_not_end_is_cut_off_and_leaves_no_socket_open():
+    """A client that reads nothing of a long answer keeps its connection for longer than a server waits at its end."""
+
+    async def endless(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            return
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        while True:
+            await send({"type": "http.response.body", "body": bytes(1 << 20), "more_body": True})
+
+    gc.collect()
+    with warnings.catch_warnings(record=True) as caught, socket.socket() as client:
+        warnings.simplefilter("always", ResourceWarning)
+        with served(endless) as address:
+            host, port = address.removeprefix("http://").rstrip("/").split(":")
+            client.connect((host, int(port)))
+            client.sendall(f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
+            assert client.recv(12) == b"HTTP/1.1 200"
+        gc.collect()
+    assert [str(w.message) for w in caught if issubclass(w.category, ResourceWarning)] == []

@@ -1,0 +1,95 @@
+"""The studio's page in Firefox: what is seen there is what Python computes, and nothing fails on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio import page_alone
+from omnimirror.apps.studio.look import alone
+from omnimirror.io import read_image, write_image
+from omnimirror.optics.mirrors import Sphere
+
+from .browser import command, drawn
+from .firefox import running
+from .pictures import pattern, psnr, python_view
+
+LOOK, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.bench"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with running(tmp_path_factory.mktemp("firefox")) as page:
+        page.size(1280, 900)
+        yield page
+        assert page.problems == []
+
+
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [
+        pytest.param("panorama", "a.png", marks=pytest.mark.full),
+        ("perspective", "b.jpg"),
+        pytest.param("dome", "c.png", marks=pytest.mark.full),
+    ],
+)
+def test_views_are_those_of_the_command_line(page, server, tmp_path, mode, name):
+    sensor = om.load_sensor("paper-spherical")
+    write_image(tmp_path / name, pattern(sensor.image_size))
+    page.go("about:blank")  # an address that differs in its # alone loads nothing
+    page.go(f"{server}#sensor=paper-spherical&mode={mode}&pan=40&tilt=10&hfov=70")
+    page.wait(f"{LOOK}.sensor.camera")
+    page.choose("#file", tmp_path / name)
+    page.wait(f"{LOOK}.feed?.name === {name!r}")
+    wanted = python_view(command(page, 240, 160), tmp_path)(read_image(tmp_path / name))
+    seen = drawn(page, 240, 160)
+    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    assert both.mean() > 0.4
+    assert psnr(seen[..., :3], wanted, both) > 40
+
+
+def test_a_slider_of_the_bench_moves_its_plots(page, server):
+    page.go("about:blank")
+    page.go(f"{server}#tab=design")
+    page.wait(f"{BENCH}.found[0].facts")
+    before = page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]")
+    page.press('#bench input[type="range"]')
+    page.press('#bench input[type="number"]')
+    focused = "document.activeElement.matches('#bench input[type=number]')"
+    page.wait(focused)
+    page.keys("\ue009a\ue000", "45", "\ue007")  # Control and a, a number, Enter
+    page.wait(f"{BENCH}.found[0].facts.field_deg[1] !== {before}")
+    assert page.evaluate(f"{BENCH}.history.now.tables.mirror.radius_mm") == 45.0
+    sensor = om.load_sensor("paper-spherical")
+    sensor = replace(sensor, mirror=Sphere(45.0, sensor.mirror.rim_radius_mm))
+    assert page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]") == pytest.approx(sensor.field_deg[1])
+    drawn_curves = "[...document.querySelectorAll('#bench .uplot canvas')].filter((c) => c.width > 0).length"
+    assert page.evaluate(drawn_curves) >= 8
+
+
+def test_the_calibrate_tab_opens(page, server):
+    page.go("about:blank")
+    page.go(f"{server}#tab=calibrate")
+    page.wait("document.querySelector('#calibrate .desk')")
+    assert page.evaluate("document.querySelector('#banner').hidden")
+
+
+def test_a_page_without_a_server_looks_and_designs(page, tmp_path):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(alone, "SHOWN_SAMPLES", 1)
+        patch.setattr(alone, "Room", lambda: om.Room(texel_mm=40.0))
+        (tmp_path / "look.html").write_text(page_alone(["paper-spherical"]), encoding="utf-8")
+    page.go((tmp_path / "look.html").as_uri())
+    page.wait(f"{LOOK}.sensor.camera")
+    page.press("#try")
+    page.wait(f"{LOOK}.feed")
+    assert (drawn(page, 200, 100)[..., 3] > 0).mean() > 0.5
+    page.press('#tabs button[value="design"]')
+    page.wait(f"{BENCH}.found[0].facts")
+    curve = page.evaluate(f"[...{BENCH}.found[0].block('curves').column('blur_s_px')]")
+    sensor = om.load_sensor("paper-spherical")
+    wanted = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(curve))).blur_s_px
+    np.testing.assert_allclose(curve, wanted, rtol=1e-6, atol=1e-5)

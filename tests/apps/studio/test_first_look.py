@@ -1,0 +1,76 @@
+"""The first look at a picture: its mirror is found by itself, and what took it is asked once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimirror.io import write_image
+
+from .browser import drop, look, open_page
+from .pictures import pattern
+
+CIRCLE = [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A mirror off the middle of its picture, the same in other light, and no mirror."""
+    folder = tmp_path_factory.mktemp("pictures")
+    v, u = np.mgrid[:480, :700]
+    turn = np.arctan2(v - 215, u - 390)
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
+    write_image(folder / "ball.png", disc.astype(np.uint8))
+    write_image(folder / "evening.png", (0.8 * disc[:470]).astype(np.uint8))
+    write_image(folder / "waves.png", pattern((500, 400)))
+    return folder
+
+
+@pytest.fixture
+def page(browser, server):
+    page = open_page(browser, server, 1000, 900)
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+def state(page) -> dict:
+    return page.evaluate("window.omnimirror.store.state")
+
+
+def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
+    """A ball of one's own in two presses: its file, and the answer."""
+    drop(page, folder / "ball.png")
+    page.get_by_text("The mirror was found in it").wait_for()
+    assert state(page)["rim"] == CIRCLE
+    page.get_by_role("button", name="A mirror ball").click()
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
+    assert state(page)["rim"] == CIRCLE
+    assert (state(page)["looks"], state(page)["pan"]) == ("forward", -180)  # where who took it stands
+    assert page.locator("#ask").is_hidden()
+    page.get_by_text("The mirror was found by itself,").wait_for()
+    page.wait_for_function("document.querySelector('#command-line').textContent.includes('--ball 39')")
+    drop(page, folder / "evening.png")
+    page.wait_for_function("Math.abs(window.omnimirror.store.state.rim?.[0] - 390) < 1")
+    assert page.locator("#ask").is_hidden()  # it is known
+
+
+@pytest.mark.full
+def test_another_camera_keeps_the_circle_that_was_found(page, folder):
+    drop(page, folder / "ball.png")
+    page.wait_for_function("window.omnimirror.store.state.rim")
+    page.locator("#sensor").select_option("ball:340")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
+    page.wait_for_function("window.omnimirror.store.state.rim")
+    assert state(page)["rim"] == CIRCLE
+    look(page, rim=[380.0, 215.0, 180.0])
+    page.get_by_text("The mirror was found by itself,").wait_for(state="detached")
+
+
+def test_where_it_is_not_clear_it_is_asked(page, folder):
+    drop(page, folder / "waves.png")
+    page.get_by_text("Where the mirror ends is not clear").wait_for()
+    assert state(page)["rim"] is None
+    page.get_by_role("button", name="Set its edge by hand").click()
+    page.wait_for_selector("#overlay .handle")
+    assert page.locator("#ask").is_hidden()

@@ -1,0 +1,358 @@
+"""Invalid JSON on every route: the answer is 422 or a closed WebSocket, and nothing is logged."""
+
+from __future__ import annotations
+
+import json
+import logging
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from fastapi.routing import APIRoute
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+import omnimirror as om
+from omnimirror.apps.studio import framing
+from omnimirror.apps.studio.app import api, create_app
+from omnimirror.apps.studio.bench.messages import Trouble
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.base.files import MOST_NESTED
+from omnimirror.interop.http_server import request_bodies
+from omnimirror.optics.sensor_files import tables_of
+from tests.everyday import few
+from tests.serving import in_a_loop
+
+from .boards import ASKED, BLANK
+
+LOCAL = "http://127.0.0.1"
+TABLES = tables_of(om.load_sensor("paper-spherical"))
+FOLLOWS = {"tables": TABLES, "follows": False}
+DISTANCE = {"object_distance_mm": None}
+REQUIRED = {"field": {"omega_max_deg": 90.0}, "limits": [{"quantity": "length_mm", "at_most": 300.0}]}
+MOUNT = {"camera_looks": "up", "forward_azimuth_deg": -90.0, "image_flipped": False}
+FITTED = {
+    "id": "paper-spherical", "mount": MOUNT, "image_size": [64, 64], "centre_px": [31.5, 31.5], "rim_radius_px": 30.0,
+}  # fmt: skip
+SEEN = {
+    "name": "a.png", "image_size": [480, 480], "ids": [0, 1], "corners_px": [[1.0, 2.0], [3.0, 4.0]],
+    "sigma_px": [0.1, 0.1], "reason": None, "blur_px": 1.0, "is_reversed": None, "begins_white": None,
+    "is_part": False, "time_s": None,
+}  # fmt: skip
+PLACE = {
+    "picture": "a.png", "rotation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "shift_mm": [0.0, 0.0, 300.0],
+    "low_mm": [0.0, 0.0], "high_mm": [90.0, 60.0], "margin_mm": 5.0, "px_per_mm": 1.0, "is_upwards": True,
+}  # fmt: skip
+SLIDES = [{"path": ["lens", "focal_length_mm"], "values": [11.0, 12.0]}]
+ALLOWED = [{"name": "decentre_mm", "tolerance": 0.1}]
+
+BODIES: dict[str, Any] = {
+    "/api/sensor-file": FITTED,
+    "/api/bench/slides": {**FOLLOWS, "requirements": REQUIRED, "slides": SLIDES},
+    "/api/bench/change": {"tables": TABLES, **DISTANCE, "what": "mirror", "to": "cone"},
+    "/api/bench/making": {"tables": TABLES, **DISTANCE, "kind": "table"},
+    "/api/bench/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
+    "/api/bench/requirements": {"tables": TABLES, "requirements": REQUIRED},
+    "/api/bench/picture": {"tables": TABLES, "width_px": 32, "samples": 1},
+    "/api/bench/errors": {"tables": TABLES},
+    "/api/bench/built": {"tables": TABLES, "values": {"decentre_mm": 0.1}, "refocus": "none"},
+    "/api/bench/yield": {
+        "tables": TABLES, "errors": ALLOWED, "refocus": "none", "merit": "worst_blur_px", "limit": 3.0, "trials": 1,
+        "seed": 0,
+    },
+    "/api/calibrate/together": {
+        "board": ASKED, "pictures": [SEEN], "centre_px": None, "radius_px": None, "candidate": None,
+    },
+}  # fmt: skip
+BEFORE_FILES: dict[str, Any] = {
+    "/api/level": {**FITTED, "name": "a.png"},
+    "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
+    "/api/calibrate/straight": {"camera_file": "", "place": PLACE, "name": "a.png"},
+}
+"""Messages that stand before a file in the body."""
+FILES = {"/api/sensors", "/api/bench/open", "/api/pictures", "/api/rim", "/api/calibrate/look"}
+"""Routes whose body is a file."""
+SOCKETS: dict[str, Any] = {
+    "/api/bench/ask": {
+        "slot": 0, "number": 1, **FOLLOWS, **DISTANCE, "section": False, "squares": False, "requirements": REQUIRED,
+    },
+    "/api/bench/work": {
+        "what": "design", "tables": TABLES, "requirements": REQUIRED, **DISTANCE, "merit": "worst_blur_deg",
+        "shape": "spline", "terms": 1, "starts": 1,
+    },
+    "/api/calibrate/work": {
+        "board": ASKED, "pictures": 2, "model": "unified", "optics": "mirror", "camera_looks": "up",
+        "image_flipped": False, "centre_px": None, "rim_radius_px": None, "flat_board": True, "command": "",
+    },
+}  # fmt: skip
+
+NOT_JSON = {
+    "NaN": "NaN", "infinity": "Infinity", "minus infinity": "-Infinity", "overflow": "1e999",
+    "lone surrogate": '"\\ud800"', "surrogate as a name": '{"\\udfff": 1}', "400 digits": "1" + "0" * 400,
+    "5000 digits": "7" * 5000, "65 bits": str(2**64), "deep list": "[" * 99 + "]" * 99, "bottomless": "[" * 100_000,
+    "deep table": '{"a":' * 99 + "1" + "}" * 99, "name twice": '{"a": 1, "a": 2}', "comment": "1 // one",
+}  # fmt: skip
+"""Values that make a body invalid wherever they stand."""
+UNEXPECTED = [
+    "null", "true", '"x"', '"nan"', '"inf"', '"-Infinity"', '"1e999"', "-1", "0", "1e308", "-1e308", "5e-324", "0.5",
+    "9223372036854775807", "[]", "{}", "[[]]", '[{"a": [1]}]', '""', '"\\u0000"', json.dumps("𝒳" * 5000),
+]  # fmt: skip
+"""Valid JSON of other types and magnitudes."""
+
+
+def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Paths of all values in JSON data."""
+    yield path
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in parts:
+        yield from paths(part, (*path, key))
+
+
+def with_raw(value: Any, path: tuple[Any, ...], raw: str) -> str:
+    """The JSON text of data with raw text in place of one value."""
+
+    def replaced(part: Any, rest: tuple[Any, ...]) -> Any:
+        if not rest:
+            return "@here@"
+        copy = dict(part) if isinstance(part, dict) else list(part)
+        copy[rest[0]] = replaced(part[rest[0]], rest[1:])
+        return copy
+
+    return json.dumps(replaced(value, path)).replace('"@here@"', raw)
+
+
+def broken(sample: Any) -> list[bytes]:
+    """Bodies that are not JSON at all: cut off, in another encoding, continued."""
+    text = json.dumps(sample).encode()
+    cut = [text[:length] for length in (0, 1, len(text) // 2, len(text) - 1)]
+    return [*cut, text + b"]", b"\xff" + text, text.replace(b'"', b'"\xc3\x28', 1), text.decode().encode("utf-16")]
+
+
+def everyday_paths(sample: Any) -> list[tuple[Any, ...]]:
+    """The whole, the first entry and the deepest."""
+    found = list(paths(sample))
+    return [(), found[1], max(found, key=len)]
+
+
+def framed(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text + BLANK
+
+
+def frame(path: str, text: bytes) -> bytes:
+    """The body of a request to a route."""
+    return framed(text) if path in BEFORE_FILES else text
+
+
+ALL = BODIES | BEFORE_FILES
+
+
+@pytest.fixture(scope="module")
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:  # raises what a server would log
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def quiet_log(caplog):
+    """Nothing is logged that a test does not expect."""
+    caplog.set_level(logging.WARNING)
+    yield
+    assert not caplog.records
+
+
+def posted(client: TestClient, path: str, body: bytes, kind: str = "application/json") -> Any:
+    return client.post(path, content=body, headers={"content-type": kind})
+
+
+def check_refusal(answer: Any) -> None:
+    assert answer.status_code == 422, answer.text
+    detail = answer.json()["detail"]
+    assert isinstance(detail, str)
+    assert "\n" not in detail
+
+
+def test_every_route_with_a_body_is_tried():
+    routes = [route for route in api(Studio()).routes if isinstance(route, APIRoute)]
+    posts = {route.path for route in routes if "POST" in route.methods}
+    assert posts == set(ALL) | FILES
+    sockets = {route.path for route in api(Studio()).routes} - {route.path for route in routes}
+    assert {path for path in sockets if path.startswith("/api")} == {*SOCKETS, "/api/stream"}
+
+
+@pytest.mark.parametrize("path", ALL)
+def test_invalid_json_is_refused(path, client):
+    sample = ALL[path]
+    for body in broken(sample):
+        check_refusal(posted(client, path, frame(path, body)))
+    for where in everyday_paths(sample):
+        for raw in NOT_JSON.values():
+            check_refusal(posted(client, path, frame(path, with_raw(sample, where, raw).encode())))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("path", ALL)
+def test_invalid_json_is_refused_wherever_it_stands(path, client):
+    for where in paths(ALL[path]):
+        for raw in NOT_JSON.values():
+            check_refusal(posted(client, path, frame(path, with_raw(ALL[path], where, raw).encode())))
+
+
+@pytest.mark.parametrize(
+    "path", few(ALL, "/api/sensor-file", "/api/bench/change", "/api/bench/requirements", "/api/calibrate/together")
+)
+def test_unexpected_values_are_refused_or_answered(path, client, request):
+    sample = ALL[path]
+    is_full = request.node.get_closest_marker("full") is not None
+    for where in paths(sample):
+        for raw in UNEXPECTED if is_full else UNEXPECTED[::4]:
+            answer = posted(client, path, frame(path, with_raw(sample, where, raw).encode()))
+            assert answer.status_code in (200, 400, 404, 422), (where, raw[:40], answer.text)
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/octet-stream", "application/x-www-form-urlencoded", ""])
+def test_bodies_of_other_types_are_refused(kind, client):
+    for path in BODIES:
+        for body in (b"\xff\xfe", json.dumps(BODIES[path]).encode(), b"a=b"):
+            check_refusal(posted(client, path, body, kind))
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-Infinity", "1e999", "9" * 5000, "", b"\xed\xa0\x80"])
+def test_parameters_that_are_no_finite_numbers_are_refused(value, client):
+    for name in ("forward_azimuth_deg", "pitch_deg", "roll_deg"):
+        check_refusal(client.get("/api/camera", params={"id": "paper-spherical", name: value}))
+    for name in ("columns", "square_mm", "spacing"):
+        check_refusal(client.post("/api/calibrate/look", params={**ASKED, name: value}, content=BLANK))
+
+
+@pytest.mark.parametrize("path", SOCKETS)
+def test_invalid_messages_close_a_socket(path, client):
+    sample = SOCKETS[path]
+    texts = [with_raw(sample, where, raw) for where in everyday_paths(sample) for raw in NOT_JSON.values()]
+    texts += [body.decode("latin-1") for body in broken(sample)] + ["[]", "{}", '{"slot": "nan"}', "\x00"]
+    for message in [*texts, b"\xff", json.dumps(sample).encode()]:
+        with client.websocket_connect(f"ws://127.0.0.1{path}") as socket:
+            (socket.send_text if isinstance(message, str) else socket.send_bytes)(message)
+            with pytest.raises(WebSocketDisconnect) as closed:
+                socket.receive_text()
+            assert closed.value.code == 1003
+            assert 0 < len(closed.value.reason.encode()) <= 123
+
+
+# -- the parser itself -------------------------------------------------------------------------------
+
+
+def nested(levels: int) -> str:
+    return "[" * levels + "1" + "]" * levels
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "null",
+        '"Größe 🪞"',
+        '{"a": [1, -2.5, true, {"b": null}]}',
+        f"[{2**63 - 1}, {-(2**63)}, 1e308]",
+        nested(MOST_NESTED),
+    ],
+)
+def test_json_is_parsed_as_python_parses_it(text):
+    assert request_bodies.parse_body(text) == request_bodies.parse_body(text.encode()) == json.loads(text)
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        (b"\xff", "the body must be JSON in UTF-8"),
+        (b'{"a": }', "the body must be JSON: Expecting value at character 6"),
+        (b"", "the body must be JSON: Expecting value at character 0"),
+        (nested(MOST_NESTED + 1), f"the body must have at most {MOST_NESTED} nested levels"),
+        (nested(200_000), f"the body must have at most {MOST_NESTED} nested levels"),
+        ("9" * 5000, "the body must hold integers of at most 64 bits"),
+        (f'{{"a": [{2**63}]}}', f"the body must hold integers of at most 64 bits; got {2**63}"),
+        (f"[[{-(2**63) - 1}]]", f"the body must hold integers of at most 64 bits; got {-(2**63) - 1}"),
+        ("[1e999]", "the body must hold finite numbers; got inf"),
+        ('{"a": {"b": -Infinity}}', "the body must hold finite numbers; got -inf"),
+        ('["\\ud800"]', "the body must hold whole characters; got the surrogate in '\\ud800'"),
+        ('{"\\ud800": 1}', "the body must hold whole characters; got the surrogate in '\\ud800'"),
+        ('{"a": 1, "b": 2, "b": 3}', "the body must hold every name once; got 'b' again"),
+        ('{"a": 1, "a": 1}', "the body must hold every name once; got 'a' again"),
+    ],
+)
+def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
+    with pytest.raises(request_bodies.InvalidMessage) as refused:
+        request_bodies.parse_body(body)
+    assert str(refused.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("message", "sentence"),
+    [
+        ({"sentence": "no"}, "path must be given"),
+        ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"),
+        ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"),
+        ([], "the body must be a valid dictionary or instance of Trouble; got []"),
+    ],
+)
+def test_an_entry_that_is_not_valid_is_named(message, sentence):
+    with pytest.raises(request_bodies.InvalidMessage) as refused:
+        request_bodies.parse_message(json.dumps(message), Trouble)
+    assert str(refused.value) == sentence
+
+
+def test_the_first_invalid_entry_is_named_without_the_part_of_the_request():
+    entry = {"type": "value_error", "loc": ("body", "lens", 2, "kind"), "msg": "Value error, no lens", "input": "x"}
+    other = {"type": "missing", "loc": ("query", "id"), "msg": "Field required", "input": None}
+    assert request_bodies.validation_message([entry, other]) == "lens.2.kind is invalid: value error, no lens; got 'x'"
+    assert request_bodies.validation_message([other, entry]) == "id must be given"
+
+
+class Socket:
+    """One side of a WebSocket that has received a message."""
+
+    def __init__(self, message: dict[str, Any]) -> None:
+        self.message, self.closed = message, None
+
+    async def receive(self) -> dict[str, Any]:
+        return self.message
+
+    async def close(self, code: int, reason: str) -> None:
+        self.closed = code, reason
+
+
+def test_a_message_of_a_socket_is_text_or_the_end():
+    text = '{"path": [], "sentence": "no"}'
+    received = in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "text": text}), Trouble))
+    assert received == Trouble(path=(), sentence="no")
+    with pytest.raises(request_bodies.InvalidMessage, match="must be JSON text; got a binary one"):
+        in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "bytes": b"{}"}), Trouble))
+    for message, code in (({}, 1005), ({"code": 1001, "reason": "gone"}, 1001)):
+        with pytest.raises(WebSocketDisconnect) as ended:
+            in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.disconnect", **message}), Trouble))
+        assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
+
+
+def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_character():
+    """123 bytes: 61 letters of two bytes, and the half of the next left out."""
+    socket = Socket({})
+    in_a_loop(request_bodies.close_invalid(socket, request_bodies.InvalidMessage("ö" * 90)))
+    assert socket.closed == (1003, "ö" * 61)
+
+
+@pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
+def test_a_framed_message_is_read_by_the_documented_layout(sentence):
+    message, parts = Trouble(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
+    data = framing.framed(message, *parts)
+    (length,) = struct.unpack("<I", data[:4])
+    assert length % 4 == 0
+    assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "sentence": sentence}
+    assert len(data[4 : 4 + length].rstrip()) > length - 4
+    assert data[4 + length :] == b"".join(parts)
+    assert framing.unframed(data, Trouble) == (message, b"".join(parts))
+
+
+@pytest.mark.parametrize("size", range(5))
+def test_a_frame_without_a_message_is_refused(size):
+    with pytest.raises(request_bodies.InvalidMessage, match="length of a JSON message" if size < 4 else "must be JSON"):
+        framing.unframed(bytes(size), Trouble)

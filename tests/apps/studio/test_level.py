@@ -1,0 +1,141 @@
+"""Sensors that lean: their views, and the horizon dragged level."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.cameras.frames import Mount
+from omnimirror.io import write_image
+
+from .browser import command, coordinates, drop, look, open_page
+from .pictures import pattern, python_view
+
+SIZE = (120, 90)
+LEAN = {"pitch": 6.0, "roll": -4.0}
+
+
+@pytest.fixture
+def page(browser, server, tmp_path):
+    write_image(tmp_path / "picture.png", pattern((1024, 1024)))
+    page = open_page(browser, server, 920, 500, reduced_motion="reduce")
+    drop(page, tmp_path / "picture.png")
+    page.wait_for_selector("#view:visible")
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+def leaning(pitch: float, roll: float) -> om.Sensor:
+    return replace(om.load_sensor("paper-spherical"), mount=Mount(pitch_deg=pitch, roll_deg=roll))
+
+
+def mount_of(page) -> tuple[float, float]:
+    mount = page.evaluate("window.omnimirror.look.sensor.camera.model.mount")
+    return mount["pitch_deg"], mount["roll_deg"]
+
+
+def settled(page) -> None:
+    """Wait until the server's camera leans as the one that was dragged."""
+    page.wait_for_function("""() => {
+      const { look: { sensor }, store: { state } } = window.omnimirror;
+      return sensor.camera === sensor.fetched && state.pitch === sensor.camera.model.mount.pitch_deg
+        && state.roll === sensor.camera.model.mount.roll_deg;
+    }""")
+
+
+def place_of(page, pan: float, tilt: float) -> list[float]:
+    """Where a direction lies on the screen, in the panorama that is shown."""
+    return page.evaluate(
+        """([pan, tilt]) => {
+          const { look, store: { state } } = window.omnimirror;
+          const { tilt_min_deg: low, tilt_max_deg: high } = look.sensor.camera.model;
+          const box = document.querySelector("#view").getBoundingClientRect();
+          const x = (((pan - state.pan) / 360 + 1.5) % 1);
+          return [box.left + x * box.width, box.top + ((high - tilt) / (high - low)) * box.height];
+        }""",
+        [pan, tilt],
+    )
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("mode", ["panorama", "perspective"])
+def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, tmp_path):
+    look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
+    settled(page)
+    line = command(page, *SIZE)
+    assert "--level=6,-4" in line
+    found, wanted = coordinates(page, *SIZE), python_view(line, tmp_path).coordinates(exact=True)
+    both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
+    assert both.mean() > 0.5
+    assert np.linalg.norm(found - wanted, axis=-1)[both].max() < 0.02
+
+
+@pytest.mark.long
+def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
+    """What lies on the horizon in a picture taken out of plumb is dragged to the line, twice ahead and to the right."""
+    button = page.get_by_role("button", name="Drag the horizon")
+    button.click()
+    page.wait_for_selector("#horizon:visible")
+    truth = leaning(**LEAN)
+    for pan in (0.0, 90.0, 0.0, 90.0):
+        towards = np.array([np.cos(np.radians(pan)), -np.sin(np.radians(pan)), 0.0])
+        pixel = truth.project_directions(towards[None]).pixels  # the horizon in the picture
+        seen = leaning(*mount_of(page)).backproject(pixel).directions[0]  # and in the view, as it stands now
+        shown = np.degrees([np.arctan2(-seen[1], seen[0]), np.arcsin(seen[2])])
+        start, end = place_of(page, *shown), place_of(page, shown[0], 0.0)
+        page.mouse.move(*start)
+        page.mouse.down()
+        for share in (0.3, 0.7, 1.0):
+            page.mouse.move(*(np.array(start) + share * (np.array(end) - start)))
+        page.mouse.up()
+        settled(page)
+    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.1), pytest.approx(LEAN["roll"], abs=0.1))
+    state = page.evaluate("window.omnimirror.store.state")
+    assert (state["pan"], state["tilt"]) == (0, 0)
+    assert float(page.locator("#pitch").input_value()) == state["pitch"]
+    words = shlex.split(command(page, *SIZE))
+    assert f"--level={state['pitch']:g},{state['roll']:g}" in words
+    page.wait_for_function("location.hash.includes('pitch=')")
+    page.get_by_role("button", name="Plumb").click()
+    page.wait_for_function("window.omnimirror.store.state.pitch === 0")
+    settled(page)
+    assert mount_of(page) == (0, 0)
+    button.click()
+    page.wait_for_selector("#horizon", state="hidden")
+
+
+def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
+    page.get_by_role("button", name="Drag the horizon").click()
+    look(page, mode="perspective", tilt=10.0, hfov=60.0)
+    page.wait_for_function("""() => {
+      const view = document.querySelector("#view").getBoundingClientRect();
+      const line = document.querySelector("#horizon").getBoundingClientRect();
+      const focal = view.width / 2 / Math.tan(Math.PI / 6);
+      const wanted = view.top + view.height / 2 + focal * Math.tan(Math.PI / 18);
+      return line.width > 0 && Math.abs(line.top - wanted) < 2;
+    }""")
+
+
+@pytest.mark.full
+def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
+    """A room taken by a sensor out of plumb: against the lean that it was simulated with."""
+    write_image(tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
+    drop(page, tmp_path / "leaned.png")
+    page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")
+    page.get_by_role("button", name="Find level").click()
+    page.wait_for_function("window.omnimirror.store.state.pitch !== null")
+    settled(page)
+    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.3), pytest.approx(LEAN["roll"], abs=0.3))
+    page.get_by_role("status").filter(has_text="upright edges").wait_for()
+
+
+def test_where_too_little_stands_upright_no_level_is_found(page):
+    look(page, sensor="paper-hyperboloidal")
+    page.wait_for_function("window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'")
+    page.get_by_role("button", name="Find level").click()
+    page.get_by_role("status").filter(has_text="Too little stands upright").wait_for()

@@ -1,0 +1,263 @@
+"""What moves: videos, webcams, streams and what is recorded of them, and fingers on the view."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio import video_viewer_of
+from omnimirror.apps.studio.look import viewer
+from omnimirror.apps.studio.look.sources import Sources
+from omnimirror.apps.studio.studio import Studio
+from tests.commands import fails, omnimirror
+from tests.io.live.test_live import HEAD, paced
+from tests.io.live.test_live import server as streaming
+from tests.io.synthetic import make_video
+
+from .browser import command, drawn, look, open_page, serving
+from .pictures import video_of
+
+BALL = "31.5,23.5,23,280"  # in the videos of 64 x 48 px
+SHADES = (20, 235)
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory) -> Path:
+    """A video as browsers play it: dark for a second, then light for a second."""
+    path = tmp_path_factory.mktemp("film") / "ride.mp4"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=10, options={"g": "1"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(20):
+            picture = np.full((48, 64, 3), SHADES[i // 10], np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    return path
+
+
+COUNT_CHANGES = """
+window.changes = 0;
+let before = null;
+const look = () => {
+  const shade = window.omnimirror.look.feed.video.currentTime < 1;
+  if (shade !== before) window.changes += 1;
+  before = shade;
+  requestAnimationFrame(look);
+};
+look();
+"""  # from dark to light and back
+
+
+def shows(page, name: str) -> None:
+    page.wait_for_function(f"window.omnimirror.look.feed?.name === {name!r}")
+    page.wait_for_selector("#view:visible")
+
+
+def shade(page) -> float:
+    """How light the middle of the view is."""
+    return float(np.median(drawn(page, 40, 30)[8:22, 10:30, :3]))
+
+
+def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(browser, server, film, tmp_path):
+    page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40")
+    page.set_input_files("#file", film)
+    shows(page, "ride.mp4")
+    look(page, rim=[31.5, 23.5, 23])
+    page.get_by_role("button", name="Pause").click()
+    for second, expected in ((0.5, SHADES[0]), (1.5, SHADES[1])):
+        page.evaluate(
+            "(s) => { const t = document.querySelector('#time'); t.value = s; t.dispatchEvent(new Event('input')); }",
+            second,
+        )
+        page.wait_for_function("!window.omnimirror.look.feed.video.seeking")
+        while shade(page) != pytest.approx(expected, abs=6):  # the frame comes after the seeking
+            page.wait_for_timeout(20)
+    assert page.locator("#time-words").inner_text() == "0:01 of 0:02"
+    page.locator("#view").focus()
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="Pause").wait_for()
+
+    line = command(page, 40, 30)
+    (tmp_path / film.name).write_bytes(film.read_bytes())
+    run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    with av.open(str(tmp_path / "perspective.mp4")) as made:
+        frames = [f.to_ndarray(format="gray") for f in made.decode(video=0)]
+    assert len(frames) == 20
+    assert [np.median(f[8:22, 10:30]) for f in (frames[5], frames[15])] == pytest.approx(SHADES, abs=6)
+    page.context.close()
+
+
+def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
+    page_file = tmp_path / "ride.html"
+    run = omnimirror("dewarp", film, "--ball", BALL, "--viewer", page_file)
+    assert run.returncode == 0, run.stderr
+    page = open_page(browser, f"{page_file.as_uri()}#mode=perspective&tilt=-60&hfov=40")
+    shows(page, "ride.mp4")
+    assert shade(page) in (pytest.approx(SHADES[0], abs=6), pytest.approx(SHADES[1], abs=6))
+    page.context.close()
+
+
+@pytest.mark.full
+def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(browser, film, tmp_path, monkeypatch):
+    monkeypatch.setattr(viewer, "LARGEST_INSIDE", 100)
+    beside = tmp_path / "my rides" / film.name
+    beside.parent.mkdir()
+    beside.write_bytes(film.read_bytes())
+    camera = om.MirrorBall((31.5, 23.5), 23.0, 280.0, (64, 48))
+    page_file = tmp_path / "ride.html"
+    page_file.write_text(video_viewer_of(camera, "ball", ("--ball", BALL), beside, page_file))
+    assert '"media":"my%20rides/ride.mp4"' in page_file.read_text()
+    page = open_page(browser, page_file.as_uri())
+    page.get_by_text("Drop ride.mp4 here").wait_for()
+    page.set_input_files("#file", beside)
+    shows(page, "ride.mp4")
+    page.wait_for_function("location.hash.includes('source=kept')")
+    page.reload()
+    shows(page, "ride.mp4")
+    assert page.problems == []
+    page.context.close()
+
+
+def test_videos_that_browsers_do_not_play_are_refused(film, tmp_path):
+    old = video_of(tmp_path / "old.mp4")
+    assert "mpeg4, which browsers do not play" in fails("dewarp", old, "--ball", BALL, "--viewer", tmp_path / "v.html")
+    assert "the camera's have 1024 x 1024" in fails(
+        "dewarp", film, "--sensor", "paper-spherical", "--viewer", tmp_path / "v.html"
+    )
+    assert "valid are .mp4" in fails(
+        "dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "--viewer", tmp_path / "v.html"
+    )
+    assert not (tmp_path / "v.html").exists()
+
+
+SMALL_CAMERA = """
+const asked = MediaDevices.prototype.getUserMedia;
+MediaDevices.prototype.getUserMedia = function ({ video }) {
+  return asked.call(this, { video: { ...video, width: 320, height: 240 } });
+};
+"""  # software is slow with pictures of full size
+
+
+def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, server):
+    page = open_page(browser, f"{server}#sensor=ball:280", script=SMALL_CAMERA, permissions=["camera"])
+    page.get_by_role("button", name="Webcam").click()
+    page.wait_for_selector("#webcams:visible")
+    first = page.evaluate("window.omnimirror.look.feed.device")
+    other = page.evaluate(
+        "(d) => [...document.querySelector('#webcams').options].find((o) => o.value !== d).value", first
+    )
+    page.select_option("#webcams", other)
+    page.wait_for_function("(d) => window.omnimirror.look.feed.device === d", arg=other)
+    assert command(page, 40, 30).startswith("omnimirror dewarp 1 ")
+    page.wait_for_function("(d) => location.hash.includes(d)", arg=other)
+    name = page.evaluate("window.omnimirror.look.feed.name")
+    page.reload()  # after which some browsers call the same camera by another identity
+    page.wait_for_function("(n) => window.omnimirror?.look.feed?.name === n", arg=name)
+    assert page.problems == []
+    page.context.close()
+
+
+@pytest.mark.full
+def test_a_refused_webcam_is_said_and_the_picture_stays(browser_without_camera, server, film):
+    page = open_page(browser_without_camera, f"{server}#sensor=ball:280")
+    page.set_input_files("#file", film)
+    shows(page, "ride.mp4")
+    page.get_by_role("button", name="Webcam").click()
+    page.wait_for_function("document.querySelector('#banner').textContent.startsWith('The camera was refused.')")
+    assert page.evaluate("window.omnimirror.look.feed.name") == "ride.mp4"
+    page.context.close()
+
+
+def test_what_is_recorded_is_a_video_of_the_view(browser, server, film, tmp_path):
+    page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380)
+    page.set_input_files("#file", film)
+    shows(page, "ride.mp4")
+    page.evaluate("window.omnimirror.look.feed.video.playbackRate = 4")
+    page.get_by_role("button", name="Record").click()
+    page.evaluate(COUNT_CHANGES)
+    page.wait_for_function("window.changes > 8")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Stop recording").click()
+    path = tmp_path / saved.value.suggested_filename
+    saved.value.save_as(path)
+    assert path.suffix == ".mp4"  # this browser can
+    with av.open(str(path)) as video:
+        frames = [f.to_ndarray(format="gray") for f in video.decode(video=0)]
+    width, height = page.evaluate("[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]")
+    assert abs(frames[0].shape[1] - width) <= 1  # even sides only
+    assert abs(frames[0].shape[0] - height) <= 1
+    assert len(frames) > 2
+    shades = [float(np.median(f[f.shape[0] // 3 : -(f.shape[0] // 3)])) for f in frames]
+    assert max(shades) == pytest.approx(SHADES[1], abs=10)
+    assert min(shades) == pytest.approx(SHADES[0], abs=10)
+    page.context.close()
+
+
+def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
+    page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective", has_touch=True, reduced_motion="reduce")
+    page.set_input_files("#file", film)
+    shows(page, "ride.mp4")
+    page.locator("#view").scroll_into_view_if_needed()
+    box = page.locator("#view").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    fingers = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *places: tuple[float, float]) -> None:
+        points = [{"x": px, "y": py, "id": i} for i, (px, py) in enumerate(places)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def now() -> dict:
+        return page.evaluate("window.omnimirror.store.state")
+
+    touch("touchStart", (x - 20, y))
+    touch("touchStart", (x - 20, y), (x + 20, y))
+    touch("touchMove", (x - 30, y), (x + 30, y))
+    touch("touchMove", (x - 40, y), (x + 40, y))
+    touch("touchEnd")
+    half = np.degrees(2 * np.arctan(np.tan(np.radians(45)) / 2))  # twice as large
+    assert now()["hfov"] == pytest.approx(half, abs=1.5)
+    assert now()["pan"] == pytest.approx(0, abs=0.5)
+    assert page.evaluate("visualViewport.scale") == 1  # the view was enlarged, and not the page
+    touch("touchStart", (x, y))
+    touch("touchMove", (x + 30, y))
+    touch("touchEnd")
+    assert now()["pan"] < -2
+    page.context.close()
+
+
+@pytest.mark.full
+def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_path):
+    transport = make_video(tmp_path / "a.ts", 100, with_sound=False).read_bytes()
+    half = transport[: len(transport) // 2]
+    with (
+        streaming([HEAD, *paced(half, 1.5)], [], [], [], [HEAD, *paced(transport, 4.0), 20.0]) as url,
+        serving(Studio(Sources([url], live=[url]))) as address,
+    ):
+        page = open_page(browser, f"{address}#sensor=ball:280")
+        shows(page, url)
+        page.wait_for_function(f"document.querySelector('#banner').textContent.startsWith('{url} is lost')")
+        page.wait_for_function("document.querySelector('#banner').hidden")  # it plays again
+        assert page.locator("#view").is_visible()
+        assert command(page, 40, 30).startswith(f"omnimirror dewarp {url} ")
+        assert page.problems == []
+        page.context.close()
+
+
+@pytest.mark.full
+def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
+    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4", 100))]))
+    with serving(studio) as address:
+        page = open_page(browser, address)
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")
+    port = int(re.search(r":(\d+)/", address)[1])
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
+    with serving(Studio(studio.sources), port):
+        page.wait_for_function("document.querySelector('#banner').hidden")
+    page.context.close()

@@ -1,0 +1,61 @@
+"""A picture looked around in from a notebook: its frame shows what the Dewarper does, and no server is asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.optics.image_sensor import Imager
+from tests.apps.studio.browser import drawn, look
+from tests.apps.studio.pictures import psnr
+
+SENSOR = replace(om.load_sensor("paper-spherical"), imager=Imager(256, 256, 20.8))
+
+
+def test_a_frame_of_a_notebook_shows_the_view(browser, tmp_path):
+    """As Jupyter puts it into its page: HTML in HTML, from another address."""
+    picture = om.take_picture(SENSOR, om.Room(texel_mm=20), samples=1)
+    shown = om.show(picture, SENSOR, height_px=300)
+    (tmp_path / "notebook.html").write_text(f"<p>In [1]</p>{shown._repr_html_()}", encoding="utf-8")
+    context = browser.new_context(viewport={"width": 700, "height": 500}, bypass_csp=True)
+    page, problems = context.new_page(), []
+    page.on("pageerror", lambda e: problems.append(str(e)))
+    page.on("request", lambda r: problems.append(r.url) if r.url.startswith("http") else None)
+    page.goto((tmp_path / "notebook.html").as_uri())
+    frame = page.locator("iframe").element_handle().content_frame()
+    frame.wait_for_function("window.omnimirror?.look.feed")
+    look(frame, mode="perspective", pan=40, tilt=-10, hfov=60)
+    seen = drawn(frame, 160, 120)
+    view = om.screens.Plane((160, 120), pan_deg=40, tilt_deg=-10, hfov_deg=60)
+    wanted = om.Dewarper(SENSOR, view)(picture)
+    assert psnr(seen[..., :3], wanted, seen[..., 3] > 0) > 40
+    assert not problems
+    context.close()
+
+
+def test_it_is_a_page_of_its_own_too(tmp_path):
+    shown = om.show(np.zeros((256, 256), np.uint8), SENSOR)
+    shown.save(tmp_path / "look.html")
+    assert (tmp_path / "look.html").read_text() == shown.page
+
+
+def test_pictures_are_taken_from_files(tmp_path):
+    om.write_image(tmp_path / "a.png", np.full((256, 256, 3), 7, np.uint8))
+    assert om.show(tmp_path / "a.png", SENSOR).page == om.show(str(tmp_path / "a.png"), SENSOR).page
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ({"picture": np.zeros((8, 8), np.uint8)}, "8 x 8 px, and the camera's have 256 x 256"),
+        ({"picture": [1, 2]}, "a picture of list is not valid"),
+        ({"camera": "paper-spherical"}, "is no camera"),
+        ({"height_px": 5}, "outside 120 to 4000"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(words, sentence):
+    with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
+        om.show(**{"picture": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)

@@ -1,0 +1,409 @@
+"""What a user does in the page, and what the page then shows."""
+
+from __future__ import annotations
+
+import shlex
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.apps.studio.look import routes
+from omnimirror.apps.studio.look.sources import Sources
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.uploads import encoded
+from omnimirror.io import read_image, write_image
+from tests.commands import fails, omnimirror
+
+from .browser import command, drawn, drop, look, open_page, serving
+from .pictures import pattern, psnr, python_view
+
+WEB = Path(__file__).parents[3] / "web"
+AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
+
+
+DROP_UNREADABLE = """(name) => {
+  const file = Object.assign(new File(["x"], name), {
+    slice: () => ({ arrayBuffer: () => Promise.reject(new DOMException("gone", "NotReadableError")) }),
+  });
+  document.dispatchEvent(Object.assign(new Event("drop", { cancelable: true }), { dataTransfer: { files: [file] } }));
+}"""
+"""Drop a file that was deleted meanwhile."""
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    """A picture of a room with signs on its walls."""
+    path = tmp_path_factory.mktemp("room") / "circle.png"
+    write_image(path, om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1))
+    return path
+
+
+@pytest.fixture
+def coarse_room(monkeypatch) -> None:
+    """The demo room is simulated with one sample a pixel."""
+    taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
+    monkeypatch.setattr(routes, "room_picture", lambda known: encoded(taken(known), ".png"))
+
+
+def state(page) -> dict:
+    return page.evaluate("window.omnimirror.store.state")
+
+
+def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(browser, server, room, coarse_room):
+    page = open_page(browser, server)
+    assert page.get_by_text("Drop a picture or video here").is_visible()
+    page.get_by_role("button", name="Try the demo room").click()
+    page.wait_for_function("window.omnimirror.look.feed")
+    assert page.locator("#view").is_visible()
+    look(page, mode="perspective", hfov=70, tilt=8)
+    seen = cv2.cvtColor(drawn(page, 280, 210), cv2.COLOR_RGBA2GRAY)
+    upright = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((280, 210), 0, 8, 0, 70), "cubic")
+    sign = cv2.cvtColor(upright(read_image(room)), cv2.COLOR_RGB2GRAY)
+    straight, reversed_ = (cv2.matchTemplate(seen, s, cv2.TM_CCOEFF_NORMED).max() for s in (sign, sign[:, ::-1].copy()))
+    assert straight > 0.95
+    assert straight > reversed_ + 0.1
+    assert page.problems == []
+    page.context.close()
+
+
+def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(browser, server, room):
+    page = open_page(browser, f"{server}#mode=perspective", reduced_motion="reduce")
+    drop(page, room)
+    page.wait_for_selector("#view:visible")
+    box = page.locator("#view").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 30)
+    page.mouse.up()
+    after = state(page)
+    assert after["pan"] < -5  # what was in the middle went right with the pointer
+    assert after["tilt"] > 2
+    page.mouse.wheel(0, -300)
+    page.wait_for_function(f"window.omnimirror.store.state.hfov < {after['hfov'] - 5}")
+    page.locator("#view").focus()
+    page.keyboard.press("ArrowRight")
+    assert state(page)["pan"] > after["pan"]
+    page.keyboard.press("3")
+    assert state(page)["mode"] == "dome"
+    page.keyboard.press("2")
+
+    circle = page.locator("#overlay")
+    box = circle.bounding_box()
+    circle.scroll_into_view_if_needed()
+    circle.dblclick(position={"x": box["width"] * 0.8, "y": box["height"] * 0.5})  # image right is the left of the room
+    rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
+    ahead = rays.directions[0]
+    assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
+    assert state(page)["tilt"] == pytest.approx(np.degrees(np.arcsin(ahead[2])), abs=1)
+
+    before = state(page)
+    page.wait_for_function(f"location.hash.includes('pan={before['pan']}') && location.hash.includes('source=kept')")
+    page.reload()
+    page.wait_for_function("window.omnimirror?.look.feed")
+    assert state(page) == before
+    assert page.problems == []
+    page.context.close()
+
+
+def in_the_loupe(page, x: int, y: int) -> np.ndarray:
+    """The colour (3,) so many pixels of the screen right of and below the middle of the loupe, four times enlarged."""
+    script = """([x, y]) => {
+      const loupe = document.querySelector(".loupe");
+      if (loupe.hidden) throw new Error("there is no loupe");
+      const scale = 4 * document.querySelector("#overlay").getScreenCTM().a;
+      const at = [x, y].map((d) => Math.round(66 + d * scale / 4));
+      return [...loupe.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
+    }"""
+    return np.array(page.evaluate(script, [x, y]), float)
+
+
+def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path):
+    write_image(tmp_path / "other.png", pattern((500, 400)))
+    page = open_page(browser, server, 1000, 900, device_scale_factor=1)
+    drop(page, tmp_path / "other.png")
+    page.get_by_role("button", name="Fit the circle").click()
+    page.wait_for_selector("#overlay .handle")
+    place = "([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(document.querySelector('#overlay').getScreenCTM()); return [p.x, p.y]; }"  # noqa: E501
+    page.mouse.move(*page.evaluate(place, [249.5, 199.5]))
+    page.mouse.down()
+    page.mouse.move(*page.evaluate(place, [279.5, 189.5]))
+    assert np.abs(in_the_loupe(page, 12, 20) - pattern((500, 400))[193, 282]).max() < 8
+    page.mouse.up()
+    assert page.locator(".loupe").is_hidden()
+    u, v, radius = state(page)["rim"]
+    assert (u, v) == (pytest.approx(279.5, abs=1), pytest.approx(189.5, abs=1))
+    assert radius == 192
+    page.get_by_label("Radius").fill("150")
+    page.keyboard.press("Enter")
+    assert state(page)["rim"][2] == 150
+    page.context.close()
+
+
+@pytest.mark.full
+def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
+    """In a picture of another size than the sensor's, off its middle."""
+    v, u = np.mgrid[:480, :700]
+    turn = np.arctan2(v - 215, u - 390)
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
+    write_image(tmp_path / "off.png", disc.astype(np.uint8))
+    page = open_page(browser, server, 1000, 900)
+    drop(page, tmp_path / "off.png")
+    page.get_by_text("The mirror was found in it").wait_for()
+    look(page, rim=None)
+    page.get_by_text("is a guess: fit the circle").wait_for()
+    page.get_by_role("button", name="Find circle").click()
+    page.get_by_text("Circle found, 9").wait_for()
+    assert state(page)["rim"] == [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
+    page.get_by_text("is a guess").wait_for(state="detached")
+    page.context.close()
+
+
+@pytest.mark.full
+def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server, tmp_path):
+    write_image(tmp_path / "other.png", pattern((500, 400)))
+    page = open_page(browser, server, 1000, 900)
+    drop(page, tmp_path / "other.png")
+    page.get_by_text("is a guess: fit the circle").wait_for()
+    small = page.locator("#overlay").bounding_box()["width"]
+    page.get_by_role("button", name="Fit the circle").click()
+    page.wait_for_selector("#overlay .handle")
+    assert page.locator("#overlay").bounding_box()["width"] > 1.5 * small
+    centre = page.get_by_role("slider", name="Centre of the circle")
+    centre.press("ArrowRight")
+    centre.press("Shift+ArrowUp")
+    page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,192'")
+    page.get_by_role("slider", name="Edge of the circle").press("ArrowLeft")
+    page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,191'")
+    page.wait_for_selector("#overlay [aria-valuetext='191.0 px']")
+    page.get_by_text("is a guess").wait_for(state="detached")
+    page.get_by_role("button", name="Fit the circle").click()
+    assert page.locator("#overlay").bounding_box()["width"] == pytest.approx(small)
+    page.context.close()
+
+
+def test_the_first_key_leads_past_the_header(browser, server, room):
+    page = open_page(browser, server)
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "stage"
+    assert page.evaluate("location.hash") == ""
+    page.context.close()
+
+
+@pytest.mark.full
+def test_the_files_that_a_command_names_are_there_or_offered(browser, server, coarse_room, tmp_path):
+    page = open_page(browser, f"{server}#source=room")
+    page.wait_for_selector("#command:visible")
+    assert "once circle.png is saved" in page.locator("#command-title").inner_text()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save picture").click()
+    saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    look(page, mode="perspective", hfov=60)
+    line = command(page, 96, 72)
+    run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    written, seen = read_image(tmp_path / "perspective.png"), drawn(page, 96, 72)
+    assert psnr(seen[..., :3], written[..., :3], (seen[..., 3] > 0) & (written[..., 3] > 0)) > 40
+    write_image(tmp_path / "--output=x.png", pattern((64, 64)))
+    drop(page, tmp_path / "--output=x.png")
+    words = shlex.split(command(page, 96, 72))
+    assert words[2] == "./--output=x.png"
+    page.get_by_role("button", name="Save sensor file").wait_for()  # of the same sensor before a smaller imager
+    assert page.get_by_role("button", name="Save picture").is_hidden()
+    page.context.close()
+
+
+@pytest.mark.full
+def test_a_picture_that_the_server_shows_is_named_from_where_it_was_started(browser, tmp_path, monkeypatch):
+    (tmp_path / "room").mkdir()
+    write_image(tmp_path / "room" / "circle.png", pattern((1024, 1024)))
+    monkeypatch.chdir(tmp_path)
+    with serving(Studio(Sources(["room/circle.png"], [tmp_path / "room"]))) as address:
+        page = open_page(browser, address)
+        page.wait_for_selector("#command:visible")
+        assert shlex.split(command(page, 96, 72))[2] == "room/circle.png"
+        page.locator("#sources").select_option("0/circle.png")
+        page.wait_for_function("window.omnimirror.store.state.source === 'server:0/circle.png'")
+        assert shlex.split(command(page, 96, 72))[2] == "room/circle.png"
+        page.context.close()
+
+
+def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown_is_linked_to(browser, tmp_path):
+    pictures = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
+    for grey, path in zip((60, 120, 180), pictures, strict=True):
+        write_image(path, np.full((300, 300, 3), grey, np.uint8))
+    with serving(Studio(Sources([*pictures, pictures[0]]))) as address:
+        page = open_page(browser, f"{address}#sensor=ball:280")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'door.png'")
+        assert page.locator("#sources option").all_inner_texts()[-3:] == ["door.png", "yard.png", "hall.png"]
+        page.locator("#sources").select_option(label="hall.png")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'hall.png'")
+        page.reload()
+        page.wait_for_function("window.omnimirror?.look.feed?.name === 'hall.png'")
+        page.context.close()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("distance", [None, 400])
+def test_a_view_that_shrinks_the_picture_is_that_of_the_command_line(distance, browser, server, room, tmp_path):
+    page = open_page(browser, server)
+    drop(page, room)
+    (tmp_path / "circle.png").write_bytes(room.read_bytes())
+    for mode in ("panorama", "dome", "ground", "perspective"):
+        look(page, mode=mode, hfov=120, distance=distance or float("inf"))
+        straight = python_view(command(page, 240, 180), tmp_path)
+        seen, wanted = drawn(page, 240, 180), straight(read_image(room))
+        both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+        assert psnr(seen[..., :3], wanted, both) > 40, mode
+    page.context.close()
+
+
+def test_a_snapshot_carries_the_command_that_gives_the_same_picture(browser, server, room, tmp_path):
+    page = open_page(browser, f"{server}#mode=perspective&pan=35&tilt=-12&hfov=45")
+    drop(page, room)
+    page.wait_for_selector("#view:visible")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Snapshot").click()
+    saved.value.save_as(tmp_path / "snapshot.png")
+    data = (tmp_path / "snapshot.png").read_bytes()
+    at = data.index(b"iTXtComment")
+    (length,) = struct.unpack(">I", data[at - 4 : at])
+    line = data[at + 4 : at + 4 + length].split(b"\0")[-1].decode()
+    (tmp_path / "circle.png").write_bytes(room.read_bytes())
+    run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    mine, theirs = read_image(tmp_path / "snapshot.png"), read_image(tmp_path / "perspective.png")
+    assert mine.shape == theirs.shape
+    assert psnr(mine[..., :3], theirs[..., :3], (mine[..., 3] > 0) & (theirs[..., 3] > 0)) > 38
+    page.context.close()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("mode", ["panorama", "perspective", "dome", "planet", "ground", "mosaic"])
+def test_the_command_shown_for_each_view_writes_the_same_picture(mode, browser, server, tmp_path):
+    page = open_page(browser, f"{server}#mode={mode}&pan=35&tilt=-12&hfov=70&zoom=1.5&distance=800")
+    write_image(tmp_path / "circle.png", pattern((1024, 1024)))
+    drop(page, tmp_path / "circle.png")
+    page.wait_for_selector("#view:visible")
+    run = omnimirror(*shlex.split(command(page, 320, 240))[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    seen, written = drawn(page, 320, 240), read_image(tmp_path / f"{mode}.png")
+    assert seen.shape == written.shape
+    assert ((seen[..., 3] > 0) != (written[..., 3] > 0)).mean() < 0.002
+    assert psnr(seen[..., :3], written[..., :3], (seen[..., 3] > 0) & (written[..., 3] > 0)) > 40
+    page.context.close()
+
+
+def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server, room, tmp_path):
+    page = open_page(browser, server)
+    drop(page, room)
+    (tmp_path / "notes.png").write_text("no picture")
+    page.set_input_files("#file", tmp_path / "notes.png")
+    page.wait_for_selector("#banner:visible")
+    assert "notes.png is not a picture" in page.locator("#banner").inner_text()
+    assert page.evaluate("window.omnimirror.look.feed.name") == room.name
+    (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
+    page.set_input_files("#calibration", tmp_path / "bad.toml")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('did you mean sphere?')")
+    for name in ("gone.png", "gone.toml", "gone.omnimirror"):
+        page.evaluate(DROP_UNREADABLE, name)
+        page.wait_for_function(f"document.querySelector('#banner').textContent.includes('{name} cannot be read.')")
+    assert page.evaluate("window.omnimirror.look.feed.name") == room.name
+    assert page.problems == []
+    page.evaluate("Promise.reject(new RangeError('nobody handles this')), null")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('Something went wrong')")
+    page.context.close()
+
+
+def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
+    viewer = tmp_path / "look.html"
+    run = omnimirror("dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer)
+    assert run.returncode == 0, run.stderr
+    page = open_page(browser, f"{viewer.as_uri()}#mode=perspective&pan=60&tilt=20&hfov=50")
+    page.wait_for_function("window.omnimirror.look.feed")
+    (tmp_path / "circle.png").write_bytes(room.read_bytes())
+    line = command(page, 200, 150)
+    assert "--camera-looks down" in line
+    wanted = python_view(line, tmp_path)(read_image(room))
+    seen = drawn(page, 200, 150)
+    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    assert psnr(seen[..., :3], wanted, both) > 40
+    assert not page.get_by_role("button", name="Webcam").is_visible()
+    assert not page.get_by_role("button", name="Design").is_visible()
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_viewer_of_what_is_no_picture_is_refused(tmp_path):
+    write_image(tmp_path / "small.png", np.zeros((8, 8, 3), np.uint8))
+    sensor = ("--sensor", "paper-spherical")
+    assert "1024 x 1024" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html")
+    assert "HTML" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png")
+    assert "there is no" in fails("dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html")
+    assert "one picture" in fails("dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html")
+    assert not (tmp_path / "v.html").exists()
+
+
+def test_the_page_keeps_its_own_policy(browser, server):
+    """With the content security policy in force, nothing that the page does is blocked."""
+    context = browser.new_context()
+    page = context.new_page()
+    said = []
+    page.on("console", lambda m: said.append(m.text))
+    page.goto(server)
+    page.get_by_text("Field -90").wait_for()
+    assert [text for text in said if "Content Security Policy" in text] == []
+    context.close()
+
+
+@pytest.mark.full
+def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
+    page = open_page(browser, server, 360, 740, device_scale_factor=1)
+    header = page.locator("header")
+    for mode in ("panorama", "perspective", "ground", "mosaic"):
+        look(page, mode=mode)
+        assert page.evaluate("document.scrollingElement.scrollWidth") == 360, mode
+        assert header.bounding_box()["height"] < 100  # two rows
+        if mode == "panorama":
+            drop(page, room)
+            page.get_by_role("button", name="Fit the circle").click()
+    look(page, sensor="ball:300")
+    page.wait_for_selector("#ball-row:visible")
+    look(page, tab="design")
+    page.wait_for_selector("#bench .compare tbody td")
+    assert header.bounding_box()["height"] < 100
+    page.get_by_role("button", name="Download").click()
+    assert page.get_by_role("button", name="Drawing (PDF)").is_visible()
+    look(page, tab="look")
+    ever = ":is(main, header) [hidden]:not([type=file])"
+    page.evaluate("(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever)
+    assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all that ever shows
+    page.context.close()
+
+
+@pytest.mark.parametrize(
+    ("is_empty", "scheme"),
+    [
+        pytest.param(True, "light", id="empty, light", marks=pytest.mark.full),
+        pytest.param(True, "dark", id="empty, dark", marks=pytest.mark.full),
+        pytest.param(False, "light", id="with a picture, light", marks=pytest.mark.full),
+        pytest.param(False, "dark", id="with a picture, dark"),
+    ],
+)
+def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
+    page = open_page(browser, server, color_scheme=scheme)
+    if not is_empty:
+        drop(page, room)
+        page.get_by_role("button", name="Fit the circle").click()
+    page.add_script_tag(path=AXE)
+    found = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
+    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    assert serious == {}
+    page.context.close()

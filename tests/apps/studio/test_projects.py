@@ -1,0 +1,85 @@
+"""Project files: saved in one browser, opened in another, the same pixels."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.io import write_image
+from omnimirror.optics.sensor_files import save_sensor
+
+from .browser import drawn, drop, look, open_page
+from .pictures import pattern
+from .test_bench_page import NOW, WITHOUT_PICTURES
+
+STATE = {"mode": "perspective", "pan": 35, "tilt": -12, "hfov": 55, "rim": [250.0, 190.0, 150.0]}
+
+
+def opened(page, name: str) -> None:
+    page.wait_for_function(f"window.omnimirror?.look.feed?.name === {name!r}")
+    page.wait_for_selector("#view:visible")
+
+
+@pytest.fixture(scope="module")
+def project(browser, server, tmp_path_factory):
+    """A project with all that one can hold, the pixels it was saved with, and the state."""
+    folder = tmp_path_factory.mktemp("project")
+    write_image(folder / "hall.png", pattern((500, 400)))
+    save_sensor(om.load_sensor("paper-hyperboloidal"), folder / "mine.toml")
+    page = open_page(browser, server, 900, 700)
+    page.add_init_script(WITHOUT_PICTURES)
+    page.set_input_files("#calibration", folder / "mine.toml")
+    page.wait_for_function("window.omnimirror.store.state.sensor.startsWith('file:')")
+    drop(page, folder / "hall.png")
+    look(page, **STATE)
+    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Design", exact=True).click()
+    page.wait_for_selector("#bench .compare tbody td")
+    page.get_by_role("button", name="Pin", exact=True).click()
+    page.locator("#bench").get_by_label("F-number", exact=True).fill("5.5")  # and nothing pressed
+    page.locator("#tabs").get_by_role("button", name="Look").click()
+    opened(page, "hall.png")
+    pixels = drawn(page, 160, 120)
+    page.get_by_role("button", name="Project").click()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save project").click()
+    assert saved.value.suggested_filename == "hall.omnimirror"
+    saved.value.save_as(folder / "hall.omnimirror")
+    state = page.evaluate("window.omnimirror.store.state")
+    assert page.problems == []
+    page.context.close()
+    return folder / "hall.omnimirror", pixels, state
+
+
+def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
+    path, pixels, state = project
+    page = open_page(browser, server, 900, 700)
+    page.set_input_files("#file", path)  # as a picture would be opened, or dropped
+    opened(page, "hall.png")
+    found = page.evaluate("window.omnimirror.store.state")
+    assert {**found, "design": ""} == {**state, "design": ""}
+    np.testing.assert_array_equal(drawn(page, 160, 120), pixels)
+    page.get_by_role("button", name="Design", exact=True).click()
+    page.wait_for_selector("#bench .compare tbody td")
+    assert page.evaluate(f"{NOW}.tables.lens.f_number") == 5.5
+    page.get_by_role("button", name="Unpin").wait_for()
+    page.get_by_role("button", name="Undo", exact=True).click()
+    assert page.evaluate(f"{NOW}.tables.lens.f_number") == 4
+    assert page.problems == []
+    page.context.close()
+
+
+def test_what_is_no_project_is_refused_in_a_sentence(browser, server, tmp_path):
+    page = open_page(browser, server, 900, 700)
+    for text, said in (
+        ("[mirror]", "This is no project file"),
+        (json.dumps({"kind": "omnimirror project", "state": "", "version": 7}), "is of version 7"),
+    ):
+        (tmp_path / "x.omnimirror").write_text(text)
+        page.set_input_files("#project-file", tmp_path / "x.omnimirror")
+        page.wait_for_function(f"document.querySelector('#banner').textContent.includes({said!r})")
+    assert page.evaluate("window.omnimirror.look.feed") is None
+    page.context.close()

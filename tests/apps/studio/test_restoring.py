@@ -1,0 +1,108 @@
+"""A picture restored, and beside itself as it was given."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+import omnimirror as om
+from omnimirror.apps.studio.app import create_app
+from omnimirror.io import write_image
+from omnimirror.optics.sensor_files import save_sensor
+
+from .browser import BASE64, _values, drop, look, open_page
+from .pictures import psnr, python_view
+
+SENSOR = om.load_sensor("paper-spherical")
+SMALL = replace(
+    SENSOR,
+    name="small",
+    imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7),
+    lens=replace(SENSOR.lens, f_number=0.3),
+)
+"""Much blurred, at once restored."""
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    rng = np.random.default_rng(3)
+    sharp = cv2.resize(rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST)
+    return cv2.GaussianBlur(sharp, (0, 0), 1.6)
+
+
+@pytest.fixture(scope="module")
+def restored(picture) -> np.ndarray:
+    """By the library."""
+    return om.restore(SMALL, picture)
+
+
+@pytest.mark.full
+def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
+    save_sensor(SMALL, tmp_path / "small.toml")
+    with TestClient(create_app(), base_url="http://127.0.0.1") as client:
+        entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
+        ask = {
+            "id": entry["id"], "mount": entry["mount"], "image_size": [192, 192], "name": "p.png",
+            "centre_px": SMALL.imager.centre, "rim_radius_px": SMALL.rim_radius_px, "object_distance_mm": None,
+        }  # fmt: skip
+        png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
+
+        def asked(**change):
+            text = json.dumps({**ask, **change}).encode()
+            return client.post("/api/restore", content=struct.pack("<I", len(text)) + text + png)
+
+        answer = asked()
+        assert answer.status_code == 200, answer.text
+        found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        assert np.abs(restored.astype(int) - picture).max() > 8
+        assert np.abs(found.astype(int) - restored).max() <= 1
+        assert asked(id="ball:300").status_code == 400
+        assert asked(image_size=[100, 100]).status_code == 400
+        assert asked(id="nope").status_code == 404
+
+
+def test_given_and_restored_stand_beside_each_other(browser, server, picture, restored, tmp_path):
+    save_sensor(SMALL, tmp_path / "small.toml")
+    write_image(tmp_path / "p.png", picture)
+    page = open_page(browser, server, 1000, 800, reduced_motion="reduce")
+    restore = page.get_by_role("button", name="Restore")
+    page.set_input_files("#calibration", tmp_path / "small.toml")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.name === 'small'")
+    drop(page, tmp_path / "p.png")
+    look(page, mode="dome")
+    page.wait_for_selector("#restore[aria-disabled=false]")
+    restore.click()
+    page.locator("#wiper").wait_for(state="visible")
+    page.get_by_label("Line between the picture").fill("0.25")
+    page.wait_for_function("window.omnimirror.store.state.wipe === 0.25")
+    script = f"""() => {{
+      const canvas = window.omnimirror.look.drawn();
+      const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+      copy.drawImage(canvas, 0, 0);
+      const {{ data }} = copy.getImageData(0, 0, canvas.width, canvas.height);
+      return {{ size: [canvas.width, canvas.height], values: ({BASE64})(data) }};
+    }}"""
+    seen = _values(page.evaluate(script), np.uint8)
+    side = seen.shape[0]
+    line = page.locator("#command-line").inner_text()
+    assert f"--size {side}x{side}" in line
+    straight = python_view(line, tmp_path)
+    wanted = [straight(p) for p in (picture, restored)]
+    both = (seen[..., 3] > 0) & (wanted[0].max(axis=-1) > 0)
+    at = np.arange(side)
+    left, right = both & (at < 0.25 * side - 1), both & (at > 0.25 * side + 1)
+    assert psnr(seen[..., :3], wanted[0], left) > 40
+    assert psnr(seen[..., :3], wanted[1], right) > 40
+    assert psnr(seen[..., :3], wanted[1], right) > psnr(seen[..., :3], wanted[0], right) + 5
+    look(page, sensor="ball:300")
+    page.wait_for_function("document.querySelector('#wiper').hidden")
+    restore.click(force=True)
+    page.get_by_role("status").filter(has_text="known of sensors whose mirror").wait_for()
+    assert page.problems == []
+    page.context.close()

@@ -1,0 +1,522 @@
+"""The server: what it tells, what it refuses, and streams for many."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import socket
+import struct
+import subprocess
+import sys
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import av
+import cv2
+import httpx
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+import omnimirror as om
+from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.look import streams
+from omnimirror.apps.studio.look.sources import Sources
+from omnimirror.apps.studio.look.streams import Streams
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.apps.studio.uploads import browser_picture, encoded
+from omnimirror.calibration import rim
+from omnimirror.interop.http_server.auth import is_loopback
+from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
+from omnimirror.interop.http_server.server import listen
+from tests.serving import in_a_loop
+
+from .browser import serving
+from .pictures import video_of
+
+LOCAL = "http://127.0.0.1"
+
+
+@pytest.fixture
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+def sentence(answer) -> str:
+    """Why something was refused: one sentence, and nothing of the server's insides."""
+    detail = answer.json()["detail"]
+    assert "Traceback" not in detail
+    assert "/src/" not in detail
+    return detail
+
+
+def test_the_rim_of_a_picture_that_is_handed_up(client):
+    v, u = np.mgrid[:240, :320]
+    disc = np.where(np.hypot(u - 170, v - 110) < 90, 120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))), 12)
+    data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
+    found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
+    assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
+    assert found["radius_px"] == pytest.approx(90, abs=0.7)
+    assert found["is_sure"]
+    empty = cv2.imencode(".png", np.full((100, 200), 90, np.uint8))[1].tobytes()
+    assert not client.post("/api/rim", content=empty).json()["is_sure"]
+    refused = client.post("/api/rim", content=b"no picture")
+    assert refused.status_code == 400
+    assert "is not a picture" in sentence(refused)
+
+
+def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
+    looked, find = [], om.find_rim
+    monkeypatch.setattr(rim, "find_rim", lambda picture: looked.append(1) or find(picture))
+    one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
+    found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
+    assert found[0] == found[2]
+    assert len(looked) == 2
+
+
+def test_health_and_the_page(client):
+    assert client.get("/health").json() == {"status": "ok", "version": om.__version__}
+    page = client.get("/")
+    assert "<title>omnimirror studio</title>" in page.text
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+
+
+def test_tables_give_the_pixels_of_the_camera(client):
+    """Against the sensor's own projection, interpolated here as the shader does."""
+    sensor = om.load_sensor("paper-spherical")
+    model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
+    values = np.frombuffer(client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4")
+    t = model["tables"]
+    radii = values[: t["radii"]].astype(float)
+    d = np.random.default_rng(1).normal(size=(500, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    along, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
+    half = np.sqrt((1 - along) / 2)
+    r = np.interp(half, np.linspace(t["first"], t["last"], t["radii"]), radii)
+    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack([right, down], axis=-1)
+    exact = sensor.project_directions(d)
+    assert exact.valid.mean() > 0.7
+    assert np.linalg.norm(pixels - exact.pixels, axis=1)[exact.valid].max() < 0.001
+
+
+def test_a_camera_stands_as_asked(client):
+    asked = {"id": "paper-spherical", "camera_looks": "down", "forward_azimuth_deg": 30}
+    model = client.get("/api/camera", params=asked).json()
+    assert model["pole"] == "zenith"
+    assert model["axis"] == [0, 0, 1]
+    assert model["mount_in_file"]["camera_looks"] == "up"
+
+
+def test_a_camera_leans_as_asked(client):
+    """Its tables are the same, and its axes turned: what is right of forward sinks by the roll."""
+    asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
+    model = client.get("/api/camera", params=asked).json()
+    assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
+    assert model["right"] == pytest.approx([np.cos(np.radians(20)), 0, np.sin(np.radians(20))])  # image right: forward
+    assert model["axis"][1] == pytest.approx(np.sin(np.radians(5)))
+    assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
+
+
+# -- who may ask ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("", False),
+        ("example.org", False), ("localhost.example.org", False), ("127.0.0.1.example.org", False), ("door", False),
+        ("0.0.0.0", False), ("::", False), ("192.168.1.7", False), ("::2", False), ("128.0.0.1", False),
+    ],
+)  # fmt: skip
+def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
+    assert is_loopback(host) is expected
+
+
+def test_the_policy_of_the_page_names_every_directive(client):
+    """As a browser splits it; a directive that is missing would fall back to anything."""
+    policy = client.get("/").headers["content-security-policy"]
+    directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
+    nothing = ["default-src", "base-uri", "form-action", "frame-ancestors"]
+    assert {name: directives[name] for name in nothing} == {name: ["'none'"] for name in nothing}
+    assert directives["img-src"] == ["'self'", "blob:", "data:"]
+    assert directives["media-src"] == ["'self'", "blob:", "mediastream:"]
+    assert directives["connect-src"] == ["'self'", "blob:", "data:"]
+    assert directives["script-src"][0] == "'self'"
+    hashes = [*directives["script-src"][1:], *directives["style-src"]]
+    assert all(source.startswith("'sha256-") for source in hashes)
+
+
+def test_other_names_and_other_pages_are_refused(client):
+    assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
+    answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
+    assert answer.status_code == 403
+    assert "https://evil.example" in sentence(answer)
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("/api/stream?id=source", headers={"origin": "https://evil.example"}),
+    ):
+        pass
+
+
+def test_beyond_this_machine_the_token_is_asked_for():
+    assert not is_loopback("0.0.0.0")
+    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
+        assert client.get("/health").status_code == 200
+        assert "token" in sentence(client.get("/api/start"))
+        assert client.get("/api/start", params={"token": "wrong"}).status_code == 403
+        assert client.get("/", params={"token": "secret"}).status_code == 200
+        assert client.get("/api/start").status_code == 200  # by the cookie
+    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
+        ):
+            pass
+        with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
+            assert "there is no stream" in socket.receive_text()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"host": "127.0.0.1.evil.example"},
+        {"host": "localhost@evil.example"},
+        {"host": "evil.example:80@127.0.0.1"},
+        {"host": "127.0.0.1:80:80"},
+        {"host": "127.0.0.1 evil.example"},
+        {"origin": "https://127.0.0.1"},
+        {"origin": "chrome-extension://127.0.0.1"},
+        {"origin": "http://user@127.0.0.1"},
+        {"host": ""},
+        {"host": "[::1"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:9999"},
+        {"origin": "http://127.0.0.1.evil.example"},
+    ],
+)
+def test_names_and_origins_that_only_look_like_ours_are_refused(headers, client):
+    answer = client.post("/api/sensors", content=b"x", headers=headers)
+    assert answer.status_code == 403
+    assert sentence(answer)
+
+
+def test_a_text_that_unfolds_inside_a_picture_is_refused(client):
+    """A compressed comment of 100 MB in a PNG of one pixel."""
+    whole = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
+    body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:])
+    assert answer.status_code == 400
+    assert "bomb.png" in sentence(answer)
+
+
+# -- hostile files ---------------------------------------------------------------------------------------
+
+
+def png_of(width: int, height: int) -> bytes:
+    """A PNG that says it is huge, with hardly anything in it."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(b"\0" * 100_000, 9)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("side", [11_000, 60_000])
+def test_pictures_that_unfold_are_refused_by_their_header(side, client):
+    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=png_of(side, side))
+    assert answer.status_code == 400
+    assert sentence(answer) == "bomb.png unfolds to too many pixels; at most 256 MB of them are valid"
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"no picture", b"PK\3\4" + bytes(100), b"\x89PNG\r\n\x1a\n", b"II*\0" + bytes(8)]
+)
+def test_what_is_no_picture_is_refused(data, client):
+    answer = client.post("/api/pictures", content=data)
+    assert answer.status_code == 400
+    assert sentence(answer)
+
+
+def test_a_truncated_picture_is_refused(client):
+    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[1].tobytes()
+    answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
+    assert answer.status_code == 400
+    assert sentence(answer) == "the picture half.jpg is cut short: its end is missing"
+
+
+def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
+    huge = MAX_MESSAGE_BYTES + 1
+    assert client.post("/api/sensors", content=b"#" * huge).status_code == 413
+
+    def pieces():
+        for _ in range(huge // 4096 + 1):
+            yield b"#" * 4096
+
+    answer = client.post("/api/sensors", content=pieces())  # chunked: no length is announced
+    assert answer.status_code == 413
+    assert sentence(answer).startswith("the body must be at most 1 MB; got ")
+
+
+def test_sensor_files_cannot_name_files_of_the_server(client):
+    text = '[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n'
+    answer = client.post("/api/sensors", params={"name": "spy.toml"}, content=text)
+    assert answer.status_code == 400
+    assert "names another file" in sentence(answer)
+    assert "root:" not in answer.text
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"])
+def test_calibrations_that_are_none_are_refused(data, client):
+    answer = client.post("/api/sensors", content=data)
+    assert answer.status_code == 400
+    assert sentence(answer)
+
+
+def test_deep_pictures_come_as_eight_bits():
+    deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
+    tiff = cv2.imencode(".tif", deep)[1].tobytes()
+    shallow = cv2.imdecode(np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
+
+
+# -- what it shows ---------------------------------------------------------------------------------------
+
+
+def test_only_files_of_the_folders_given_are_shown(tmp_path):
+    inside, outside = tmp_path / "in", tmp_path / "secret.png"
+    inside.mkdir()
+    for path in (inside / "a.png", outside):
+        cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
+    (inside / "link.png").symlink_to(outside)
+    (inside / "notes.txt").write_text("no picture")
+    with TestClient(create_app(Studio(Sources(folders=[inside]))), base_url=LOCAL) as client:
+        assert [s["name"] for s in client.get("/api/start").json()["sources"]] == ["a.png"]
+        assert client.get("/api/picture", params={"id": "0/a.png"}).status_code == 200
+        for id in ("0/link.png", "0/../secret.png", str(outside), "0/notes.txt", "..", "\0"):
+            assert client.get("/api/picture", params={"id": id}).status_code == 404
+
+
+def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, monkeypatch):
+    """Pages that ask all the time, one that asks once, and one that never does."""
+    shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
+    coded = []
+    monkeypatch.setattr(streams, "encoded", lambda *what: coded.append(1) or encoded(*what))
+
+    async def eager(stream, frames: int) -> list[int]:
+        seen, state = [0], None
+        while len(seen) <= frames:
+            number, jpeg, state = await stream.after(seen[-1], state)
+            if jpeg is not None:
+                assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (48, 64, 3)
+                seen.append(number)
+        return seen[1:]
+
+    async def slow(stream) -> tuple[int, int]:
+        first, _, state = await stream.after(0, None)
+        while stream.count < first + 3:
+            await asyncio.sleep(0.01)
+        return first, (await stream.after(first, state))[0]
+
+    async def all_of_them():
+        watched = Streams()
+        async with watched.watch(shown) as stream, watched.watch(shown) as same:
+            assert same is stream  # read once
+            found = await asyncio.gather(slow(stream), *(eager(stream, 12) for _ in range(19)))
+            assert stream.count <= len(coded) <= stream.count + 2  # of which some may be on their way
+        watched.close()
+        return found
+
+    with ThreadPoolExecutor() as pool:  # with a loop of its own
+        run = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(), 600)))
+        (first, later), *others = run.result()
+    assert all(np.all(np.diff(seen) > 0) for seen in others)  # never an old frame
+    assert later > first + 1  # frames that came meanwhile are never seen
+
+
+def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
+    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4"))]))
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
+        socket.send_text("next")
+        states, jpeg = [], None
+        while jpeg is None:
+            message = socket.receive()
+            jpeg = message.get("bytes")
+            if jpeg is None:
+                states.append(json.loads(message["text"])["state"])
+        assert jpeg[:2] == b"\xff\xd8"
+        assert states[-1] == "playing"
+
+
+def test_a_broken_video_ends_with_a_sentence(tmp_path):
+    (tmp_path / "bad.mp4").write_bytes(b"no video")
+    studio = Studio(Sources([str(tmp_path / "bad.mp4")]))
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
+        told = json.loads(socket.receive_text())
+        while told["state"] != "ended":
+            told = json.loads(socket.receive_text())
+        assert "bad.mp4" in told["sentence"]
+
+
+# -- the whole interface -----------------------------------------------------------------------------------
+
+
+@pytest.mark.full
+@pytest.mark.long
+@pytest.mark.parametrize("phases", ["fuzzing", "coverage,fuzzing"])
+def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phases, tmp_path):
+    program = Path(sys.executable).with_name("schemathesis")
+    if not program.exists():
+        pytest.skip("schemathesis is not here")
+    with serving(Studio()) as address:
+        words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
+        files = (
+            "--no-color --exclude-checks positive_data_acceptance"  # no schema tells what a picture or sensor file is
+        )
+        run = subprocess.run([program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stdout[-3000:]
+    assert re.search(r"(\d+) selected / \1 total", run.stdout)
+
+
+# -- over the wire -----------------------------------------------------------------------------------------
+
+
+def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool = False) -> bytes:
+    """What the server says to bytes that no client library would send, before it hangs up."""
+    host = urlsplit(address).netloc.encode()
+    with socket.create_connection(("127.0.0.1", urlsplit(address).port), timeout=300) as raw:
+        raw.sendall(start + b" HTTP/1.1\r\nHost: " + host + b"\r\nConnection: close\r\n" + rest)
+        if goes_away:
+            raw.shutdown(socket.SHUT_WR)
+        return b"".join(iter(lambda: raw.recv(65536), b""))
+
+
+@pytest.mark.parametrize(
+    ("lines", "body", "status"),
+    [
+        (b"Content-Length: 100\r\n", b"too short", None),
+        (b"Content-Length: 3\r\n", b"far too long", 400),
+        (b"Content-Length: -5\r\n", b"x", 400),
+        (b"Content-Length: many\r\n", b"x", 400),
+        (b"Content-Length: 99999999999999\r\n", b"x", 413),
+        (b"Content-Length: 1\r\nContent-Length: 2\r\n", b"xx", 400),
+        (b"Transfer-Encoding: chunked\r\n", b"5\r\nab", None),
+        (b"Transfer-Encoding: chunked\r\n", b"zz\r\nab\r\n", 400),
+        (b"Transfer-Encoding: chunked\r\nContent-Length: 1\r\n", b"0\r\n\r\n", 400),
+    ],
+)
+def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, status, wire):
+    answer = answer_to(wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None)
+    if status is None:
+        assert b" 200 " not in answer[:20]  # nobody is left to be told
+    else:
+        assert answer.startswith(b"HTTP/1.1 %d " % status), answer[:200]
+    assert b"Traceback" not in answer
+    assert httpx.get(f"{wire}health").json()["status"] == "ok"
+
+
+@pytest.mark.parametrize(
+    "path", ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/api/picture?id=../../etc/passwd"]
+)
+def test_paths_lead_nowhere(path, wire):
+    answer = answer_to(wire, b"GET " + path.encode())
+    assert answer.startswith(b"HTTP/1.1 404 ")
+    assert b"root:" not in answer
+
+
+def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
+    async def made() -> int:
+        sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+        def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            sent.set_result(writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            writer.close()
+
+        async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as server:
+            _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+            writer.close()
+            return await sent
+
+    assert in_a_loop(made())
+
+
+@pytest.fixture(scope="module")
+def wire():
+    with serving(Studio()) as address:
+        yield address
+
+
+def busy_video(path: Path) -> Path:
+    """Twelve frames of noise, large as JPEG, each with its number as a shade in the corner."""
+    rng = np.random.default_rng(0)
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mjpeg", rate=20, options={"qscale": "2"})
+        stream.width, stream.height, stream.pix_fmt = 480, 360, "yuvj420p"
+        for i in range(12):
+            picture = rng.integers(0, 255, (360, 480, 3), np.uint8)
+            picture[:64, :64] = 20 * i + 10
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode())
+    return path
+
+
+def number_in(jpeg: bytes) -> int:
+    corner = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)[8:56, 8:56]
+    return round((float(np.median(corner)) - 10) / 20)
+
+
+@pytest.mark.full
+@pytest.mark.long
+def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_none(tmp_path):
+    from websockets.asyncio.client import connect
+
+    async def eager(url: str, frames: int) -> list[int]:
+        async with connect(url, max_queue=1) as socket:
+            assert not socket.protocol.extensions  # compressed again for nobody, though every page offers that
+            await socket.send("next")
+            seen: list[int] = []
+            async for message in socket:
+                if isinstance(message, bytes):
+                    seen.append(number_in(message))
+                    if len(seen) == frames:
+                        return seen
+                    await socket.send("next")
+        return seen
+
+    async def deaf(url: str) -> None:
+        """Asks and asks, and reads nothing: what is sent to it piles up."""
+        async with connect(url, max_queue=1) as socket:
+            try:
+                while True:
+                    await socket.send("next")
+                    await asyncio.sleep(0.01)
+            finally:
+                socket.transport.abort()  # it says no goodbye either
+
+    async def all_of_them(url: str) -> list[list[int]]:
+        stuck = asyncio.create_task(deaf(url))
+        seen = await asyncio.gather(*(eager(url, 40) for _ in range(19)))
+        stuck.cancel()
+        await asyncio.wait([stuck])
+        return seen
+
+    with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
+        url = f"{address.replace('http', 'ws')}api/stream?id=source"
+        with ThreadPoolExecutor() as pool:  # with a loop of its own
+            seen = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))).result()
+    assert [len(s) for s in seen] == [40] * 19
+    again = [np.mean(np.diff(s) == 0) for s in seen]
+    assert max(again) < 0.5  # each frame is another one, or rarely the same one a lap of the video later

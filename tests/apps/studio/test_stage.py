@@ -1,0 +1,318 @@
+"""The stage: views that fill it, the picture beside them, several at once, and telephones."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+from omnimirror.apps.studio.look.sources import Sources
+from omnimirror.apps.studio.studio import Studio
+from omnimirror.io import read_image, write_image
+
+from .browser import command, coordinates, drop, look, open_page, serving
+from .pictures import pattern, python_view
+from .test_addresses import no_rooms, rooms  # noqa: F401
+
+NEAR = 0.02  # px
+HALVES = """() => {
+  const box = (id) => { const { x, y, width, height } = document.querySelector(id).getBoundingClientRect(); return [x, y, width, height]; };
+  return { view: box("#view"), pane: box("#pane"), circle: box("#circle") };
+}"""  # noqa: E501
+CELLS = """() => window.omnimirror.look.laid.places.map(({ left, top, width, height }) => [left, top, width, height])"""
+SHARE = """() => {
+  const { width, height, y } = document.querySelector("#view").getBoundingClientRect();
+  return y >= 0 && y + height <= innerHeight + 1 ? width * height / innerWidth / innerHeight : 0;
+}"""
+BEGIN = {"mode": "panorama", "pan": 0, "tilt": 0, "zoom": 1, "fit": None, "beside": False, "views": "", "view": -1}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stage")
+    write_image(folder / "picture.png", pattern((1024, 1024)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shared(browser, server, folder):
+    """One page for all."""
+    page = open_page(browser, server, 1000, 900, reduced_motion="reduce")
+    drop(page, folder / "picture.png")
+    page.wait_for_selector("#view:visible")
+    yield page
+    assert page.problems == []
+    page.context.close()
+
+
+@pytest.fixture
+def page(shared):
+    """As it was at first."""
+    look(shared, all=False, **BEGIN)
+    return shared
+
+
+def state(page) -> dict:
+    return page.evaluate("window.omnimirror.store.state")
+
+
+def settled(page, states: int = 1) -> None:
+    """Wait until so many views are laid out as large as there is room."""
+    page.wait_for_function(
+        """(states) => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => {
+          resolve(window.omnimirror.look.laid?.places.length === states);
+        })))""",
+        arg=states,
+    )
+
+
+WIDE, UPRIGHT = (150, 80), (60, 110)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("mode", "size"),
+    [
+        ("panorama", UPRIGHT),
+        ("panorama", WIDE),
+        ("planet", UPRIGHT),
+        ("planet", WIDE),
+        ("ground", UPRIGHT),
+        ("ground", WIDE),
+    ],
+)
+def test_a_view_that_fills_the_stage_is_that_of_its_command(mode, size, page, folder):
+    look(page, mode=mode, fit="fill", pan=35, tilt=-12, zoom=1.2)
+    line = command(page, *size)
+    assert f"--size {size[0]}x{size[1]}" in line
+    found, wanted = coordinates(page, *size), python_view(line, folder).coordinates(exact=True)
+    both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
+    assert both.mean() > 0.6
+    assert np.linalg.norm(found - wanted, axis=-1)[both].max() < NEAR
+
+
+def test_a_panorama_is_whole_or_fills_the_stage(page):
+    settled(page)
+    boxes = page.evaluate(HALVES)
+    assert boxes["view"][3] < 0.8 * boxes["pane"][3]
+    page.get_by_role("button", name="Fill").click()
+    page.wait_for_function("window.omnimirror.look.laid.places[0].state.fit === 'fill'")
+    boxes = page.evaluate(HALVES)
+    assert boxes["view"] == pytest.approx(boxes["pane"], abs=1)
+    x, y, width, height = boxes["view"]
+    page.mouse.move(x + width / 2, y + height / 2)
+    page.mouse.down()
+    page.mouse.move(x + width / 2 - 50, y + height / 2)
+    page.mouse.up()
+    around = float(command(page, round(width), round(height)).split("--span-deg ")[1].split()[0])
+    assert around < 300
+    assert state(page)["pan"] == pytest.approx(50 / width * around, rel=0.01)
+    look(page, mode="dome")
+    fill = page.get_by_role("button", name="Fill")
+    assert fill.get_attribute("aria-disabled") == "true"
+    fill.click(force=True)
+    page.get_by_role("status").filter(has_text="A dome is round").wait_for()
+    assert state(page)["fit"] == "fill"
+
+
+def test_the_picture_stands_beside_the_view(page):
+    page.get_by_role("button", name="Picture beside").click()
+    page.wait_for_function("document.querySelector('#frame').contains(document.querySelector('#circle'))")
+    settled(page)
+    boxes = page.evaluate(HALVES)
+    assert boxes["circle"][2] > 0.9 * boxes["pane"][2] > 250
+    assert boxes["circle"][0] + boxes["circle"][2] <= boxes["view"][0]
+    x, y, width, height = boxes["circle"]
+    page.mouse.dblclick(x + 0.5 * width + 0.3 * min(width, height), y + 0.5 * height)
+    page.wait_for_function("window.omnimirror.store.state.pan !== 0")
+    page.get_by_role("button", name="Picture beside").click()
+    page.wait_for_function("document.querySelector('#raw-place').contains(document.querySelector('#circle'))")
+
+
+def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
+    page.get_by_role("button", name="Keep view").click()
+    look(page, mode="perspective", pan=40, tilt=-10, hfov=60)
+    page.get_by_role("button", name="Keep view").click()
+    name = page.get_by_label("Name of this view")
+    name.fill("Door")
+    name.press("Enter")
+    page.get_by_role("button", name="Panorama", exact=True).click()
+    assert state(page)["mode"] == "panorama"
+    page.get_by_role("button", name="All views").click()
+    settled(page, 2)
+    left, top = page.evaluate(HALVES)["view"][:2]
+    door = page.evaluate(CELLS)[1]
+    middle = left + door[0] + door[2] / 2, top + door[1] + door[3] / 2
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] - 60, middle[1])
+    page.mouse.up()
+    after = state(page)
+    assert after["mode"] == "perspective"
+    kept = json.loads(after["views"])
+    assert kept[0] == {"name": "Panorama"}
+    assert kept[1]["name"] == "Door"
+    assert kept[1]["pan"] == pytest.approx(after["pan"], abs=1e-3)
+    assert after["pan"] > 42
+    page.wait_for_function("location.hash.includes('all=true')")
+    settled(page, 2)
+    check_cell(page, folder, 1)
+    page.get_by_role("button", name="Forget Door").click()
+    assert json.loads(state(page)["views"]) == [{"name": "Panorama"}]
+    page.get_by_role("button", name="All views").click()
+    settled(page)
+
+
+def check_cell(page, folder, index: int) -> None:
+    """One of several views looks at what its own command line does."""
+    script = """(index) => {
+      const { look } = window.omnimirror;
+      const { left, top, view } = look.laid.places[index];
+      const values = look.renderer.coordinates(look.laid.view);
+      const [column, row] = [left, top].map((at) => Math.round(at * devicePixelRatio));
+      const at = (x, y) => { const i = 4 * ((row + y) * look.laid.view.width + column + x); return [...values.slice(i, i + 3)]; };
+      const places = [0.1, 0.5, 0.9].flatMap((a) => [0.2, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
+      return { line: look.commands().split("\\n")[index], places, found: places.map(([x, y]) => at(x, y)) };
+    }"""  # noqa: E501
+    told = page.evaluate(script, index)
+    wanted = python_view(told["line"], folder).coordinates(exact=True)
+    compared = 0
+    for (x, y), (u, v, seen) in zip(told["places"], told["found"], strict=True):
+        if seen < 0.5 or not np.isfinite(wanted[y, x]).all():
+            continue
+        assert [u, v] == pytest.approx(wanted[y, x], abs=NEAR)
+        compared += 1
+    assert compared >= 3
+
+
+@pytest.mark.full
+def test_where_none_is_kept_all_around_is_shown(page):
+    page.get_by_role("button", name="All views").click()
+    settled(page, 5)
+    names = [view["name"] for view in json.loads(state(page)["views"])]
+    assert names == ["Panorama", "Ahead", "Right", "Behind", "Left"]
+    cells = page.evaluate(CELLS)
+    for i, a in enumerate(cells):
+        for b in cells[:i]:
+            over = [min(a[k] + a[k + 2], b[k] + b[k + 2]) - max(a[k], b[k]) for k in (0, 1)]
+            assert min(over) <= 0, (a, b)
+    page.get_by_role("button", name="All views").click()
+    settled(page)
+
+
+@pytest.fixture(scope="module")
+def two(folder):
+    """The address of a server of two pictures, the second of which has another sensor's size and colours."""
+    write_image(folder / "yard.png", 255 - pattern((1024, 1024))[::-1])
+    with serving(Studio(Sources([str(folder / "picture.png"), str(folder / "yard.png")]))) as address:
+        yield address
+
+
+AT = """(index) => {
+  const { look } = window.omnimirror, { left, top, view } = look.laid.places[index];
+  const copy = new OffscreenCanvas(look.laid.view.width, look.laid.view.height).getContext("2d");
+  copy.drawImage(look.drawn(), 0, 0);
+  const dots = [left, top].map((at) => Math.round(at * devicePixelRatio));
+  const places = [0.1, 0.3, 0.5, 0.7, 0.9].flatMap((a) => [0.2, 0.45, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
+  const colours = places.map(([x, y]) => [...copy.getImageData(dots[0] + x, dots[1] + y, 1, 1).data]);
+  return { line: look.commands().split("\\n")[index], places, colours };
+}"""  # noqa: E501
+
+
+def check_colours(page, folder, index: int) -> None:
+    """One of several views shows what its own command line does, of its own picture."""
+    told = page.evaluate(AT, index)
+    dewarper = python_view(told["line"], folder)
+    wanted = dewarper(read_image(folder / shlex.split(told["line"])[2]))
+    compared = 0
+    for (x, y), (r, g, b, opaque) in zip(told["places"], told["colours"], strict=True):
+        if opaque == 255 and wanted[y, x].any():
+            assert [r, g, b] == pytest.approx(wanted[y, x][:3], abs=4)
+            compared += 1
+    assert compared >= 8
+
+
+def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(browser, two, folder):
+    page = open_page(browser, f"{two}#source=server%3Asource", 1000, 900, reduced_motion="reduce")
+    page.wait_for_function("window.omnimirror.look.feed?.name === 'picture.png'")
+    page.get_by_role("button", name="All views").click()
+    seen = "window.omnimirror.look.laid?.places.length === 2 && window.omnimirror.look.laid.places.every((p) => p.seen)"
+    page.wait_for_function(seen)
+    assert [view["name"] for view in json.loads(state(page)["views"])] == ["picture.png", "yard.png"]
+    left, top, width, height = page.evaluate(CELLS)[1]
+    box = page.locator("#view").bounding_box()
+    page.mouse.click(box["x"] + left + width / 2, box["y"] + top + height / 2)
+    page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
+    page.locator("#sensor").select_option("paper-hyperboloidal")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'")
+    look(page, mode="dome", pan=30.0)
+    page.wait_for_function("JSON.parse(window.omnimirror.store.state.views)[1].mode === 'dome'")
+    page.get_by_role("button", name="picture.png").click()  # the first is moved again, the other stays as it is
+    page.wait_for_function("window.omnimirror.look.feed.name === 'picture.png'")
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-spherical'")
+    look(page, pan=-20.0)
+    page.wait_for_function(seen)
+    for index in (0, 1):
+        check_colours(page, folder, index)
+    lines = page.evaluate("window.omnimirror.look.commands()").split("\n")
+    words = ("yard.png", "paper-hyperboloidal", "--view dome")
+    assert [[word in line for word in words] for line in lines] == [[False] * 3, [True] * 3]
+    write_image(folder / "own.png", pattern((1024, 1024))[:, ::-1])
+    drop(page, folder / "own.png")  # in the place of the first
+    page.get_by_role("button", name="yard.png").click()
+    page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
+    page.wait_for_function(seen)
+    check_colours(page, folder, 0)
+    page.wait_for_function("location.hash.includes('yard.png')")
+    page.reload()  # the link holds all of it
+    page.wait_for_function("window.omnimirror?.look.sensor.camera")
+    page.wait_for_function(seen)
+    check_colours(page, folder, 1)
+    page.get_by_role("button", name="All views").click()
+    settled(page)
+    page.wait_for_function("window.omnimirror.look.others.feeds.size === 0")
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_camera_that_cannot_be_had_says_so_in_its_place(browser, tmp_path):
+    for name in ("here.png", "gone.png"):
+        write_image(tmp_path / name, pattern((200, 200)))
+    with serving(Studio(Sources([str(tmp_path / "here.png"), str(tmp_path / "gone.png")]))) as address:
+        (tmp_path / "gone.png").unlink()
+        page = open_page(browser, f"{address}#source=server%3Asource", 800, 700, reduced_motion="reduce")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'here.png'")
+        page.get_by_role("button", name="All views").click()
+        page.wait_for_function("/gone.png: .*(no|not|cannot)/.test(document.querySelector('#cells').textContent)")
+        assert page.evaluate("window.omnimirror.look.laid.places.map((p) => !!p.seen)") == [True, False]
+        assert page.problems == []
+        page.context.close()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [pytest.param((390, 844), id="upright", marks=pytest.mark.full), pytest.param((844, 390), id="across")],
+)
+def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: F811
+    page = open_page(browser, rooms, *size, has_touch=True)
+    page.get_by_role("button", name="Try the demo room").tap()  # one of three
+    page.wait_for_function("window.omnimirror.look.feed")
+    page.wait_for_selector("#view:visible")
+    page.wait_for_function(f"({SHARE})() >= 0.6")
+    assert page.evaluate("document.scrollingElement.scrollWidth") == size[0]
+    for mode in ("Dome", "Perspective"):
+        page.locator("#modes label").filter(has_text=mode).tap()
+        page.wait_for_function(f"window.omnimirror.store.state.mode === {mode.lower()!r}")
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_button_that_cannot_be_pressed_says_why(browser, server):
+    page = open_page(browser, server, 1000, 700)
+    snapshot = page.get_by_role("button", name="Snapshot")
+    assert snapshot.get_attribute("aria-disabled") == "true"
+    snapshot.click(force=True)
+    page.get_by_role("status").filter(has_text="Open a picture first.").wait_for()
+    page.context.close()

@@ -1,0 +1,200 @@
+"""Statements of the paper receive the known verdicts."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omnimirror.apps.reproduction import ALL_FIGURES, all_claims, check, claims, draw_figures, reproduce_paper
+from omnimirror.apps.reproduction.claims import (
+    AS_INTERPRETED,
+    ASSUMED,
+    DIFFERS,
+    NOT_REPRODUCED,
+    WORDINGS,
+    printed_number,
+)
+from omnimirror.apps.reproduction.paper import Paper
+from omnimirror.apps.reproduction.tables import HEADINGS, number, summary
+from omnimirror.base.errors import InvalidParameter
+
+ERRATA = Path(__file__).parents[2] / "docs" / "errata.md"
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return check()
+
+
+def test_every_verdict_is_the_expected_one(rows):
+    assert [f"{r.title}: {r.verdict}, computed {r.computed}" for r in rows if not r.as_expected] == []
+
+
+def test_statements_that_are_right_are_not_errata(rows):
+    """Erratum numbers are stable: 4, 6, 10, 14 to 16, 18 and 20 are remarks without a row."""
+    errata = {r.claim.erratum for r in rows if r.verdict.startswith("erratum")}
+    assert errata == {1, 2, 3, 5, 7, 8, 9, 11, 12, 13, 17, 19}
+    assert [r.claim.quantity for r in rows if r.verdict == NOT_REPRODUCED] == ["E-DI: best L0", "SVP: best L0"]
+    assert [r.claim.quantity for r in rows if r.verdict == ASSUMED] == [
+        "SVP: L0 that focuses the peripheral area",
+        "hyperboloidal prototype: largest field angle at 60 mm diameter",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "tolerance"),
+    [("13.7", 13.7, 0.05), ("3.550", 3.55, 5e-4), ("6412", 6412, 0.5), ("180", 180, 5), ("-0.01", -0.01, 5e-3)],
+)
+def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
+    assert printed_number(text) == pytest.approx((value, tolerance), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("claim", "agreeing", "differing"),
+    [
+        (claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
+        (claims.printed("", "", "", "13.7", float), [13.65, 13.7, 13.75], [13.6499, 13.7501, -13.7]),
+        (claims.worded("", "", "", "constant", 2.0, float), [1.95, 2.05], [1.949, 2.051]),
+        (claims.worded("", "", "", "proportional", 200.0, float), [195.0, 205.0], [194.9, 205.1]),
+        (claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
+        (claims.ordered("", "", "", "<=", 3.0, float), [3.0, 2.0, -9.0], [3.0 + 1e-9]),
+        (claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
+        (claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
+        (claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
+        (claims.formula("", "", "", -50.0, float), [-50.0, -50.0049, -49.9951], [-50.0051, -49.9949, 50.0]),
+        (claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
+    ],
+)
+def test_each_kind_of_statement_has_its_tolerance(claim, agreeing, differing):
+    assert [claim.verdict(value) for value in agreeing] == [claim.expected] * len(agreeing)
+    assert [claim.verdict(value) for value in differing] == [DIFFERS] * len(differing)
+
+
+def test_words_are_explained_by_the_share_that_is_used():
+    for word, (share, explanation) in WORDINGS.items():
+        assert f"'{word}'" in explanation
+        assert f" {100 * share:g} % of" in explanation
+
+
+def test_one_rule_of_tolerance_for_all_rows(rows):
+    for r in rows:
+        c = r.claim
+        if c.relation != "=":
+            assert c.tolerance == 0, r.title
+        elif c.interpretation:
+            assert (c.tolerance / c.target, c.interpretation) in WORDINGS.values(), r.title
+        elif re.fullmatch(r"-?[\d.]+", c.statement) and c.statement != "0":
+            assert (c.target, c.tolerance) == printed_number(c.statement), r.title
+        elif c.target is not None:
+            assert c.tolerance <= 1e-4 * max(abs(c.target), 1e-5), r.title
+
+
+def test_correct_values_refute_the_printed_ones(rows):
+    for r in rows:
+        if r.claim.correct is not None:
+            assert r.claim.verdict(float(r.claim.correct)) == r.claim.expected, r.title
+
+
+def test_every_row_has_place_quantity_and_method(rows):
+    for r in rows:
+        assert re.search(r"Table|Sec|Fig|Eq", r.claim.place)
+        assert r.claim.method
+        assert r.claim.quantity
+
+
+@pytest.mark.parametrize("claim", all_claims(), ids=lambda c: c.quantity)
+def test_a_wrong_value_loses_its_verdict(claim):
+    value = claim.target if claim.target is not None else float(claim.correct)
+    wrong = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[claim.relation]
+    if claim.correct is not None and claim.relation == "=":
+        wrong = max(value, float(claim.correct)) + 3 * claim.tolerance + 0.02
+    assert claim.verdict(wrong) != claim.expected
+
+
+def test_nan_agrees_with_nothing():
+    assert {replace(c, relation="=").verdict(float("nan")) for c in all_claims()} == {DIFFERS}
+
+
+def test_viewpoint_error_by_exhaustive_search():
+    """Largest |eps| of Eq. 23 at 7 M, minimised over V0 on a fine grid with the sag in closed form."""
+    A, m = 1.1378931, 4.1096948  # sphere of Table 1 by its closed form
+    x = np.linspace(1e-6, 1.0, 2001)
+    beta, theta = np.arcsin(x / A), np.arctan2(x, m + A - np.sqrt(A**2 - x**2))
+    omega, z = 2 * beta + theta, A - np.sqrt(A**2 - x**2)
+    offset = np.linspace(0.0, 0.3, 3001)[:, None] - (z + x / np.tan(omega))
+    error = np.arctan2(offset * np.sin(omega), 7 + x / np.sin(omega) + offset * np.cos(omega))
+    expected = np.degrees(np.abs(error).max(axis=1).min())
+    assert Paper().viewpoint_error_deg(7, "SPH") == pytest.approx(expected, rel=2e-3)
+    assert expected == pytest.approx(2.346, abs=2e-3)
+
+
+def test_files_hold_every_row(rows, tmp_path):
+    result = reproduce_paper(tmp_path, figures=False)
+    assert [f.name for f in result.files] == ["numbers.csv", "numbers.md"]
+    with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert tuple(table[0]) == HEADINGS
+    assert [t["verdict"] for t in table] == [r.verdict for r in rows]
+    assert [float(t["computed"]) for t in table] == pytest.approx([r.computed for r in rows], rel=1e-11, abs=1e-12)
+    assert all(t["interpretation"] for t in table if t["verdict"] == AS_INTERPRETED)
+    text = (tmp_path / "numbers.md").read_text(encoding="utf-8")
+    assert len(re.findall(r"^\| \d", text, flags=re.M)) == len(rows)
+    for line in text.splitlines():
+        if line.startswith("| "):
+            assert len(re.findall(r"(?<!\\)\|", line)) == 11
+
+
+def test_the_list_of_errata_quotes_the_computed_values(rows):
+    page = ERRATA.read_text(encoding="utf-8")
+    entries = dict(re.findall(r"^\| (\d+) \| (.*)$", page, flags=re.M))
+    assert set(entries) == {str(n) for n in range(1, 21)}
+    for r in rows:
+        if r.claim.erratum is not None:
+            assert number(r.computed, 4) in entries[str(r.claim.erratum)], r.title
+    assert summary(rows) in " ".join(page.split())
+
+
+def test_figures_are_drawn_the_papers_way(tmp_path):
+    seen = []
+    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], progress=seen.append)
+    assert [f.name for f in files] == ["fig5.svg"]
+    assert seen == ["fig5"]
+    assert ">SPH<" in files[0].read_text(encoding="utf-8")
+
+
+@pytest.mark.full
+def test_figure_17_is_taken_and_straightened(tmp_path):
+    (file,) = draw_figures(tmp_path, ["fig17"], formats=["png"])
+    assert file.stat().st_size > 300_000
+
+
+def test_an_unknown_figure_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"fig99.*fig17"):
+        reproduce_paper(tmp_path / "out", only=["fig99"])
+    assert not (tmp_path / "out").exists()
+    assert tuple(f"fig{n}" for n in range(1, 19)) == ALL_FIGURES
+
+
+def test_diagrams_are_drawn_to_scale(tmp_path):
+    """The rays of Fig. 2 by the law of reflection, and the blur of Fig. 18 by Eq. 28."""
+    from omnimirror.analysis.figures import diagrams
+    from omnimirror.apps.reproduction import paper_sensors
+
+    sensor = paper_sensors()[0]
+    for omega in (20.0, 100.0, 135.0):
+        ray = diagrams.chief_ray(sensor, omega)
+        to_lens = np.array([-ray.x, -sensor.meridian.m - ray.z])
+        slope = float(sensor.mirror.slope(ray.x))
+        normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
+        to_lens /= np.linalg.norm(to_lens)
+        np.testing.assert_allclose(2 * (to_lens @ normal) * normal - to_lens, ray.towards, atol=1e-9)
+    (file,) = draw_figures(tmp_path, ["fig18"], formats=["svg"])
+    assert "image sensor" in file.read_text(encoding="utf-8")
+    spot = next(line for line in diagrams.blur_geometry().axes[0].lines if line.get_linewidth() == 3.5)
+    f, D, L0, L = 1.0, 1.1, 3.2, 6.0
+    assert np.ptp(spot.get_ydata()) == pytest.approx(f * D * (L - L0) / ((L0 - f) * L))

@@ -1,0 +1,182 @@
+"""The door to what is compiled: what the environment chooses, what is said of what is missing, threads."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from omnimirror.base import native
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.native import INTERFACE, Backend, backend, usable_cores
+from tests.everyday import few
+from tests.fuzz.native_arguments import Buffers, Recipes, functions_of
+
+NAME = "from omnimirror.base.native import backend; print(backend.name)"
+
+
+def name_told(choice: str) -> tuple[str, str]:
+    environment = {**os.environ, "OMNIMIRROR_NATIVE": choice}
+    run = subprocess.run([sys.executable, "-c", NAME], env=environment, capture_output=True, text=True, check=True)
+    return run.stdout.strip(), run.stderr
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+def test_the_environment_chooses():
+    assert name_told("0") == ("opencv", "")
+    assert name_told("plain") == ("plain", "")
+    assert name_told("") == (backend.name, "")
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+def test_instructions_that_there_are_not_are_refused(monkeypatch):
+    monkeypatch.setenv("OMNIMIRROR_NATIVE", "mmx")
+    with pytest.raises(InvalidParameter, match="'mmx' names no instructions of this machine"):
+        _ = Backend().name
+
+
+def test_what_is_missing_is_said_once(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "omnimirror.base._native", None)
+    monkeypatch.delattr("omnimirror.base._native", raising=False)
+    monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
+    missing = Backend()
+    with caplog.at_level(logging.WARNING, "omnimirror"):
+        assert missing.name == missing.name == "opencv"
+        assert not missing.is_compiled
+        missing.set_threads(missing.threads)
+    assert [r.levelname for r in caplog.records] == ["WARNING"]
+    assert "OpenCV, several times slower" in caplog.text
+    with pytest.raises(RuntimeError, match=r"ask backend\.is_compiled first"):
+        _ = missing.kernels
+
+
+def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "omnimirror.base._native", SimpleNamespace(INTERFACE=INTERFACE - 1))
+    monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
+    with caplog.at_level(logging.WARNING, "omnimirror"):
+        assert not Backend().is_compiled
+    assert "another version" in caplog.text
+
+
+def test_the_number_of_threads_is_checked():
+    for count in (0, -1, 1025):
+        with pytest.raises(InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"):
+            backend.set_threads(count)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here")
+def test_as_many_threads_as_the_process_may_use_cores():
+    """Kept to one core, as by taskset, a process starts no second thread that would wait for the first."""
+    script = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
+        "from omnimirror.base.native import backend, usable_cores; print(usable_cores(), backend.threads)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["1", "1"]
+
+
+@pytest.mark.parametrize(
+    ("said", "least"),
+    [("max 100000\n", 10**6), ("150000 100000\n", 2), ("20000 100000\n", 1), ("", 10**6), ("0 0", 10**6)],
+)
+def test_no_more_than_the_container_may_use(monkeypatch, tmp_path, said, least):
+    monkeypatch.setattr(native, "QUOTA", tmp_path / "cpu.max")
+    without = usable_cores()  # there is no such file
+    (tmp_path / "cpu.max").write_text(said, encoding="ascii")
+    assert usable_cores() == max(1, min(without, least))
+
+
+# -- arguments, and memory ---------------------------------------------------------------------------
+
+needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+
+
+@needs_compiled
+@pytest.mark.parametrize("seed", few(range(8), 0))
+def test_hostile_arguments_crash_nothing(seed):
+    command = [sys.executable, "-m", "tests.fuzz.native_arguments", "--calls", "1500", "--seed", str(seed)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert all(" 0 answered" not in line for line in run.stdout.splitlines())  # every function got beyond its checks
+
+
+@needs_compiled
+@pytest.mark.parametrize("name", sorted(dict(functions_of(backend.module))) if backend.is_compiled else [])
+def test_every_array_is_checked(name):
+    """Whatever binding takes it: an array that is not aligned is refused, and so is one of another number of axes."""
+    function = dict(functions_of(backend.module))[name]
+    recipes = Recipes(Buffers(np.random.default_rng(0)), backend.module)
+
+    def made():
+        bound_and_arguments = getattr(recipes, name.replace(".", "_"))()
+        return bound_and_arguments if isinstance(bound_and_arguments, tuple) else (None, bound_and_arguments)
+
+    for argument, value in made()[1].items():
+        places = range(len(value)) if isinstance(value, tuple) else (None,)
+        for place in places:
+            bound, arguments = made()
+            value = arguments[argument]
+            array = value if place is None else value[place]
+            is_unused = (name, argument) == ("PackedMap.sample", "coordinates") and "averages" not in arguments
+            is_unused |= argument == "walls" and arguments["wall"][0] == 0
+            if not isinstance(array, np.ndarray) or array.size == 0 or is_unused:
+                continue
+            odd = recipes.b.copy(array, odd=1) if array.itemsize > 1 else array
+            for changed, words in ((odd, "aligned"), (np.array(array)[None], "must have shape")):
+                if changed is array:
+                    continue
+                put = changed if place is None else (*value[:place], changed, *value[place + 1 :])
+                call = {**arguments, argument: put}
+                said = f"{words}|incompatible function arguments"  # of arrays whose type has a number of axes
+                with pytest.raises((ValueError, TypeError), match=said) as refusal:
+                    function(**call) if bound is None else function(bound, **call)
+                assert "aligned" not in words or refusal.type is ValueError
+
+
+SCARCE = """
+import resource
+import numpy as np
+from omnimirror.optics.batch.best_focus import FOCUS_SEARCH
+from omnimirror.base.native import backend
+
+designs, terms, angles, random = 64, 400, 8000, np.random.default_rng(0)
+numbers = np.tile([185.0, 44.0, 11.6, 4.0, 50.0, 0.0, 0.0], (designs, 1))
+def evaluated():
+    columns = np.zeros((10, designs, angles))
+    backend.kernels.evaluate_designs(
+        coefficients, numbers, basis, fractions, True, False, 0.08, 0.0, 550.0, np.zeros(angles), 0.0, FOCUS_SEARCH,
+        np.empty((0, 2, 1)), (0.0,) * 7, np.empty((0, 1)), (0, 1.0, 1.0), columns, np.zeros((3, designs)),
+    )
+    return columns
+coefficients, basis = random.uniform(0, 1e-4, (designs, terms)), random.uniform(0, 1, (3, terms, angles))
+fractions = np.linspace(0, 1, angles)
+backend.set_threads({first})
+before = evaluated()
+backend.set_threads({threads})
+page, unlimited = resource.getpagesize(), resource.getrlimit(resource.RLIMIT_AS)
+used = int(open("/proc/self/statm").read().split()[0]) * page
+resource.setrlimit(resource.RLIMIT_AS, (used + 60 * 2**20, unlimited[1]))  # the columns fit, the 77 MB of a task do not
+errors = 0
+for _ in range(5):
+    try:
+        evaluated()
+    except MemoryError:
+        errors += 1
+resource.setrlimit(resource.RLIMIT_AS, unlimited)
+print(errors, np.array_equal(evaluated(), before, equal_nan=True))
+"""
+
+
+@needs_compiled
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are those of Linux")
+@pytest.mark.parametrize(("first", "threads"), [(4, 4), (1, 4), (1, 1)])
+def test_tasks_without_memory_raise(first, threads):
+    """On threads that run already, that cannot be started, and without any; afterwards all is as before."""
+    script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280)
+    assert (run.returncode, run.stdout.split()) == (0, ["5", "True"]), run.stderr

@@ -1,0 +1,146 @@
+"""Straight edges beside boards and points: what they add, by the truth, and that the sum of all is least."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration.estimation import Motion, StraightEdges
+from omnimirror.calibration.estimation.bundle.linearisation import without_slides
+from tests.commands import fails, omnimirror
+
+MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0
+TRUTH = om.Unified(0.9, (150.0, 150.5), (322.0, 238.0), (640, 480), k1=-0.03, p1=5e-4, rim_radius_px=220.0)
+BOARD = om.Board("chessboard", 11, 7, 30.0)
+
+
+def edges(count, seed=0, noise_px=0.2, points=12):
+    """Points on images of far straight lines all around, as someone marks them."""
+    chance, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        across = np.linalg.svd(chance.normal(size=(1, 3)))[2][1:]
+        turn = chance.uniform(0, 2 * np.pi) + np.linspace(0, np.radians(chance.uniform(40, 110)), points)
+        image = TRUTH.image(np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1], distant=True)
+        inside = image.valid & (np.abs(image.pixels - [319.5, 239.5]) < [318, 238]).all(axis=1)
+        if inside.sum() >= 8:
+            found.append(image.pixels[inside] + chance.normal(0, noise_px, (int(inside.sum()), 2)))
+    return found
+
+
+def boards_at_the_right(seed):
+    """Four boards, none of them in the left half of the picture."""
+    seen = [d for s in (seed, seed + 100) for d in om.simulate_detections(TRUTH, BOARD, 8, noise_px=0.1, seed=s)]
+    right = [d for d in seen if d.corners_px[:, 0].mean() > MIDDLE[0]]
+    return [replace(d, name=f"board {i}") for i, d in enumerate(right[:4])]
+
+
+def errors_deg(camera):
+    """Of directions (n,), after the best turn of all together, and what the camera says of them."""
+    pixels = np.stack(np.meshgrid(np.arange(20.0, 620.0, 15.0), np.arange(20.0, 470.0, 15.0)), axis=-1).reshape(-1, 2)
+    pixels = pixels[np.hypot(*(pixels - MIDDLE).T) < RADIUS]
+    true, found = TRUTH.backproject(pixels), camera.backproject(pixels)
+    turn, _ = Rotation.align_vectors(true.directions, found.directions)
+    off = np.degrees(np.linalg.norm(true.directions - turn.apply(found.directions), axis=1))
+    return off, om.direction_uncertainty(camera, pixels, field_deg=180.0)
+
+
+@cache
+def by_boards_alone(seed):
+    """The camera of boards at the right."""
+    return om.calibrate_camera(boards_at_the_right(seed), BOARD, model="unified").camera
+
+
+@pytest.mark.full
+def test_edges_reach_where_no_board_was_held():
+    """By the truth: the error of directions is less, what is said of it is less, and it is inside three times that."""
+    errors = []
+    for seed in (0, 2):
+        seen, rows = boards_at_the_right(seed), []
+        with_edges = om.calibrate_camera(seen, BOARD, model="unified", lines={"room.jpg": edges(40, seed)}).camera
+        for camera in (by_boards_alone(seed), with_edges):
+            off, said = errors_deg(camera)
+            assert (off < 3 * said).mean() > 0.95
+            rows.append((np.sqrt(np.mean(off**2)), np.median(said)))
+        assert rows[1][1] < 0.75 * rows[0][1]
+        errors.append([error for error, _ in rows])
+    alone, together = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert together < 0.7 * alone
+
+
+def test_where_it_ends_the_sum_of_points_and_edges_is_least():
+    """Its gradient vanishes: what pulls from the points against what pulls from the edges, each large by itself."""
+    points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
+    image = TRUTH.image(points)
+    noise = np.random.default_rng(4).normal(0, 0.3, (int(image.valid.sum()), 2))
+    room = om.Sighting("room", image.pixels[image.valid] + noise, points[image.valid], Motion.none(), is_known=True)
+    marked = StraightEdges.of({"room.jpg": edges(20)}, np.inf, TRUTH.image_size)
+    found = om.adjust(TRUTH, [room], edges=marked)
+    linear, known = without_slides(found.linearised), marked.known(found.model)
+    pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.question.noise_px**2
+    against = known.information @ (np.array([p.value for p in found.model.parameters]) - known.expected)
+    scale = np.array([p.scale for p in found.model.parameters])
+    assert np.abs(scale * (pull + against)).max() < 0.02 * np.abs(scale * pull).max()
+
+
+def test_a_crooked_edge_is_named_and_does_not_count():
+    crooked = edges(12)
+    bend = np.linspace(-1, 1, len(crooked[4])) ** 2
+    crooked[4] = crooked[4] + 6.0 * bend[:, None]
+    found = om.calibrate_camera(boards_at_the_right(1), BOARD, model="unified", lines={"room.jpg": crooked})
+    assert [e.edge for e in found.edges if not e.used] == [5]
+    assert "not used: edge 5 of room.jpg (" in found.notes[-1]
+    assert found.to_dict()["edges"][4]["rms_px"] > 1.0
+    off, said = errors_deg(found.camera)
+    assert (off < 3 * said).mean() > 0.95
+
+
+@pytest.mark.full
+def test_edges_of_three_points_count():
+    """Three points say how far the middle one is off the image of a line through the others."""
+    lines = {"room.jpg": [edge[[0, len(edge) // 2, -1]] for edge in edges(40, noise_px=0.1)]}
+    found = om.calibrate_camera(boards_at_the_right(0), BOARD, model="unified", lines=lines)
+    assert sum(e.used for e in found.edges) >= 38
+    off, _ = errors_deg(found.camera)
+    alone, _ = errors_deg(by_boards_alone(0))
+    assert np.sqrt(np.mean(off**2)) < np.sqrt(np.mean(alone**2))
+
+
+def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
+    points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
+    image = TRUTH.project(points @ TRUTH.mount.rotation())
+    rows = [
+        f"{u:.3f},{v:.3f},{x},{y},{z}"
+        for (u, v), (x, y, z) in zip(image.pixels[image.valid], points[image.valid], strict=True)
+    ]
+    (tmp_path / "room.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "\n".join(rows))
+    marks = [f"wall.jpg,{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges(12)) for u, v in edge]
+    (tmp_path / "edges.csv").write_text("picture,line,u_px,v_px\n" + "\n".join(marks))
+    asked = ("--points", "room.csv", "--image-size", "640x480", "--model", "unified")
+    run = omnimirror("calibrate", *asked, "--lines", "edges.csv", "--json", "found.json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "12 of 12 marked edges are straight within" in " ".join(run.stdout.split())
+    told = json.loads((tmp_path / "found.json").read_text())["edges"]
+    assert [(e["picture"], e["edge"], e["used"]) for e in told] == [("wall.jpg", i, True) for i in range(1, 13)]
+    alone = fails("calibrate", "--lines", "edges.csv", "--image-size", "640x480", cwd=tmp_path)
+    assert "--lines alone refine a camera that is known: omnimirror lines" in alone
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ({"a.jpg": edges(2)}, "2 straight edges say too little; 3 are the fewest"),
+        ({"a.jpg": [*edges(3), np.zeros((2, 2))]}, r"edge 4 of a.jpg has the shape \(2, 2\); valid is \(n, 2\)"),
+        ({"a.jpg": edges(3), "b.jpg": [edges(1)[0] + [600, 0]]}, "edge 1 of b.jpg: pixel .* lies outside of 640 x 480"),
+        ({"a.jpg": np.random.default_rng(0).uniform(0, 479, (9, 8, 2))}, "edges .* can be straight for this camera"),
+    ],
+)
+def test_what_cannot_be_an_edge_is_refused(lines, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.calibrate_camera(boards_at_the_right(1), BOARD, model="unified", lines=lines)

@@ -1,0 +1,230 @@
+"""Cameras from points and directions that are known, wherever the camera stood among them, against the true camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.calibration.estimation.bundle.observations import rotation_of
+from tests.everyday import few
+
+from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
+
+HEAD = {"points": "picture,u_px,v_px,x_mm,y_mm,z_mm", "directions": "picture,u_px,v_px,x,y,z"}
+
+
+def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
+    """What a camera sees of a room with 40 m of corridor and of stars, in axes that it stands in somehow."""
+    random = np.random.default_rng(seed)
+    points = random.normal(size=(8 * (near + far), 3))
+    points *= (random.uniform(600, 5000, len(points)) / np.linalg.norm(points, axis=1))[:, None]
+    close, away = camera.project(points), camera.project_directions(points)
+    chosen, distant = np.flatnonzero(close.valid)[:near], np.flatnonzero(away.valid)[-far:] if far else []
+    turn, shift = rotation_of(random.normal(size=3)), random.normal(0, 2000, 3)
+    pixels = np.concatenate([close.pixels[chosen], away.pixels[distant]])
+    return om.Sighting(
+        "room",
+        pixels + random.normal(0, NOISE_PX, pixels.shape),
+        np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]),
+        is_distant=np.arange(near + far) >= near,
+    )
+
+
+def off_deg(found, camera) -> float:
+    """Error of directions, rms, when both are laid over each other: how a camera stands is not its own."""
+    ways = np.random.default_rng(9).normal(size=(1000, 3))
+    there = camera.project_directions(ways)
+    true = ways[there.valid] / np.linalg.norm(ways[there.valid], axis=1)[:, None]
+    rays = found.model.backproject(there.pixels[there.valid])
+    assert rays.valid.mean() > 0.97  # a mirror of which nothing is known ends where the last point was seen
+    true, looks = true[rays.valid], rays.directions[rays.valid]
+    u, _, vt = np.linalg.svd(true.T @ looks)
+    assert np.linalg.det(u @ vt) == pytest.approx(1.0)  # and not its mirror image
+    return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
+
+
+@pytest.mark.parametrize(("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1)))
+def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
+    """In the middle of some draws: of few points now and then the outermost one alone says what the lens does there."""
+    fits = [
+        om.calibrate_camera(surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified")
+        for seed in range(draws)
+    ]
+    for found in fits:
+        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
+        assert found.rms_px < found.held_out_rms_px
+        assert found.advice == ()  # of boards, which nobody has
+    assert np.median([found.held_out_rms_px for found in fits]) < 2.5 * np.sqrt(2) * NOISE_PX
+    assert np.median([off_deg(found, TRUTH) for found in fits]) < 0.06
+
+
+@pytest.mark.full
+def test_where_the_camera_stood_among_the_points_is_told():
+    room = seen(TRUTH, 40, 0)
+    turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
+    here, stars = (om.Sighting(s.name, s.pixels, s.points @ turn.T, s.motion, s.is_known, s.is_distant)
+                   for s in (room, seen(TRUTH, 0, 40)))  # fmt: skip
+    moved = om.Sighting("moved", here.pixels, here.points + place, is_distant=here.is_distant)
+    at = [om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").pictures[0] for s in (here, moved, stars)]
+    np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, place, atol=0.1)
+    np.testing.assert_allclose(at[1].rotation, at[0].rotation, atol=1e-5)
+    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].shift_mm).pixels
+    assert np.median(np.linalg.norm(pixels - here.pixels, axis=1)) < 1.0
+    assert at[2].rotation is not None
+    assert at[2].camera_at_mm is None
+
+
+@pytest.mark.parametrize("model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)])
+def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(model):
+    camera = om.load_sensor("paper-spherical")
+    found = om.calibrate_camera(surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model)
+    assert model != "auto" or len(found.candidates) > 4
+    assert found.held_out_rms_px < 1.3 * np.sqrt(2) * NOISE_PX
+    assert off_deg(found, camera) < 0.05
+
+
+def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
+    sky = seen(TRUTH, 0, 30, seed=2)
+    sky.pixels[7] += [12.0, -9.0]
+    found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
+    assert [p.name for p in found.pictures] == [*(f"picture {i}" for i in range(1, 5)), "room"]
+    assert all(p.used for p in found.pictures)
+    (wrong,) = found.outliers
+    assert (wrong.picture, wrong.corner) == ("room", 7)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    alone = om.calibrate_camera(detections(count=4), BOARD, model="unified")
+    assert off_deg(found, TRUTH) < off_deg(alone, TRUTH)
+
+
+def test_the_boards_shape_is_not_that_of_the_room():
+    """Points of a board bent by 3 mm; those of a room are where they were measured."""
+    bent = BOARD.points_mm.copy()
+    bent[:, 2] = 3.0 * ((bent[:, 0] - bent[:, 0].mean()) / 150.0) ** 2
+    boards = detections(count=6, points_mm=bent)
+    found = om.calibrate_camera(boards, BOARD, surveys=[seen(TRUTH, 40, 0)], model="unified")
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert max(abs(v) for v in found.shape.values[2:]) > 1.0
+
+
+@pytest.mark.full
+@pytest.mark.long
+def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
+    """A third of 28 fits any mirror; from there the others stay 26 px off."""
+    camera, random = om.load_sensor("paper-hyperboloidal"), np.random.default_rng(2)
+    points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
+    found = camera.project(points)
+    pixels = found.pixels[found.valid] + random.normal(0, NOISE_PX, (found.valid.sum(), 2))
+    room = om.Sighting("room", pixels, points[found.valid])
+    fit = om.calibrate_camera(surveys=[room], image_size=camera.image_size, model="sensor")
+    assert fit.rms_px < np.sqrt(2) * NOISE_PX
+    assert fit.held_out_rms_px < 2 * np.sqrt(2) * NOISE_PX
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda s: {"surveys": [s]}, "the pictures' size has to be said"),
+        (lambda s: {"surveys": [s], "image_size": (320, 240)}, r"room: pixel .* lies outside of 320 x 240 px"),
+        (
+            lambda s: {"surveys": [s.only(np.arange(8))], "image_size": SIZE},
+            "8 points are known, and 12 are the",
+        ),
+        (lambda s: {"surveys": [s, s], "image_size": SIZE}, "one name twice among room and room"),
+        (
+            lambda s: {"surveys": [om.Sighting("room", s.pixels, s.points * [1, -1, 1])], "image_size": SIZE},
+            "no camera explains the points and directions.*mirror images",
+        ),
+        (lambda s: {"pictures": ["a.png"], "image_size": SIZE}, "1 pictures are given and not the board"),
+    ],
+)
+def test_what_will_not_do_is_told(ask, says):
+    with pytest.raises(InvalidParameter, match=says):
+        om.calibrate_camera(**ask(seen(TRUTH, 40, 0)), model="unified")
+
+
+# -- files -----------------------------------------------------------------------------------------------
+
+
+def written(folder, survey: om.Sighting, *kinds: str) -> list[str]:
+    """The command's options for files of what was seen."""
+    options = []
+    for kind in kinds:
+        rows = survey.distant == (kind == "directions")
+        numbers = np.hstack([survey.pixels, survey.points])[rows]
+        lines = [f"{survey.name}," + ",".join(f"{x:.6f}" for x in row) for row in numbers]
+        (folder / f"{kind}.csv").write_text("\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n")
+        options += [f"--{kind}", str(folder / f"{kind}.csv")]
+    return options
+
+
+def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
+    survey = seen(TRUTH, 12, 6)
+    written(tmp_path, survey, "points", "directions")
+    (read,), places = om.read_surveys([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
+    assert read.name == "room"
+    assert read.points == pytest.approx(survey.points, abs=1e-5)
+    assert read.distant.tolist() == survey.distant.tolist()
+    assert places["room"][0] == "points.csv line 3"
+    assert places["room"][12] == "directions.csv line 3"
+
+
+def test_azimuths_are_counted_clockwise_from_above(tmp_path):
+    """A compass and a sextant: north ahead, east to the right of it, which is -Y where Y is left."""
+    (tmp_path / "sky.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n")
+    ((sky,), _) = om.read_surveys(directions=[tmp_path / "sky.csv"])
+    assert sky.points == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "holds no points; its first line should be u_px,v_px,x,y,z"),
+        ("u,v,x,y,z\n1,2,3,4,5\n", "line 1 of .*names 'u,v,x,y,z'; valid is u_px,v_px,x,y,z or u_px,v_px,azimuth_deg"),
+        ("u_px,v_px,x,y,z\n1,2,3,4\n", "sky.csv line 2 has 4 values, and the first line names 5"),
+        ("u_px,v_px,x,y,z\n1,2,3,4,north\n", "sky.csv line 2: z = 'north' is no number"),
+        ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: 0, 0, 0 is no direction"),
+        ("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n", "elevation_deg = 91 is not within -90 to 90"),
+    ],
+)
+def test_a_file_that_will_not_do_is_told_by_its_line(tmp_path, text, says):
+    (tmp_path / "sky.csv").write_text(text)
+    with pytest.raises(InvalidParameter, match=says):
+        om.read_surveys(directions=[tmp_path / "sky.csv"])
+
+
+def test_the_command_finds_a_camera_from_files_alone(tmp_path):
+    from click.testing import CliRunner
+
+    from omnimirror.apps.cli.commands.calibration.calibrate import command
+
+    options = written(tmp_path, seen(TRUTH, 30, 20), "points", "directions")
+    out = tmp_path / "camera.toml"
+    run = CliRunner().invoke(
+        command, [*options, "--image-size", "640x480", "--model", "unified", "-o", str(out),
+                  "--report", str(tmp_path / "report.html")],
+    )  # fmt: skip
+    assert run.exit_code == 0, run.output
+    assert "50 of 50 points in 1 of 1 picture" in run.output
+    assert om.load_camera(out).xi == pytest.approx(TRUTH.xi, abs=0.1)
+    assert "From points in 1 of 1 picture" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "there are no PICTURES of a board, and no --points or --directions"),
+        (["a.png"], "PICTURES show a board"),
+        (["--board", "11x7", "--square-mm", "30"], "--board belongs to PICTURES"),
+        (["a.png", "--board", "11x7"], "a board takes --board and --square-mm"),
+    ],
+)
+def test_the_command_says_what_is_missing(arguments, says):
+    from click.testing import CliRunner
+
+    from omnimirror.apps.cli.commands.calibration.calibrate import command
+
+    run = CliRunner().invoke(command, arguments)
+    assert run.exit_code == 2
+    assert says in " ".join(run.output.split())

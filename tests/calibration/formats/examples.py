@@ -1,0 +1,21 @@
+"""A thin prism that every format test draws on, and what a camera sees in the frame of other programs' files."""
+
+import numpy as np
+
+from omnimirror.cameras.models import ThinPrismFisheye
+
+F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
+THIN_PRISM = ThinPrismFisheye(
+    F, C, SIZE, 0.05, -0.02, 0.003, -2e-4, k5=1e-5, k6=-1e-6, p1=3e-3, p2=-2e-3, s1=2e-3, s2=-3e-4, s3=-1e-3, s4=4e-4
+)
+
+
+def seen(camera, most_deg=180.0):
+    """Pixels, and points that they see, in the frame of files: right, down, towards what the centre sees."""
+    pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
+    _, directions, valid = camera.backproject(pixels)
+    turned = directions[valid] @ camera.mount.rotation()
+    reversed_x = -1 if camera.mount.image_flipped else 1
+    points = turned * [reversed_x, 1, -1 if camera.looks_back else 1]
+    near = points[:, 2] > np.cos(np.radians(most_deg))
+    return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]

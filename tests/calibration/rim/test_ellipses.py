@@ -1,0 +1,63 @@
+"""An ellipse through edges, against the ellipse that the edges were taken from."""
+
+import numpy as np
+import pytest
+
+from omnimirror.calibration.rim.edges import EdgePoints
+from omnimirror.calibration.rim.ellipses import Ellipse, Shift, laid_through, shifted
+
+
+def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:
+    """EdgePoints on an ellipse given by its axes, over a share of the way round."""
+    turn, lean = np.linspace(0, 2 * np.pi * share, 600), np.radians(angle_deg)
+    turned = np.array([[np.cos(lean), np.sin(lean)], [-np.sin(lean), np.cos(lean)]])
+    points = np.stack([a * np.cos(turn), b * np.sin(turn)], axis=1) @ turned + centre
+    normals = np.stack([np.cos(turn) / a, np.sin(turn) / b], axis=1) @ turned
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return EdgePoints(points, normals, np.full(600, 30.0), np.ones(600))
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
+@pytest.mark.parametrize("b", [100.0, 97.0, 94.0])
+def test_the_ellipse_of_the_edges_is_found_from_a_circle_beside_it(angle_deg, b):
+    edges = edges_on(100.0, b, angle_deg, (200.0, 150.0))
+    found = laid_through(edges, Ellipse((202.0, 149.0), 98.0), (6.0, 3.0, 1.5, 0.8))
+    assert found.centre == (pytest.approx(200, abs=0.05), pytest.approx(150, abs=0.05))
+    assert found.semi_axes == (pytest.approx(100, abs=0.05), pytest.approx(b, abs=0.05))
+    if b < 100:
+        assert abs((found.angle_deg - angle_deg + 90) % 180 - 90) < 1
+
+
+def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
+    edges, rng = edges_on(100.0, 98.0, 20.0, (200.0, 150.0)), np.random.default_rng(0)
+    beside = edges_on(107.0, 105.0, 20.0, (200.0, 150.0), share=0.3)
+    lean = rng.uniform(0, 2 * np.pi, 400)
+    points = np.concatenate([edges.points, beside.points, rng.uniform(50, 300, (400, 2))])
+    normals = np.concatenate([edges.normals, beside.normals, np.stack([np.cos(lean), np.sin(lean)], axis=1)])
+    cluttered = EdgePoints(points, normals, np.full(1600, 30.0), np.ones(1600))
+    found = laid_through(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
+    assert found.centre == (pytest.approx(200, abs=0.5), pytest.approx(150, abs=0.5))
+    assert found.semi_axes == (pytest.approx(100, abs=0.5), pytest.approx(98, abs=0.5))
+
+
+def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
+    """Past a crowd of arcs, each nearer to the circle than the ellipse is along some of the way."""
+    edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
+    arcs = [edges_on(100.0 + k, 100.0 + k, 0.0, (200.0, 150.0), share=0.25) for k in (-1.5, 0.5, 1.5)]
+    crowd = EdgePoints(*(np.concatenate([getattr(one, name) for one in (edges, *arcs)])
+                         for name in ("points", "normals", "steps", "weights")))  # fmt: skip
+    start = Ellipse((200.0, 150.0), 100.0)
+    moved = shifted(crowd, start, Shift(4.0, 2.0, turns=72, stretch_px=4.0))
+    found = laid_through(crowd, moved, (2.0, 1.0, 0.7))
+    assert found.centre == (pytest.approx(203, abs=0.2), pytest.approx(148, abs=0.2))
+    assert found.semi_axes == (pytest.approx(104, abs=0.2), pytest.approx(96, abs=0.2))
+    assert found.angle_deg == pytest.approx(30, abs=2)
+
+
+def test_points_lie_on_their_own_ellipse():
+    ellipse = Ellipse((20.0, 30.0), 50.0, (0.03, -0.02))
+    turn = np.linspace(0, 6, 50)
+    assert np.allclose(ellipse.away(ellipse.points(turn)), 0, atol=1e-9)
+    a, b = ellipse.semi_axes
+    reach = np.linalg.norm(ellipse.points(np.linspace(0, 2 * np.pi, 20001)) - ellipse.centre, axis=1)
+    assert (reach.max(), reach.min()) == (pytest.approx(a, rel=1e-6), pytest.approx(b, rel=1e-6))

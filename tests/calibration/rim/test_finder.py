@@ -1,0 +1,236 @@
+"""Rims found in photographs and composed pictures, against rims set by hand or known exactly."""
+
+import json
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from benchmarks.mirror_photographs import Photograph, Rim, compose, error_of
+from benchmarks.mirror_surroundings import SURROUNDINGS, rings
+from numpy.typing import NDArray
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from tests.conftest import SHARED
+
+ENVIRONMENTS = SHARED / "environments" if SHARED.is_dir() else None
+KAIDAN = [f"KaidanOmni{k}.jpg" for k in range(1, 18)]
+
+
+def few(every_day, of):
+    """All of them, of which the others are for the long run."""
+    return [pytest.param(one, marks=() if one in every_day else pytest.mark.full) for one in of]
+
+
+@cache
+def composed(seed: int, mirror: bool = True) -> Photograph:
+    return compose(seed, ENVIRONMENTS, mirror=mirror)
+
+
+@cache
+def found_in_kaidan(name: str) -> om.FoundRim:
+    return om.find_rim(om.read_image(SHARED / "kaidan_omni" / name))
+
+
+def is_rim_of_kaidan(rim: om.FoundRim) -> bool:
+    """The ring of the mirror measures 222.6 to 224.3 px, its housing's 255 and 333."""
+    return 222.0 < rim.radius_px < 225.0 and bool(np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", KAIDAN)
+def test_the_mirror_in_its_housing(shared_data, name):
+    rim = found_in_kaidan(name)
+    assert is_rim_of_kaidan(rim)
+    assert rim.is_sure
+
+
+@pytest.mark.full
+@pytest.mark.long
+def test_several_pictures_of_one_sensor_agree(shared_data):
+    pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
+    rim = om.find_rim(pictures)
+    assert is_rim_of_kaidan(rim)
+    assert rim.confidence > 0.9
+    assert len(rim.pictures) == 2
+
+
+def test_the_camera_is_found_in_the_middle(shared_data):
+    """It is black there, 53 px in radius about 325, 246, measured by hand."""
+    rim = found_in_kaidan("KaidanOmni7.jpg")
+    assert rim.inner is not None
+    assert rim.inner.radius_px == pytest.approx(53, abs=3)
+    assert rim.inner.centre_px == (pytest.approx(325, abs=3), pytest.approx(246, abs=3))
+    assert rim.annulus_px[0] == pytest.approx(54, abs=4)
+
+
+@pytest.mark.full
+def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
+    crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())["tisch.jpg"]
+    (width, height), crop = crops["size"], crops["crop_px"]
+    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    rim = om.find_rim(om.read_image(shared_data / "mirrorball" / "tisch.jpg"))
+    radius = (right - left + bottom - top) / 4
+    assert rim.radius_px == pytest.approx(radius, rel=0.01)
+    assert np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2) < 0.01 * radius
+    assert rim.is_sure
+
+
+BALLS = ["tisch.jpg", "lamp.jpg", "security_camera.jpg", "archviz.jpg", "gene_miller.jpg"]
+NO_BALLS = ["store.jpg", "store_hardware.jpg", "fire_hydrant.jpg"]
+"""Outlines of these are not those of the box set by hand: reflections of their housings are as clear."""
+
+
+@cache
+def found_in_ball(name: str, side_px: int) -> tuple[om.FoundRim, float]:
+    """The outline in a photograph resampled to a longer side, and the scale of that."""
+    picture = om.read_image(SHARED / "mirrorball" / name)
+    scale = side_px / max(picture.shape[:2])
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return om.find_rim(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)), scale
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", BALLS)
+def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
+    """Within 1 % of the box that was set by hand, whose sides differ by as much."""
+    crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())[name]
+    (width, height), crop = crops["size"], crops["crop_px"]
+    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    rim, scale = found_in_ball(name, 1400)
+    assert rim.is_sure
+    assert rim.radius_px / scale == pytest.approx((right - left + bottom - top) / 4, rel=0.01)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", NO_BALLS)
+def test_reflections_that_resolutions_disagree_on_are_candidates(name, shared_data):
+    rim, _ = found_in_ball(name, 1400)
+    assert not rim.is_sure
+    assert rim.candidates[0].centre_px == rim.centre_px
+    assert len(rim.candidates) > 1
+    assert not any(candidate.is_sure for candidate in rim.candidates)
+
+
+@pytest.mark.full
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["tisch.jpg", "lamp.jpg", "archviz.jpg", "store.jpg"])
+def test_resampling_changes_the_confidence_little(name, shared_data):
+    found = [found_in_ball(name, side) for side in (700, 1400, 4000)]
+    radii = np.array([rim.radius_px / scale for rim, scale in found])
+    assert np.ptp([rim.confidence for rim, _ in found]) < 0.05
+    assert np.ptp(radii) < 0.01 * radii[0] or not any(rim.is_sure for rim, _ in found)
+
+
+def test_a_rim_that_is_cut_by_the_picture(shared_data):
+    """Measured by hand at the left and the right end, and the centre as OCamCalib has it."""
+    rim = om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_catadioptric.jpg"))
+    assert rim.radius_px == pytest.approx(452, rel=0.01)
+    assert rim.centre_px == (pytest.approx(515.3, abs=4.5), pytest.approx(382.3, abs=4.5))
+    assert rim.is_sure
+
+
+def test_a_picture_without_a_rim_is_not_sure(shared_data):
+    assert not om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")).is_sure
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(2000, 2008))
+def test_composed_pictures(seed):
+    """Never confidently wrong; how many are right the benchmark counts, over two hundred."""
+    photograph = composed(seed)
+    rim = om.find_rim(photograph.picture)
+    assert photograph.rim is not None
+    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(2000, 2004))
+def test_what_is_behind_mirrors_is_none(seed):
+    assert not om.find_rim(composed(seed, mirror=False).picture).is_sure
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
+def test_mirrors_in_surroundings_of_other_kinds(way):
+    """Never confidently wrong; of seeds that were not learned from."""
+    photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
+    rim = om.find_rim(photograph.picture)
+    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
+
+
+@pytest.mark.parametrize("seed", few([3001], [3000, 3001]))
+def test_plates_and_frames_are_no_mirrors(seed):
+    assert not om.find_rim(rings(seed, ENVIRONMENTS).picture).is_sure
+
+
+# What is counted was counted before photographs; painted surroundings alone are harder to look through.
+AMONG_PHOTOGRAPHS = pytest.mark.skipif(ENVIRONMENTS is None, reason="photographs of surroundings are not here")
+
+
+def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether each of two hundred composed pictures is answered within 1 %, and whether the answer is sure."""
+    right, sure = np.zeros(200, bool), np.zeros(200, bool)
+    for i in range(200):
+        photograph = compose(first + i, ENVIRONMENTS)
+        rim = om.find_rim(photograph.picture)
+        right[i], sure[i] = error_of(rim, photograph.rim) < 0.01, rim.is_sure
+    return right, sure
+
+
+@pytest.mark.full
+@AMONG_PHOTOGRAPHS
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("first", [5000, 9100])
+def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
+    right, sure = two_hundred(first)
+    assert right.mean() >= 0.99
+    assert not (~right & sure).any()
+    assert sure.mean() >= 0.85
+
+
+@pytest.mark.parametrize("size", few([720], [600, 720, 1080]))
+def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
+    """A bright band of 2 % of the radius before a dark room, its mirror a calm sky: the band's outer edge is the clear
+    one, and at the size at which rims are looked for first both are one."""
+    v, u = np.mgrid[:size, :size] / size
+    away, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
+    radius = 0.33 * size
+    sky = np.stack([120 + 30 * np.cos(turn), 160 + 20 * np.cos(turn), np.full(u.shape, 225.0)], axis=-1)
+    ground = np.where(np.sin(9 * turn) * np.sin(40 * away / radius) > 0, 60.0, 130.0)[..., None]
+    horizon = radius * (0.5 + 0.1 * np.sin(3 * turn + 1) + 0.04 * np.sign(np.sin(8 * turn)))
+    mirror = np.where((away < horizon)[..., None], ground, sky)
+    within, about = (np.clip(edge - away + 0.5, 0, 1)[..., None] for edge in (radius, 1.02 * radius))
+    room = 45.0 + 10 * np.sin(23 * u + 11 * v)[..., None]
+    picture = room * (1 - about) + np.array([110.0, 115.0, 200.0]) * (about - within) + mirror * within
+    rim = om.find_rim(np.round(picture).astype(np.uint8))
+    assert error_of(rim, Rim((0.52 * size, 0.47 * size), (radius, radius), 0.0)) < 0.003
+
+
+@pytest.mark.parametrize("kind", few([np.float32], [np.uint8, np.uint16, np.float32]))
+def test_every_depth_and_grey_alike(kind):
+    """A disc with spokes, known exactly, to a tenth of a pixel."""
+    v, u = np.mgrid[:480, :640]
+    away, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
+    cover = np.clip(180.0 - away + 0.5, 0, 1)
+    grey = cover * (120 + 80 * np.tanh(6 * np.sin(11 * turn))) + (1 - cover) * 12
+    picture = {np.uint8: grey, np.uint16: grey * 257, np.float32: grey / 255}[kind].astype(kind)
+    rim = om.find_rim(picture)
+    assert rim.centre_px == (pytest.approx(330.25, abs=0.1), pytest.approx(215.5, abs=0.1))
+    assert rim.semi_axes_px == (pytest.approx(180, abs=0.15), pytest.approx(180, abs=0.15))
+    assert rim.is_sure
+
+
+def test_what_cannot_be_looked_at():
+    with pytest.raises(InvalidParameter, match="no picture"):
+        om.find_rim([])
+    with pytest.raises(InvalidParameter, match="at least 48 px"):
+        om.find_rim(np.zeros((20, 200), np.uint8))
+    with pytest.raises(InvalidParameter, match="picture 0 is 60 x 50 px, and picture 1 is 60 x 60 px"):
+        om.find_rim([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
+
+
+def test_an_empty_picture_has_no_rim():
+    rim = om.find_rim(np.full((200, 300, 3), 90, np.uint8))
+    assert rim.confidence == 0

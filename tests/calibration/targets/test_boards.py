@@ -1,0 +1,43 @@
+"""Boards: their corners where OpenCV and Kalibr lay them out, and a sentence for what is no board."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+
+
+def test_corners_of_a_charuco_board_are_opencvs():
+    board = om.Board("charuco", 6, 5, 40.0, marker_mm=30.0)
+    theirs = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000))
+    corners = np.array(theirs.getChessboardCorners())
+    np.testing.assert_allclose(board.points_mm, corners - corners[0], atol=1e-4)
+
+
+def test_corners_of_an_april_grid_are_kalibrs():
+    """Rows from the bottom; tags of 88 mm with gaps of .3 of it, the sizes of Kalibr's own board."""
+    points = om.Board("aprilgrid", 6, 6, 88.0).points_mm
+    assert points.shape == (144, 3)
+    np.testing.assert_allclose(points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]])
+
+
+@pytest.mark.parametrize(
+    ("board", "sentence"),
+    [
+        ({"kind": "chess"}, "kind = 'chess' is not known; valid are chessboard, charuco, aprilgrid"),
+        ({"columns": 1}, "columns = 1 is not valid"),
+        ({"square_mm": 0}, "square_mm = 0 is not valid"),
+        ({"kind": "charuco", "marker_mm": 31.0}, "it is valid below square_mm = 30"),
+        ({"marker_mm": 10.0}, "marker_mm belongs to boards of kind charuco"),
+        (
+            {"kind": "charuco", "family": "4X4_50", "rows": 20},
+            "has 50 markers, and a board of 11 x 20 squares needs 110",
+        ),
+        ({"columns": 2, "rows": 2}, "valid from 3 x 2 on"),
+    ],
+)
+def test_what_is_no_board_is_told(board, sentence):
+    with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
+        om.Board(**board)

@@ -1,0 +1,181 @@
+"""The unified sphere and its relatives, against the equations of their papers and of OpenCV, written out here."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, Unified
+
+FOCAL, CENTRE, SIZE, SKEW = (231.0, 228.0), (318.0, 242.0), (640, 480), 0.7
+LENS = (-0.11, 0.03, -0.004, 0.002, -0.003)
+
+
+def directions_within(omega_max, count=500, seed=1):
+    """Vectors (n, 3) of lengths 10 to 1000 no farther than omega_max (radians) from Z."""
+    rng = np.random.default_rng(seed)
+    omega, phi = rng.uniform(0, omega_max, count), rng.uniform(0, 2 * np.pi, count)
+    unit = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.cos(omega)], axis=-1)
+    return unit * rng.uniform(10, 1000, (count, 1))
+
+
+def pixels_of(x, y):
+    """With OpenCV's matrix K."""
+    return np.stack([FOCAL[0] * x + SKEW * y + CENTRE[0], FOCAL[1] * y + CENTRE[1]], axis=-1)
+
+
+def omnidir(points, xi, k1, k2, k3, p1, p2):
+    """``projectPoints`` of OpenCV's omnidir, and its k3 as in the pinhole model of OpenCV."""
+    x, y, z = (points / np.linalg.norm(points, axis=1, keepdims=True)).T
+    x, y = x / (z + xi), y / (z + xi)
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    return pixels_of(
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    )
+
+
+def enhanced(points, alpha, beta):
+    """Khomutenko et al., equation 9."""
+    x, y, z = points.T
+    d = np.sqrt(beta * (x**2 + y**2) + z**2)
+    depth = alpha * d + (1 - alpha) * z
+    return pixels_of(x / depth, y / depth)
+
+
+def double_sphere(points, xi, alpha):
+    """Usenko et al., equations 40 to 42."""
+    x, y, z = points.T
+    d1 = np.sqrt(x**2 + y**2 + z**2)
+    d2 = np.sqrt(x**2 + y**2 + (xi * d1 + z) ** 2)
+    depth = alpha * d2 + (1 - alpha) * (xi * d1 + z)
+    return pixels_of(x / depth, y / depth)
+
+
+def of_kind(kind, *shape):
+    """A model with the optics yet to be said, and the pixels that its paper gives."""
+    paper = {Unified: omnidir, EnhancedUnified: enhanced, DoubleSphere: double_sphere}[kind]
+    own, lens = (shape[:1], shape[1:]) if kind is Unified else (shape, ())
+    return lambda optics: kind(*own, FOCAL, CENTRE, SIZE, SKEW, *lens, optics), lambda points: paper(points, *shape)
+
+
+CASES = {
+    "unified": (*of_kind(Unified, 0.9, *LENS), 1.9),
+    "unified-far": (*of_kind(Unified, 1.9, *LENS), 1.8),
+    "enhanced": (*of_kind(EnhancedUnified, 0.57, 1.2), 2.2),
+    "double": (*of_kind(DoubleSphere, -0.3, 0.6), 2.0),
+    "double-ahead": (*of_kind(DoubleSphere, 0.6, 0.3), 2.0),
+}
+
+
+@pytest.mark.parametrize(("model", "paper", "omega_max"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize("optics", ["mirror", "fisheye"])
+def test_pixels_are_those_of_the_papers(model, paper, omega_max, optics):
+    """Their frames look ahead; a mirror's looks back, and is no rotation of the camera's."""
+    camera, points = model(optics), directions_within(omega_max)
+    found = camera.image(points * [1, 1, -1] if optics == "mirror" else points)
+    assert found.valid.all()
+    np.testing.assert_allclose(found.pixels, paper(points), rtol=1e-11, atol=1e-9)
+
+
+def test_a_paraboloid_seen_from_afar_is_the_unified_sphere_at_one():
+    """A reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2), and no more than that."""
+    p, x = 30.0, np.linspace(0, 60, 40)
+    towards_focus = np.stack([x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1)  # from the focus to the mirror's points
+    camera = Unified(1.0, (8.0 * p, 8.0 * p), (500.0, 500.0), (1001, 1001))
+    found = camera.image(towards_focus)
+    np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
+
+
+def test_the_sphere_of_the_sensor_that_is_one():
+    """A hyperboloid seen from its second focus, as its rays show: distance of the foci and eccentricity say xi."""
+    sensor = om.load_sensor("paper-hyperboloidal")
+    symmetry = sensor.symmetry
+    omega = np.linspace(0.2, symmetry.omega_max, 50)
+    radius = symmetry.radius_px(omega)
+    e = np.sqrt(-sensor.mirror.conic)
+    xi = 2 * e / (1 + e * e)
+    shape = Unified(xi, (1.0, 1.0), (0.0, 0.0), (2, 2))._law_radius(omega)
+    np.testing.assert_allclose(radius / shape, radius[-1] / shape[-1], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("model", "end_deg"),
+    [
+        (Unified(1.0, FOCAL, CENTRE, SIZE), 180.0),  # all but one direction
+        (Unified(0.0, FOCAL, CENTRE, SIZE), 90.0),  # a pinhole
+        (Unified(0.5, FOCAL, CENTRE, SIZE), 120.0),
+        (Unified(2.0, FOCAL, CENTRE, SIZE), 120.0),
+        (EnhancedUnified(0.0, 1.0, FOCAL, CENTRE, SIZE), 90.0),
+        (EnhancedUnified(0.5, 1.0, FOCAL, CENTRE, SIZE), 180.0),
+        (EnhancedUnified(1 / 3, 1.0, FOCAL, CENTRE, SIZE), 120.0),
+        (EnhancedUnified(2 / 3, 1.0, FOCAL, CENTRE, SIZE), 120.0),
+        (DoubleSphere(0.0, 0.0, FOCAL, CENTRE, SIZE), 90.0),
+        (DoubleSphere(0.0, 2 / 3, FOCAL, CENTRE, SIZE), 120.0),
+        (DoubleSphere(0.5, 0.0, FOCAL, CENTRE, SIZE), 120.0),  # the unified sphere
+        (DoubleSphere(0.5, 0.5, FOCAL, CENTRE, SIZE), 180.0),
+    ],
+)
+def test_the_field_ends_where_it_should(model, end_deg):
+    assert np.degrees(model.model_end) == pytest.approx(end_deg, abs=1e-6)
+    assert model.model_end < np.radians(end_deg)  # where r still grows
+
+
+OMEGA = np.linspace(0.0, np.pi, 200_001)[1:-1]
+SECTION = np.stack([np.sin(OMEGA), 0 * OMEGA, np.cos(OMEGA)], axis=-1)
+
+
+@pytest.mark.parametrize("alpha", [0.2, 0.5, 0.6, 0.9])
+@pytest.mark.parametrize(("kind", "other"), [(DoubleSphere, x) for x in (-0.6, 0.3, 0.8)] + [(EnhancedUnified, 1.7)])
+def test_the_field_ends_where_the_papers_radius_stops_growing(kind, other, alpha):
+    """Along a fine section: growth ends, or the depth changes its sign and so the radius."""
+    shape = (other, alpha) if kind is DoubleSphere else (alpha, other)
+    radius = (of_kind(kind, *shape)[1](SECTION)[:, 0] - CENTRE[0]) / FOCAL[0]
+    grows = (np.diff(radius) > 0) & (radius[1:] > 0)
+    end = OMEGA[-1] if grows.all() else OMEGA[np.argmin(grows)]
+    assert kind(*shape, FOCAL, CENTRE, SIZE).model_end == pytest.approx(end, abs=2 * OMEGA[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "paper"),
+    [(Unified, (0.9,), (0.9, 0, 0, 0, 0, 0)), (EnhancedUnified, (0.57, 1.2), None), (DoubleSphere, (-0.3, 0.6), None)],
+)
+def test_by_default_there_is_neither_skew_nor_distortion_and_a_mirror_looks_back(kind, shape, paper):
+    points = directions_within(1.8)
+    expected = of_kind(kind, *(paper or shape))[1](points)
+    expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
+    found = kind(*shape, FOCAL, CENTRE, SIZE).image(points * [1, 1, -1])
+    np.testing.assert_allclose(found.pixels, expected, rtol=1e-11, atol=1e-9)
+
+
+@given(st.floats(0, 3), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1))
+def test_distortion_ends_the_field_before_it_folds_the_picture(xi, k1, k2):
+    camera = Unified(xi, (200.0, 200.0), (1000.0, 1000.0), (2001, 2001), k1=k1, k2=k2)
+    radius = camera.radius_from_omega(np.linspace(0, camera.omega_max, 500))
+    assert (np.diff(radius) > 0).all()
+    pixels = np.stack([1000 + np.linspace(0, 1000, 200), np.full(200, 1000.0)], axis=-1)
+    rays = camera.backproject(pixels)
+    again = camera.project_directions(rays.directions[rays.valid])
+    assert again.valid.all()
+    np.testing.assert_allclose(again.pixels, pixels[rays.valid], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Unified(-0.1, FOCAL, CENTRE, SIZE), "xi = -0.1 is not valid"),
+        (lambda: Unified(1.0, (0.0, 1.0), CENTRE, SIZE), "focal_px"),
+        (lambda: Unified(1.0, FOCAL, (1.0, np.nan), SIZE), "centre_px"),
+        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, k1=np.inf), "k1 = "),
+        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, optics="lens"), "optics = 'lens' is not known"),
+        (lambda: Unified(1.0, FOCAL, CENTRE, SIZE, rim_radius_px=0.0), "rim_radius_px = 0"),
+        (lambda: EnhancedUnified(1.1, 1.0, FOCAL, CENTRE, SIZE), "alpha = 1.1"),
+        (lambda: EnhancedUnified(0.5, 0.0, FOCAL, CENTRE, SIZE), "beta = 0"),
+        (lambda: DoubleSphere(1.2, 0.5, FOCAL, CENTRE, SIZE), "xi = 1.2"),
+    ],
+)
+def test_what_is_no_camera_is_refused(make, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make()

@@ -1,0 +1,140 @@
+"""The spline models, against SciPy's splines, finite rays of a sensor, and triangles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.cameras.models import RadialSpline, Unified, ViewpointSpline
+
+RADII = (44.0, 92.0, 143.0, 191.0, 230.0)
+HEIGHTS = (-2.0, -1.5, 0.3, 2.5, 5.0)
+CAMERA = ViewpointSpline(RADII, HEIGHTS, 230.0, (320.0, 238.0), (640, 480))
+KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
+
+
+def test_the_radius_is_the_odd_spline_through_the_knots():
+    """SciPy's, on knots mirrored about the axis."""
+    mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII])
+    omega = np.linspace(0, KNOTS[-1], 200)
+    found = CAMERA.image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
+    np.testing.assert_allclose(found.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
+
+
+def test_the_viewpoint_is_the_even_spline_through_the_knots():
+    mirrored = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])
+    symmetry = CAMERA.symmetry
+    omega = np.linspace(0.01, symmetry.omega_max, 200)
+    across, along = symmetry.origin_mm(omega)
+    np.testing.assert_allclose(along - across / np.tan(omega), mirrored(omega), atol=1e-10)
+
+
+@pytest.mark.parametrize("distance_mm", [15.0, 100.0, 1e4])
+def test_points_on_a_ray_are_seen_by_it(distance_mm):
+    omega = np.linspace(0, 0.999 * CAMERA.model_end, 100)
+    heights = CubicSpline(np.concatenate([-KNOTS[::-1], KNOTS]), [*HEIGHTS[::-1], *HEIGHTS])(omega)
+    points = np.stack([0 * omega, distance_mm * np.sin(omega), -heights - distance_mm * np.cos(omega)], axis=-1)
+    found = CAMERA.image(points)
+    assert found.valid.all()
+    np.testing.assert_allclose(found.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
+@pytest.mark.parametrize("xi", [0.0, 0.5, 0.95, 1.0])
+def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
+    camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
+    m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
+    shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
+    spline = kind.like(camera)
+    assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
+    omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
+    ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+    assert np.abs(spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels).max() < 0.6
+
+
+@pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
+def test_a_spline_has_the_knots_that_it_takes(kind):
+    """A mirror of one viewpoint has radii that grow ever faster towards its rim; nearly even ones need few knots."""
+    steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
+    even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
+    for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
+        spline = kind.like(camera, field_deg=field)
+        omega = np.radians(np.linspace(0.1, field / 2, 500))
+        ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+        off = spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
+        assert np.nanmax(np.abs(off)) < 0.5
+        assert (len(spline.radii_px) > 8) == more
+        assert len(kind.like(camera, 5, field).radii_px) == 5
+
+
+def test_what_is_nearer_than_the_rays_meet_is_not_seen():
+    assert 1.0 < CAMERA.nearest_mm < 15.0
+    for factor in (0.99, 1.01):
+        point = [[0.0, 0.0, -CAMERA._heights(np.zeros(1))[0] - factor * CAMERA.nearest_mm]]
+        assert CAMERA.image(point).valid.tolist() == [factor > 1]
+
+
+def test_one_viewpoint_is_the_central_model():
+    central = RadialSpline(RADII, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
+    shifted = ViewpointSpline(RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
+    points = np.random.default_rng(0).normal(size=(300, 3)) * 100
+    a, b = central.image(points), shifted.image(points - 3.0 * np.eye(3)[2])
+    np.testing.assert_allclose(a.pixels, b.pixels, atol=1e-9)
+    np.testing.assert_allclose(a.d_points, b.d_points, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
+def test_it_can_be_a_mirror_that_is_not_central(name):
+    """Points at finite distances as the sensor's own rays see them: the spline of eight knots errs by little, a
+    central one by much more."""
+    sensor = om.load_sensor(name)
+    symmetry = sensor.symmetry
+    end = 0.995 * symmetry.omega_max
+    knots = end * np.arange(1, 13) / 12
+    across, along = symmetry.origin_mm(np.linspace(0.05, end, 400))
+    heights = along - across / np.tan(np.linspace(0.05, end, 400))
+    camera = ViewpointSpline(
+        tuple(symmetry.radius_px(knots)), tuple(np.interp(knots, np.linspace(0.05, end, 400), heights)),
+        float(np.degrees(2 * end)), symmetry.centre_px, sensor.image_size, mount=sensor.mount,
+    )  # fmt: skip
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(2000, 3))
+    points *= rng.uniform(200, 1000, (2000, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    truth, found = sensor.project(points), camera.project(points)
+    both = truth.valid & found.valid
+    assert both.sum() > 1000
+    errors = np.linalg.norm(truth.pixels - found.pixels, axis=1)[both]
+    flat = replace(camera, viewpoints_mm=(float(heights.mean()),) * 12).project(points)
+    central = np.linalg.norm(truth.pixels - flat.pixels, axis=1)[both & flat.valid]
+    assert np.sqrt(np.mean(errors**2)) < 0.03
+    assert np.sqrt(np.mean(central**2)) > 10 * np.sqrt(np.mean(errors**2))
+
+
+def test_a_spline_starts_like_another_model():
+    unified = Unified(0.95, (220.0, 222.0), (322.0, 238.0), (640, 480), k1=-0.05)
+    for start in (RadialSpline.like(unified, 8, 220.0), ViewpointSpline.like(unified, 8, 220.0)):
+        omega = np.linspace(0, np.radians(109.0), 50)
+        for phi in (0.0, 1.0, 2.0):
+            d = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), -np.cos(omega)], axis=-1)
+            np.testing.assert_allclose(start.image(d).pixels, unified.image(d).pixels, atol=0.3)
+    with pytest.raises(InvalidParameter, match="field_deg = 359 is wider"):
+        RadialSpline.like(unified, 8, 359.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"radii_px": (10.0, 20.0)}, "no row of 3 or more radii that grow"),
+        ({"radii_px": (10.0, 20.0, 15.0, 30.0, 40.0)}, "no row of 3 or more radii that grow"),
+        ({"viewpoints_mm": (1.0, 2.0)}, "does not give one height for each of the 5 knots"),
+        ({"field_deg": 361.0}, "field_deg = 361"),
+        ({"stretch_x": 0.6}, "stretch_x = 0.6"),
+        ({"p1": np.nan}, "p1 = nan"),
+    ],
+)
+def test_what_is_no_spline_is_refused(wrong, message):
+    with pytest.raises(InvalidParameter, match=message):
+        replace(CAMERA, **wrong)

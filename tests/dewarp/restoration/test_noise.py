@@ -1,0 +1,190 @@
+"""Noise estimated from pictures alone: against the noise that was added, and the error that coding made."""
+
+import cv2
+import numpy as np
+import pytest
+from benchmarks.restoration_gain import clouds, dead_leaves, faster
+
+import omnimirror as om
+from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
+from omnimirror.base.errors import InvalidParameter, MediaError
+from omnimirror.dewarp.restoration.jpeg_noise import detected_coding, standard_tables
+from omnimirror.io.pictures.jpeg import coding_of, jpeg_coding
+from omnimirror.simulation.scenes.worlds.hall import Hall
+
+
+@pytest.fixture(scope="module")
+def light() -> np.ndarray:
+    """A picture of the hall, blurred as a sphere blurs it, in linear light."""
+    sensor = faster(om.load_sensor("paper-spherical"), 256, 1.0)
+    return om.expose(sensor, Hall(), samples=16, blur=True)
+
+
+@pytest.fixture(scope="module")
+def inside(light) -> np.ndarray:
+    """Where the mirror is seen."""
+    rows, columns = np.indices(light.shape[:2]) - 127.5
+    return np.hypot(rows, columns) < 118
+
+
+def noisy(light, noise: float, seed: int = 1) -> np.ndarray:
+    srgb = srgb_from_linear(light) + noise * np.random.default_rng(seed).standard_normal(light.shape)
+    return np.rint(255 * np.clip(srgb, 0, 1)).astype(np.uint8)
+
+
+def rms(picture, light, inside) -> float:
+    return float(np.sqrt(((picture / 255 - srgb_from_linear(light))[inside] ** 2).mean()))
+
+
+def as_jpeg(picture, quality: int) -> tuple[bytes, np.ndarray]:
+    data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return data.tobytes(), np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.01, 0.03])
+def test_white_noise(light, inside, noise: float):
+    found = om.estimate_noise(noisy(light, noise), where=inside)
+    assert found.kind == "white"
+    assert found.share == pytest.approx(noise, rel=0.25)
+
+
+@pytest.mark.parametrize("quality", [95, 90, 85, 75, 60, 50])
+def test_what_coding_did_is_found_with_the_file_and_without(light, inside, tmp_path, quality: int):
+    """Not the noise alone, which coding removes, but how far the picture is from what was before noise and coding."""
+    data, picture = as_jpeg(noisy(light, 0.01), quality)
+    (tmp_path / "a.jpg").write_bytes(data)
+    truth = rms(picture, light, inside)
+    assert truth > 0.012
+    for file in (tmp_path / "a.jpg", None):
+        found = om.estimate_noise(picture, file, where=inside)
+        assert found.kind == "JPEG"
+        assert found.share == pytest.approx(truth, rel=0.25)
+
+
+@pytest.mark.parametrize("quality", [92, 75, 60])
+def test_texture_everywhere_is_not_noise_that_coding_left(inside, quality: int):
+    """Clouds have no plain blocks; what is left of them without their slope is texture."""
+    textured = om.expose(faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True)
+    for noise in (0.003, 0.03):
+        picture = as_jpeg(noisy(textured, noise), quality)[1]
+        truth = rms(picture, textured, inside)
+        assert om.estimate_noise(picture, where=inside).share == pytest.approx(truth, rel=0.25)
+
+
+def test_little_of_the_error_of_coding_is_visible(light, inside):
+    """None but noise that is finer than the steps: more, the finer they are."""
+    shares = [om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share for q in (60, 85, 95)]
+    assert shares[0] < 0.35
+    assert shares == sorted(shares)
+    assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_share == 1
+
+
+def test_what_a_file_lost_before_is_not_its_coding(tmp_path):
+    """One that is coded finely is taken for no better than most are, and that for noise that is visible."""
+    slope = np.repeat(np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0).repeat(3, axis=2)
+    (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
+    found = om.estimate_noise(slope, tmp_path / "a.jpg")
+    assert found.share == pytest.approx(0.005)
+    assert found.visible_share > 0.8
+
+
+@pytest.mark.parametrize("quality", [90, 75, 50])
+def test_grey_pictures_and_fine_colours(light, inside, quality: int):
+    grey = noisy(light.mean(axis=2), 0.01)
+    decoded = cv2.imdecode(cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_UNCHANGED)
+    truth = rms(decoded, light.mean(axis=2), inside)
+    assert om.estimate_noise(decoded, where=inside).share == pytest.approx(truth, rel=0.25)
+    fine = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    data = cv2.imencode(".jpg", noisy(light, 0.01)[..., ::-1], fine)[1]
+    assert jpeg_coding(data.tobytes()).coarser == (1, 1)
+
+
+@pytest.mark.parametrize("code", [cv2.COLOR_BayerRG2RGB, cv2.COLOR_BayerRG2RGB_EA, cv2.COLOR_BayerRG2RGB_VNG])
+def test_demosaiced_noise(light, inside, code: int):
+    """What filling in the colours leaves of it."""
+
+    def demosaiced(picture):
+        mosaic = picture[..., 1].copy()
+        mosaic[::2, ::2], mosaic[1::2, 1::2] = picture[::2, ::2, 2], picture[1::2, 1::2, 0]
+        return cv2.demosaicing(mosaic, code)
+
+    picture = demosaiced(noisy(light, 0.01))
+    left = (picture.astype(float) - demosaiced(noisy(light, 0.0)))[inside] / 255
+    found = om.estimate_noise(picture, where=inside)
+    assert found.kind == "demosaiced"
+    assert found.share == pytest.approx(np.sqrt((left**2).mean()), rel=0.25)
+
+
+def test_noise_of_light_grows_with_the_light(light, inside):
+    """Read noise and photons: the deviation of the root of the light, in the dark and in the bright."""
+    variance = 1e-5 + 4e-4 * light.mean(axis=2)
+    linear = light + np.sqrt(variance)[..., None] * np.random.default_rng(1).standard_normal(light.shape)
+    found = om.estimate_noise(linear.astype(np.float32), where=inside)
+    assert found.kind == "linear"
+    level = light.mean(axis=2)
+    truth = np.sqrt(variance) / (2 * np.sqrt(np.maximum(level, 1e-6)))
+    for low, high in ((0.03, 0.1), (0.1, 0.3), (0.3, 0.9)):
+        here = inside & (low < level) & (level < high)
+        assert np.median(found.by_pixel[here] / truth[here]) == pytest.approx(1, rel=0.25)
+
+
+def test_sixteen_bits_keep_little_noise(light, inside):
+    srgb = srgb_from_linear(light) + 0.002 * np.random.default_rng(1).standard_normal(light.shape)
+    deep = np.rint(65535 * np.clip(srgb, 0, 1)).astype(np.uint16)
+    assert om.estimate_noise(deep, where=inside).share == pytest.approx(0.002, rel=0.25)
+
+
+def test_the_coding_of_a_file_is_that_of_its_writer(light, tmp_path):
+    """OpenCV writes the standard's tables, scaled as libjpeg does."""
+    for quality in (30, 75, 95):
+        data, picture = as_jpeg(noisy(light, 0.01), quality)
+        coding = jpeg_coding(data)
+        for table, standard in zip(
+            coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True
+        ):
+            np.testing.assert_array_equal(table, standard)
+        assert coding.coarser == (2, 2)
+        everywhere = np.ones(picture.shape[:2], bool)
+        found = detected_coding(picture, everywhere)
+        assert np.abs(np.log(found.tables[0] / coding.tables[0])).mean() < 0.1
+    om.write_image(tmp_path / "a.png", picture)
+    assert coding_of(tmp_path / "a.png") is None
+    assert detected_coding(noisy(light, 0.01), everywhere) is None
+
+
+@pytest.mark.parametrize("end", [3, 30, 100, 200])
+def test_files_cut_short_have_no_coding_or_a_whole_one(light, end: int):
+    coding = jpeg_coding(as_jpeg(noisy(light, 0.01), 75)[0][:end])
+    assert coding is None or all(table.shape == (8, 8) for table in coding.tables)
+
+
+def test_what_is_no_picture_is_refused(tmp_path):
+    for wrong in (np.zeros((8, 8, 2), np.uint8), np.zeros((0, 8), np.uint8), np.zeros((8, 8), int), [[1, 2]]):
+        with pytest.raises(InvalidParameter, match=r"is not valid|is not an array"):
+            om.estimate_noise(wrong)
+    with pytest.raises(InvalidParameter, match="1 values that are NaN"):
+        om.estimate_noise(np.full((1, 1), np.nan, np.float32))
+    with pytest.raises(InvalidParameter, match="give one for each"):
+        om.estimate_noise(np.zeros((8, 8), np.uint8), where=np.ones((4, 4), bool))
+    with pytest.raises(MediaError, match="cannot read"):
+        om.estimate_noise(np.zeros((8, 8), np.uint8), tmp_path / "none.jpg")
+    assert 0 < om.estimate_noise(np.zeros((5, 5), np.uint8)).share < 0.01  # too small for a block
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
+def test_coded_leaves(name: str):
+    """Full of texture and of colours that coding makes coarser."""
+    sensor = faster(om.load_sensor(name), 512, om.load_sensor(name).lens.f_number / 2)
+    light = om.expose(sensor, dead_leaves(), samples=16, blur=True)
+    rows, columns = np.indices(light.shape[:2]) - 255.5
+    inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px
+    for quality in (85, 75, 60, 50):
+        picture = as_jpeg(noisy(light, 0.01), quality)[1]
+        assert om.estimate_noise(picture, where=inside).share == pytest.approx(rms(picture, light, inside), rel=0.25)
+
+
+def test_linear_light_and_srgb_agree(light, inside):
+    """Noise even in sRGB, told as light: its mean deviation is near to what was added."""
+    picture = linear_from_srgb(noisy(light, 0.02) / 255.0)
+    assert om.estimate_noise(picture, where=inside).share == pytest.approx(0.02, rel=0.35)

@@ -1,0 +1,144 @@
+"""Many files at once."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from omnimirror.base.errors import MediaError
+from omnimirror.io import read_image
+from omnimirror.io.batch import PICTURES, READABLE, Job, expand_inputs, output_for, outputs_for, run_parallel
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    for name in ("b.jpg", "a.jpg", "c.PNG", "notes.txt", "[x].jpg"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.jpg").write_text("another")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("patterns", "names"),
+    [
+        (["a.jpg"], ["a.jpg"]),
+        (["?.jpg"], ["a.jpg", "b.jpg"]),
+        (["b.jpg", "?.jpg"], ["b.jpg", "a.jpg"]),
+        (["."], ["[x].jpg", "a.jpg", "b.jpg", "c.PNG"]),
+        (["[x].jpg"], ["[x].jpg"]),
+        (["notes.txt"], ["notes.txt"]),
+        (["sub", "a.jpg"], ["sub/a.jpg", "a.jpg"]),
+    ],
+)
+def test_names_folders_and_patterns_become_files(folder, patterns, names):
+    assert [path.as_posix() for path in expand_inputs(patterns)] == names
+
+
+@pytest.mark.parametrize("suffix", [s for s in READABLE if s not in PICTURES])
+def test_pictures_that_are_only_looked_at_may_be_of_more_kinds(tmp_path, suffix):
+    """Calibration sets come as they do: those of OCamCalib are GIFs."""
+    picture = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
+    of_kind = {".ppm": "RGB"}.get(suffix, "L")
+    Image.fromarray(picture).convert(of_kind).save(tmp_path / f"a{suffix}")
+    (file,) = expand_inputs([tmp_path], READABLE)
+    seen = read_image(file)
+    assert np.abs(seen.reshape(48, 72, -1).astype(int) - picture[..., None]).max() <= 1
+    with pytest.raises(MediaError, match="there is no picture in the folder"):
+        expand_inputs([tmp_path])
+
+
+@pytest.mark.parametrize("pattern", ["z.jpg", "*.tif"])
+def test_what_stands_for_no_file_is_refused(folder, pattern):
+    with pytest.raises(MediaError, match="there is no file"):
+        expand_inputs(["a.jpg", pattern])
+    (folder / "empty").mkdir()
+    with pytest.raises(MediaError, match="there is no picture in the folder empty"):
+        expand_inputs(["empty"])
+
+
+def test_results_have_names_of_their_own(folder):
+    sources = expand_inputs(["?.jpg"])
+    assert outputs_for(sources, "out", ".png") == [Path("out/a.png"), Path("out/b.png")]
+    with pytest.raises(MediaError, match=r"a.jpg and sub/a.jpg would both become out/a.jpg"):
+        outputs_for([Path("a.jpg"), Path("sub/a.jpg")], "out")
+    with pytest.raises(MediaError, match="would be written over by its own result"):
+        output_for("a.jpg", ".")
+    with pytest.raises(MediaError, match=r"a\.jpg would be written over by its own result"):
+        outputs_for([Path("sub/c.jpg"), Path("a.jpg")], ".", ".jpg")
+
+
+def test_one_that_fails_leaves_the_others_alone():
+    done, told, lock = [], [], threading.Lock()
+
+    def job(n):
+        def run():
+            if n == 3:
+                raise MediaError("3.jpg is empty")
+            if n == 5:
+                raise ZeroDivisionError("by zero\nand more")
+            if n == 6:
+                raise OSError(28, "No space left on device", "6.jpg")
+            with lock:
+                done.append(n)
+
+        return Job(f"{n}.jpg", run)
+
+    results = run_parallel([job(n) for n in range(20)], 4, lambda count, total: told.append((count, total)))
+    assert sorted(done) == [n for n in range(20) if n not in (3, 5, 6)]
+    assert results.done == [f"{n}.jpg" for n in sorted(done)]
+    assert results.failed == {
+        "3.jpg": "3.jpg is empty",
+        "5.jpg": "an unforeseen ZeroDivisionError: by zero",
+        "6.jpg": "6.jpg: No space left on device",
+    }
+    assert (results.exit_code, results.not_begun, told[-1]) == (1, [], (20, 20))
+    assert run_parallel([]).exit_code == 0
+
+
+def test_one_worker_does_one_after_the_other():
+    lock, clashes = threading.Lock(), []
+
+    def run():
+        clashes.append(not lock.acquire(blocking=False))
+        time.sleep(0.01)
+        if not clashes[-1]:
+            lock.release()
+
+    assert run_parallel([Job(str(n), run) for n in range(5)], 1).exit_code == 0
+    assert clashes == [False] * 5
+
+
+def test_they_run_side_by_side():
+    together = threading.Barrier(3, timeout=300)
+    assert run_parallel([Job(str(n), together.wait) for n in range(3)], 3).exit_code == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_finish_what_is_under_way(tmp_path, number):
+    code = f"""
+import time, pathlib
+from omnimirror.io import interrupts
+from omnimirror.io.batch import Job, run_parallel
+def job(n):
+    def run():
+        print("begun\\n", end="", flush=True)  # in one piece: another thread prints too
+        while not interrupts.is_pending():
+            time.sleep(0.01)
+        pathlib.Path({str(tmp_path)!r}, str(n)).touch()
+    return Job(str(n), run)
+results = run_parallel([job(n) for n in range(20)], 2)
+print(len(results.done), len(results.not_begun), results.exit_code, flush=True)
+"""
+    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert [run.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+    run.send_signal(number)
+    assert run.communicate()[0].split() == ["2", "18", str(128 + number)]
+    assert len(list(tmp_path.iterdir())) == 2

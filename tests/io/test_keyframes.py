@@ -1,0 +1,154 @@
+"""Views that move over time."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import PchipInterpolator
+
+from omnimirror.base.errors import MediaError
+from omnimirror.io.keyframes import Keyframes, keyframes_of, parse_csv, parse_toml
+
+CSV = """# a slow turn
+time_s, pan_deg, hfov_deg
+0, 170, 90
+2, -170,
+4, -90, 40
+"""
+TOML = """
+interpolation = "linear"
+
+[[keyframe]]
+time_s = 0
+pan_deg = 170
+
+[[ keyframe ]]
+time_s = 2
+pan_deg = -170
+tilt_deg = -10.5
+"""
+
+
+def test_csv_with_empty_cells(tmp_path):
+    (tmp_path / "a.csv").write_text("\ufeff" + CSV)
+    moves = Keyframes.load(tmp_path / "a.csv")
+    assert moves.at(0) == moves.at(-3) == {"pan_deg": 170, "hfov_deg": 90}
+    assert moves.at(2)["pan_deg"] == -170
+    assert moves.at(2)["hfov_deg"] == 65
+    assert moves.at(4) == moves.at(99) == {"pan_deg": -90, "hfov_deg": 40}
+
+
+def test_toml_linear(tmp_path):
+    (tmp_path / "a.toml").write_text(TOML)
+    moves = Keyframes.load(tmp_path / "a.toml")
+    assert moves.at(1) == {"pan_deg": 180, "tilt_deg": -5.25}  # 0 in the first keyframe, which does not contain it
+    assert moves.at(0.5)["pan_deg"] == pytest.approx(175)
+    assert moves.at(1.5)["pan_deg"] == pytest.approx(-175)
+
+
+POSES = ("x_mm", "y_mm", "pan_deg")
+MISSING_AT_FIRST = {
+    parse_csv: "time_s,x_mm,y_mm,pan_deg\n1,1500,,\n2,1500,900,\n3,1500,,40",
+    parse_toml: "interpolation = 'linear'\n[[keyframe]]\ntime_s = 1\nx_mm = 1500\n"
+    "[[keyframe]]\ntime_s = 2\nx_mm = 1500\ny_mm = 900\n[[keyframe]]\ntime_s = 3\npan_deg = 40",
+}
+
+
+@pytest.mark.parametrize("parse", MISSING_AT_FIRST)
+def test_a_value_missing_in_the_first_keyframe_is_zero_there(parse):
+    moves = parse(MISSING_AT_FIRST[parse], names=POSES)
+    assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
+    assert moves.at(1.5)["y_mm"] == pytest.approx(450)  # halfway, which smooth and linear interpolation share
+    assert 900 == moves.at(2)["y_mm"] == moves.at(3)["y_mm"]
+    assert 0 < moves.at(2)["pan_deg"] < 40 == moves.at(3)["pan_deg"]
+
+
+@pytest.mark.parametrize(
+    ("parse", "text"),
+    [
+        (parse_csv, "time_s,pan_deg,{0}\n0,0,\n4,90,60"),
+        (parse_toml, "[[keyframe]]\ntime_s = 0\n[[keyframe]]\ntime_s = 4\n{0} = 60"),
+    ],
+)
+@pytest.mark.parametrize("name", ["hfov_deg", "distance_mm"])
+def test_a_value_that_cannot_be_zero_must_be_in_the_first_keyframe(parse, text, name):
+    with pytest.raises(MediaError, match=f"{name} must be in the first keyframe of keyframes; got it first in .*line"):
+        parse(text.format(name))
+
+
+values = st.lists(st.floats(-60, 60), min_size=3, max_size=8)
+
+
+@given(values, st.floats(0, 1))
+def test_smooth_never_goes_beyond_its_neighbours(levels, share):
+    moves = Keyframes({"tilt_deg": tuple((2.0 * i, level) for i, level in enumerate(levels))})
+    for i, (a, b) in enumerate(pairwise(levels)):
+        assert min(a, b) - 1e-9 <= moves.at(2 * (i + share))["tilt_deg"] <= max(a, b) + 1e-9
+
+
+def test_smooth_is_pchip_between_the_ends():
+    """SciPy's monotone interpolation has the same slopes inside; at the ends ours stand still."""
+    times, levels = np.array([0, 1, 3, 4, 6, 7.5, 9]), np.array([0, 4, 5, 5, 20, 18, 19.0])
+    moves = Keyframes({"tilt_deg": tuple(zip(times, levels, strict=True))})
+    reference = PchipInterpolator(times, levels)
+    for t in np.linspace(1, 7.5, 50):
+        assert moves.at(t)["tilt_deg"] == pytest.approx(reference(t), abs=1e-9)
+    for end in (0, 9):
+        assert moves.at(end + np.sign(4 - end) * 1e-4)["tilt_deg"] == pytest.approx(moves.at(end)["tilt_deg"], abs=1e-6)
+
+
+@given(st.lists(st.floats(-720, 720), min_size=2, max_size=6), st.floats(0, 1))
+def test_pan_turns_the_short_way(pans, share):
+    moves = Keyframes({"pan_deg": tuple((float(i), pan) for i, pan in enumerate(pans))}, "linear")
+    for i, (a, b) in enumerate(pairwise(pans)):
+        turn = (b - a + 180) % 360 - 180
+        pan = moves.at(i + share)["pan_deg"]
+        assert -180 <= pan <= 180
+        assert abs((pan - (a + share * turn) + 180) % 360 - 180) < 1e-6 or abs(abs(turn) - 180) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("parse", "text", "message"),
+    [
+        (parse_csv, "", "holds no keyframes; its first line"),
+        (parse_csv, "time_s,pan_deg\n", "holds no keyframes"),
+        (parse_csv, "pan_deg\n1", "line 1 of keyframes has no time_s"),
+        (parse_csv, "time_s,pan\n1,1", "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg"),
+        (parse_csv, "time_s,pan_deg\n0,1\n1,x", "line 3 of keyframes has pan_deg = 'x', which is not a number"),
+        (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes has no time_s"),
+        (parse_csv, "time_s,pan_deg\n0,1,2", "line 2 of keyframes has 3 values"),
+        (parse_csv, "time_s,pan_deg\n1,1\n1,2", "line 3 of keyframes is at 1 s, and the one before at 1 s"),
+        (parse_csv, "time_s,pan_deg\n0,inf", "not a number"),
+        (parse_toml, "x = ", "is not valid TOML"),
+        (parse_toml, "", "holds no keyframes"),
+        (parse_toml, "interpolation = 'cubic'", "not one of smooth, linear"),
+        (parse_toml, "keyframe = 3", "should hold"),
+        (parse_toml, "other = 3", "should hold"),
+        (parse_toml, TOML + "[[keyframe]]\npan_deg = 1", "keyframe in line 12 of keyframes has no time_s"),
+        (parse_toml, TOML + "[[keyframe]]\ntime_s = 3\nzoom = 1", "in line 12 of keyframes has 'zoom'"),
+        (parse_toml, TOML + "[[keyframe]]\ntime_s = true", "in line 12 of keyframes has time_s = True"),
+    ],
+)
+def test_errors_name_the_line(parse, text, message):
+    with pytest.raises(MediaError, match=message) as e:
+        parse(text)
+    assert "\n" not in str(e.value)
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(MediaError, match="there are no keyframes"):
+        Keyframes.load(tmp_path / "a.csv")
+    (tmp_path / "a.txt").write_text(CSV)
+    with pytest.raises(MediaError, match="is neither"):
+        Keyframes.load(tmp_path / "a.txt")
+    with pytest.raises(MediaError, match="cannot read the keyframes"):
+        Keyframes.load(tmp_path)
+
+
+def test_keyframes_without_lines_are_counted_from_1():
+    with pytest.raises(MediaError, match=r"^keyframe 2 of moves has no time_s"):
+        keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves")
+    with pytest.raises(MediaError, match=r"^the keyframe in line 7 of moves has no time_s"):
+        keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 1}, {"pan_deg": 2}]}, "moves", lines=[3, 7])

@@ -1,0 +1,190 @@
+"""Lens distortion: OpenCV's numbers in every direction that a sensor is asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.base.colour import srgb_from_linear
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.native import backend
+from omnimirror.dewarp import Dewarper, screens
+from omnimirror.optics.lenses.distortion import distorted, distorted_rates, fold, undistorted, undistorted_radius
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.sensor_files import format_sensor, parse_sensor
+from omnimirror.simulation.radiometry import Radiometry
+from omnimirror.simulation.rendering import exposure as rays
+from omnimirror.simulation.rendering.exposure import expose
+from omnimirror.simulation.rendering.samples import spread
+from omnimirror.simulation.scenes.environment import Environment
+from tests.everyday import few
+
+BARREL = {"k1": -1.5, "k2": 2.0, "k3": -0.3}
+TANGENTIAL = {**BARREL, "p1": 0.01, "p2": -0.008}
+LENSES = pytest.mark.parametrize("terms", [BARREL, TANGENTIAL], ids=["radial", "tangential"])
+MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
+
+
+def sensor_with(
+    name: str = "paper-spherical", pixels: int = 1024, pose: MirrorPose | None = None, **terms
+) -> om.Sensor:
+    sensor = om.load_sensor(name)
+    pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
+    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch, centre_px=None)
+    return replace(sensor, imager=imager, lens=replace(sensor.lens, **terms), mirror_pose=pose or MirrorPose())
+
+
+def opencv(terms) -> np.ndarray:
+    return np.array([terms.get(name, 0.0) for name in ("k1", "k2", "p1", "p2", "k3")])
+
+
+@LENSES
+def test_it_is_opencvs(terms):
+    ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
+    brown = tuple(terms.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2"))
+    theirs = cv2.projectPoints(np.c_[ideal, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), opencv(terms))[0][:, 0]
+    np.testing.assert_allclose(distorted(ideal, brown), theirs, atol=1e-14)
+    np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
+
+
+def test_its_rates_are_differences():
+    ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
+    brown, step = np.array([-0.3, 0.2, -0.1, 0.01, -0.008]), 1e-6
+    there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
+    np.testing.assert_array_equal(there, distorted(ideal, tuple(brown)))
+    for k, e in enumerate(step * np.eye(2)):
+        differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (2 * step)
+        np.testing.assert_allclose(by_ideal[..., k], differences, atol=1e-8)
+    for k, e in enumerate(step * np.eye(5)):
+        differences = (distorted(ideal, tuple(brown + e)) - distorted(ideal, tuple(brown - e))) / (2 * step)
+        np.testing.assert_allclose(by_coefficients[..., k], differences, atol=1e-8)
+
+
+@settings(max_examples=50)
+@given(st.floats(-2, 2), st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.95))
+def test_there_and_back_up_to_the_fold_and_no_further(k1, k2, k3, share):
+    brown, last = (k1, k2, k3, 0.0, 0.0), fold((k1, k2, k3))
+    point = share * min(last, 0.5) * np.array([[0.6, 0.8]])
+    np.testing.assert_allclose(undistorted(distorted(point, brown), brown), point, rtol=1e-8)
+    if np.isfinite(last):
+        assert np.isnan(distorted(last * np.array([[0.61, 0.81]]), brown)).all()
+
+
+@LENSES
+@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+def test_pixels_are_moved_as_opencv_moves_them(terms, pose):
+    """The sensor without distortion, and OpenCV's distortPoints after it."""
+    plain, bent = sensor_with(pose=pose), sensor_with(pose=pose, **terms)
+    b, pitch = plain.lens.image_distance, plain.imager.pitch_mm
+    camera = np.array([[b / pitch, 0, 511.5], [0, b / pitch, 511.5], [0, 0, 1]])
+    points = np.random.default_rng(1).normal(0, 800, (300, 3))
+    for ask in ("project", "project_directions"):
+        (before, seen), (after, valid) = (getattr(s, ask)(points) for s in (plain, bent))
+        both = seen & valid
+        assert both.sum() > 100
+        ideal = np.c_[(before[both] - 511.5) * pitch / b, np.ones(both.sum())]
+        expected = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), camera, opencv(terms))[0][:, 0]
+        np.testing.assert_allclose(after[both], expected, atol=1e-8)
+    _, directions, valid = bent.backproject(after[both])
+    assert valid.all()
+    towards = points[both] / np.linalg.norm(points[both], axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, towards, atol=1e-9)
+
+
+@pytest.mark.full
+def test_characteristics_are_those_of_the_distorted_picture():
+    """Dh against differences of projected directions; blur against the rays of real apertures."""
+    sensor = sensor_with(**BARREL)
+    omega = np.array([30.0, 60.0, 90.0, 120.0])
+    ends = [sensor.project_directions(_direction(omega + s)).pixels for s in (-0.005, 0.005)]
+    result = om.evaluate(sensor, omega_deg=omega)
+    np.testing.assert_allclose(result.dh_domega_px_per_deg, np.linalg.norm(ends[1] - ends[0], axis=1) / 0.01, rtol=1e-6)
+    assert om.check_blur(sensor, [4.0]).worst("edge_t_px").max() < 0.002
+    assert om.check_blur(sensor, [4.0]).worst("edge_s_px").max() < 0.002
+    bent, plain = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
+    for i in range(len(omega)):  # of the object all is resolved that was, however wide it is shown
+        finest = min(m.cycles_per_deg_t[i, -1] for m in (bent, plain))
+        frequency = np.linspace(0, finest, 50)
+        a, b = (np.interp(frequency, m.cycles_per_deg_t[i], m.tangential[i]) for m in (bent, plain))
+        np.testing.assert_allclose(a, b, atol=0.005)
+
+
+def _direction(omega_deg):
+    angle = np.radians(omega_deg)
+    return np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+@LENSES
+@pytest.mark.parametrize("pose", few([MirrorPose(), MISPLACED], MISPLACED), ids=["aligned", "misplaced"])
+def test_compiled_rays_are_those_of_double_precision(terms, pose):
+    sensor = sensor_with(pixels=100, pose=pose, **terms)
+    sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
+    plan, part = spread(16, blur=True), (slice(0, 100), slice(0, 100))
+    fast, slow = (
+        f(sensor, plan, Radiometry(vignetting=1.0), *part) for f in (rays._trace_natively, rays._trace_sensor)
+    )
+    assert np.mean(fast.fate != slow.fate) < 1e-4
+    seen = (fast.fate == slow.fate) & (slow.fate == rays.REFLECTED)
+    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-5)
+    np.testing.assert_allclose(fast.origins[seen], slow.origins[seen], atol=2e-4)
+    a, b = (d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True) for d in (fast.directions, slow.directions))
+    assert np.abs(a - b).max() < 2e-5
+
+
+@pytest.mark.parametrize(
+    "terms", [pytest.param(BARREL, marks=pytest.mark.full), TANGENTIAL], ids=["radial", "tangential"]
+)
+def test_what_distortion_moves_the_dewarper_puts_back(terms):
+    """A sensor with distortion, simulated and straightened by its own file, shows what a pinhole sees."""
+    v, u = np.mgrid[:256, :512] / 40.0
+    world = Environment((0.5 + 0.2 * np.stack([np.sin(u), np.cos(u + v), np.sin(2 * v)], axis=-1)).astype(np.float32))
+    view = screens.Plane((200, 120), hfov_deg=70.0)
+    direct = srgb_from_linear(world.radiance(np.zeros((120 * 200, 3)), view.targets(0, 120).reshape(-1, 3)))
+    for camera in (sensor_with(), sensor_with(**terms)):
+        straight = Dewarper(camera, view, "cubic")(srgb_from_linear(expose(camera, world, samples=16)))
+        apart = straight.reshape(-1, 3) - direct
+        assert -10 * np.log10(np.mean(apart**2)) > 60
+
+
+def test_crowded_light_is_conserved():
+    """All light of an even world is that of its solid angle, whatever the lens does to the picture."""
+    white = Environment(np.ones((4, 8, 3), np.float32))
+    sums = [
+        float(expose(sensor_with(pixels=256, **t), white, samples=16, radiometry=Radiometry(vignetting=1.0)).sum())
+        for t in ({}, BARREL, TANGENTIAL)
+    ]
+    np.testing.assert_allclose(sums[1:], sums[0], rtol=2e-3)
+
+
+def test_a_lens_that_folds_the_picture_is_refused():
+    sensor = sensor_with(k1=-10.0)
+    with pytest.raises(InvalidParameter, match=r"fold the picture over at 10\.3. deg .* the mirror reaches 12"):
+        sensor.backproject([[511.5, 511.5]])
+    with pytest.raises(InvalidParameter, match="fold the picture over"):
+        expose(replace(sensor, mirror_pose=MISPLACED), Environment(np.ones((4, 8, 3), np.float32)), samples=1)
+
+
+def test_the_file_holds_it_and_nothing_where_there_is_none():
+    text = format_sensor(sensor_with(**TANGENTIAL))
+    assert parse_sensor(text) == sensor_with(**TANGENTIAL)
+    assert "k1" not in format_sensor(sensor_with())
+
+
+def test_radii_beyond_the_fold_have_no_origin():
+    """r (1 - 0.3 r^2) rises to 0.7027 at r = 1.0541; the smallest positive root of the polynomial below."""
+    k, radii = (-0.3, 0.0, 0.0), np.array([0.0, 0.1, 0.5, 0.7, 0.71, 5.0])
+    assert fold(k) == pytest.approx(1 / np.sqrt(0.9), rel=1e-9)
+    found = undistorted_radius(radii, k)
+    for radius, r in zip(radii, found, strict=True):
+        roots = np.roots([-0.3, 0.0, 1.0, -radius])
+        real = [root.real for root in roots if abs(root.imag) < 1e-9 and -1e-12 <= root.real <= 1.06]
+        assert np.isnan(r) if not real else r == pytest.approx(min(real), abs=1e-9)
+    assert np.isnan(found).tolist() == [False] * 4 + [True] * 2
+    np.testing.assert_allclose(undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9)

@@ -1,0 +1,477 @@
+"""A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, OmnimirrorError
+from omnimirror.optics.lenses import SurfaceLens
+from omnimirror.optics.lenses.prescription.glasses import Glass, glass_named, read_agf
+from omnimirror.optics.lenses.prescription.sequence import Sequence
+from omnimirror.optics.mirrors import Sphere
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from omnimirror.simulation.radiometry import Radiometry
+from omnimirror.simulation.rendering.exposure import trace
+from omnimirror.simulation.rendering.samples import spread
+from tests.commands import omnimirror
+from tests.optics.lenses import prescriptions as own
+
+A, RIM, M = 50.0, 44.0, 182.0
+PITCH = 5.2e-3
+OMEGA = np.array([0.0, 20.0, 45.0, 70.0, 90.0, 110.0, 130.0])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
+    path.write_text(own.zmx(), encoding="utf-16")
+    return path
+
+
+def lens_of(path, **more):
+    return SurfaceLens.from_file(path, **{"focus_distance_mm": own.FOCUS, **more})
+
+
+def sensor_with(lens, pose=None):
+    imager = om.load_sensor("paper-spherical").imager
+    return om.Sensor(
+        Sphere(A, RIM), lens, imager, mirror_distance_mm=M, mirror_pose=MirrorPose() if pose is None else pose
+    )
+
+
+@pytest.fixture(scope="module")
+def sensor(file):
+    return sensor_with(lens_of(file))
+
+
+def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
+    n = own.indices(wavelength_um)
+    to_imager = own.imager_place(own.indices())
+    return np.array(
+        [own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager) for o in np.atleast_1d(omega_deg)]
+    )
+
+
+def test_chief_rays_land_where_traced_ones_do(sensor):
+    """Within a thousandth of a pixel, from the axis to the rim."""
+    found = om.evaluate(sensor, OMEGA).h_px
+    assert np.abs(found - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
+    rate = (truth(90.001)[0, 0] - truth(89.999)[0, 0]) / PITCH / 0.002
+    assert om.evaluate(sensor, [90.0]).dh_domega_px_per_deg[0] == pytest.approx(rate, rel=1e-5)
+
+
+def test_the_pupil_moves_and_its_motion_shows(sensor):
+    """Or the test above would pass with one that stays."""
+    places = sensor.lens.field.nodes.pupil
+    assert np.ptp(places) > 0.1
+    fixed = replace(
+        om.load_sensor("paper-spherical").lens,
+        focal_length_mm=sensor.lens.focal_length_mm,
+        focus_distance_mm=own.FOCUS - sensor.lens.principal_point_mm,
+        entrance_pupil_mm=sensor.lens.pupil_from_principal,
+    )
+    still = replace(sensor, lens=fixed, mirror_distance_mm=M - sensor.lens.principal_point_mm)
+    away = om.evaluate(still, OMEGA).h_px - om.evaluate(sensor, OMEGA).h_px
+    assert 0.05 < np.abs(away).max() < 3
+
+
+def test_blur_is_that_of_thin_bundles_through_glass(file):
+    """Tangential and sagittal, by rays through the edges of a stop of F/400, which sees no spherical aberration."""
+    sensor = sensor_with(lens_of(file, f_number=400.0))
+    found = om.evaluate(sensor, OMEGA[1:])
+    # the stop's radius, from a ray to the edge of the entrance pupil, traced here
+    edge = sensor.lens.focal_length_mm / 800.0
+    pupil = sensor.lens.pupil.at_mm
+    towards = np.array([edge, 0.0, own.FOCUS - pupil])
+    r = own.through([0, 0, -own.FOCUS], towards, own.indices(), 0.0)[0][0]
+    for axis, blur in ((0, found.blur_t_px), (1, found.blur_s_px)):
+        ends = [truth(OMEGA[1:], np.eye(2)[axis] * s * r)[:, axis] for s in (1, -1)]
+        assert np.abs(blur) == pytest.approx(np.abs(ends[0] - ends[1]) / PITCH, rel=1e-3, abs=1e-5)
+
+
+def test_spots_are_those_of_rays_through_the_stop(sensor):
+    """At F/4: aberrations of the lens and of the mirror together, within 5 % of their size."""
+    edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
+    r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
+    rings = [(np.sqrt((i + 0.5) / 8), t) for i in range(8) for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4]
+    stop = r * np.array([[q * np.cos(t), q * np.sin(t)] for q, t in rings])
+    for omega in (40.0, 120.0):
+        image = np.concatenate([truth(omega, at) for at in stop]) / PITCH
+        for axis, size in enumerate(om.spots(sensor, [omega]).rms_px()):
+            assert size[0, 0] == pytest.approx(image[:, axis].std(), rel=0.05)
+
+
+def test_three_wavelengths(sensor):
+    """Lateral colour, as the field's functions have it."""
+    found = om.evaluate(sensor, OMEGA[1:])
+    theta = np.tan(np.radians(found.theta_deg))
+    for name, wave in (("short", 0.4861327), ("long", 0.6562725)):
+        # the same object, seen by the same pupil, in another colour; its chief ray leaves at another angle by little
+        away = sensor.lens.field.odd(theta)[name]
+        traced = truth(OMEGA[1:], wavelength_um=wave)[:, 0] - truth(OMEGA[1:])[:, 0]
+        assert np.abs(away - traced).max() < 2e-5 + 0.05 * np.abs(traced).max()
+
+
+@pytest.mark.parametrize("nm", [486.1327, 546.07, 656.2725, 700.0])
+def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
+    """Its own indices, stop and imager where they are; between and beyond the lines of the file by Cauchy's formula."""
+    colour = om.at_wavelength(sensor, nm)
+    assert colour.lens.imager_mm == pytest.approx(sensor.lens.imager_mm, abs=1e-9)
+    assert colour.lens.aperture_radius == pytest.approx(sensor.lens.aperture_radius, rel=1e-12)
+    found = om.evaluate(colour, OMEGA).h_px
+    wanted = truth(OMEGA, wavelength_um=nm / 1e3)[:, 0] / PITCH
+    assert np.abs(found - wanted).max() < 5e-4
+    assert np.abs(wanted - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
+
+
+@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+def test_pixels_come_back_and_apertures_agree(file, pose):
+    sensor = sensor_with(lens_of(file), pose)
+    rng = np.random.default_rng(3)
+    turn, r = rng.uniform(0, 2 * np.pi, 40), 460 * np.sqrt(rng.uniform(0, 1, 40))
+    pixels = 511.5 + (r * np.stack([np.cos(turn), np.sin(turn)])).T
+    rays = sensor.backproject(pixels)
+    assert rays.valid.all()
+    for found in (sensor.project(rays.origins + 120.0 * rays.directions), sensor.project_directions(rays.directions)):
+        assert np.abs(found.pixels - pixels).max() < 1e-3
+    chief = sensor.aperture_rays(pixels, np.zeros(2))
+    assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
+
+
+def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
+    """Rays of the simulation, sent back through the glass from where they left the mirror."""
+    plan = spread(8, True)
+    bundle = trace(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
+    assert (bundle.fate == 1).all()
+    rng = np.random.default_rng(0)
+    image, pupil = rng.uniform(-2, 2, (50, 2)), 0.9 * rng.uniform(-0.7, 0.7, (50, 2))
+    origins, directions = sensor.lens.rays(image, pupil)
+    n, to_imager = own.indices(), own.imager_place(own.indices())
+    for k in range(50):
+        p, d = origins[k] * [1, 1, -1], directions[k] * [1, 1, -1]
+        landed = own.through(p - 100 * d, d if d[2] > 0 else -d, n, to_imager)[1]
+        if d[2] < 0:
+            landed = own.through(p + 100 * d, -d, n, to_imager)[1]
+        assert np.abs(-landed - image[k]).max() < 1e-8
+
+
+def test_focusing_breathes(file):
+    """The imager moves, the surfaces stay: heights of another focus, traced."""
+    near = sensor_with(lens_of(file).focused_at(150.0))
+    n = own.indices()
+    to_imager = own.imager_place(n, 150.0)
+    wanted = np.array([own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA])
+    assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
+
+
+def test_even_aspheres_meet_their_surface():
+    """A point found on the surface lies on it, and its slope is the sag's, by finite differences of mpmath's kind."""
+    c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
+    one = Sequence(
+        np.array([c]), np.array([k]), a, np.zeros(1), np.array([1.0, 1.5]), np.full(1, np.inf), np.full(1, np.inf), 0
+    )
+
+    def sag(r):
+        return c * r**2 / (1 + np.sqrt(1 - (1 + k) * c**2 * r**2)) + a[0] @ [r**2, r**4, r**6]
+
+    start, slope, to_imager = 7.0, 0.1, 30.0
+    r = brentq(lambda r: start + slope * sag(r) - r, 6, 9)
+    steep = (sag(r + 1e-5) - sag(r - 1e-5)) / 2e-5
+    incidence = np.arctan(slope) + np.arctan(steep)
+    after = np.arcsin(np.sin(incidence) / 1.5) - np.arctan(steep)
+    landed = one.trace(np.array([[start, 0.0]]), np.array([[slope, 0.0]]), to_imager).image
+    assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
+
+
+PLANO = {"thickness_mm": (10.0, 4.0, 0.0), "index": (1.0, 1.5168, 1.0), "stop_surface": 1, "field_max_deg": 25.0}
+CURVED = (0.0, 1 / 25.84, 0.0)
+
+
+def plano_convex(curvature_per_mm=CURVED, f_number=8.0, focus_distance_mm=1e6, **columns):
+    return SurfaceLens(f_number, focus_distance_mm, curvature_per_mm, **{**PLANO, **columns})
+
+
+def test_a_paraboloid_is_its_first_asphere():
+    """z = c r^2 / 2, written as a conic of -1 and as the coefficient of r^2 of a plane."""
+    conic = plano_convex(conic=(0.0, -1.0, 0.0))
+    asphere = plano_convex((0.0, 0.0, 0.0), aspheres=(0.0, 0.0, 0.5 / 25.84, 0.0, 0.0, 0.0))
+    for one, other in zip(conic.field.nodes, asphere.field.nodes, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    assert asphere.focal_length_mm == pytest.approx(50.0, abs=1e-3)
+    assert max(conic.field.nodes.own_t) < max(plano_convex().field.nodes.own_t)  # which a sphere is not
+
+
+@pytest.mark.parametrize("focal_length", [0.5, 1e6])
+def test_very_short_and_very_long_focal_lengths_are_valid(focal_length):
+    lens = plano_convex((0.0, 50.0 / (25.84 * focal_length), 0.0), thickness_mm=(0.1, 0.04, 0.0))
+    assert lens.focal_length_mm == pytest.approx(focal_length, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        ({"curvature_per_mm": (0.0, 0.0, 0.0)}, "the surfaces have a focal length of -?inf mm; one above 0 is valid"),
+        ({"curvature_per_mm": (0.0, -1 / 25.84, 0.0)}, "the surfaces have a focal length of -50 mm; one above 0"),
+        ({"index": (1.0, 1.5168, 1.33)}, "index ends with 1.33; valid is 1, the air before the imager"),
+        ({"index": (1.0, 1.5168)}, "index has 2 values for 3 surfaces; it is valid with one for each"),
+        ({"aspheres": (1e-9,) * 4}, "aspheres has 4 values for 3 surfaces; it is valid with as many for each"),
+        ({"aspheres": (0.0, -1.001e9, 0.0)}, r"aspheres\[1\] = -1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"aspheres": (0.0, 0.0, 1.001e9)}, r"aspheres\[2\] = 1.001e\+09 is outside -1e\+09 to 1e\+09"),
+        ({"stop_surface": 4}, "stop_surface = 4 is not one of the surfaces, 1 to 3"),
+        ({"stop_surface": 1.5}, "stop_surface = 1.5 is not one of the surfaces, 1 to 3"),
+        ({"focus_distance_mm": 39.9}, "focus_distance_mm = 39.9 is nearer than the front focus; it is valid above 40"),
+        (  # a front surface of f = 8 mm in glass
+            {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0),
+             "stop_surface": 2},
+            "the entrance pupil must be at a finite distance; surface 2, the stop, is in the focal plane",
+        ),
+        (
+            {"curvature_per_mm": (0.0, 0.8136, 0.0), "thickness_mm": (10.0, 6.4656, 0.0), "stop_surface": 2,
+             "field_max_deg": 80.0},
+            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* Increase f_number or reduce",
+        ),
+    ],
+)  # fmt: skip
+def test_surfaces_that_are_no_lens_are_refused_without_a_warning(columns, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        plano_convex(**columns)
+
+
+BOUNDS = {
+    "curvature_per_mm": (-1e3, 1e3), "thickness_mm": (-1e4, 1e4), "index": (1.0, 5.0), "conic": (-1e4, 1e4),
+    "edge_mm": (0.0, 1e4), "clear_mm": (0.0, 1e4), "index_short": (1.0, 5.0), "index_long": (1.0, 5.0),
+    "wavelengths_nm": (100.0, 2e4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_columns_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    for value in (low - 1e-4, high + 0.1):
+        with pytest.raises(InvalidParameter, match=re.escape(f"is outside {low:g} to {high:g}")):
+            plano_convex(**{name: (value,) * 3})
+
+
+@pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
+def test_without_three_indices_other_wavelengths_are_not_known(missing):
+    known = {
+        "wavelengths_nm": (486.1, 587.6, 656.3), "index_short": (1.0, 1.5224, 1.0), "index_long": (1.0, 1.5143, 1.0)
+    }  # fmt: skip
+    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[1] == pytest.approx(
+        1.5143, abs=1e-12
+    )
+    with pytest.raises(InvalidParameter, match="the indices of this lens at 700 nm are not known; it is valid with"):
+        plano_convex(**{name: value for name, value in known.items() if name != missing}).at_wavelength(700.0)
+
+
+def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
+    """An aperture in front cuts off what a traced bundle loses there."""
+    text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
+    (tmp_path / "cut.zmx").write_text(text)
+    whole, cut = lens_of(file).field.nodes, lens_of(tmp_path / "cut.zmx").field.nodes
+    assert cut.illumination[0] == pytest.approx(1.0)
+    i = len(cut.tangent) // 2
+    assert cut.width_t[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.width_t)
+    assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
+
+
+def test_straightening_finds_its_pixels_through_the_glass(sensor):
+    """Distances from the picture's centre of distant targets, against traced rays."""
+    screen = om.screens.Cylinder((720, 270), tilt_min_deg=-60, tilt_max_deg=35)
+    coordinates = om.Dewarper(sensor, screen).coordinates()
+    rows, columns = np.array([5, 80, 150, 200, 260]), np.array([30, 200, 360, 500, 700])
+    towards = screen.targets_at(columns.astype(float), rows.astype(float))
+    omega = np.degrees(np.arccos(towards @ sensor.axis / np.linalg.norm(towards, axis=-1)))
+    radius = np.hypot(*(coordinates[rows, columns] - 511.5).T)
+    assert np.abs(radius - truth(omega)[:, 0] / PITCH).max() < 0.01
+
+
+def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path):
+    found = om.evaluate(sensor, [0.0, 90.0])
+    assert list(found.of_lens) == [
+        "lens_blur_t_px", "lens_blur_s_px", "lens_illumination", "lateral_colour_px", "entrance_pupil_mm"
+    ]  # fmt: skip
+    assert found.of_lens["lens_illumination"][0] == pytest.approx(1.0)
+    assert found.of_lens["lateral_colour_px"][0] == 0.0
+    found.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text().splitlines()[0].endswith("lateral_colour_px,entrance_pupil_mm")
+    assert om.evaluate(om.load_sensor("paper-spherical"), [0.0]).of_lens == {}
+
+
+def test_the_command_line_takes_a_lens(file):
+    found = omnimirror("evaluate", "paper-spherical", "--lens", file, "--omega-deg", "90")
+    assert found.returncode == 0, found.stderr
+    assert "surfaces lens" in found.stdout
+    assert "pupil" in found.stdout
+    missing = omnimirror("evaluate", "paper-spherical", "--lens", "nothing.zmx")
+    assert missing.returncode
+    assert "nothing.zmx cannot be read" in missing.stderr
+
+
+# -- files -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
+def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
+    (tmp_path / "triplet.zmx").write_bytes(own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code))
+    assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
+
+
+DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in enumerate(
+    zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1)}  # fmt: skip
+
+
+@pytest.mark.parametrize("diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}])
+@pytest.mark.parametrize(
+    ("fields", "widest_deg"),
+    [
+        ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
+        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, and as many as FTYP says
+        ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a paraxial image height of 3 mm, f = 11.6 mm
+        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # a real one: the triplet has little distortion
+    ],
+)
+def test_the_field_of_a_file_is_its_field_with_and_without_diameters(fields, widest_deg, diameters, tmp_path):
+    """OpticStudio writes DIAM lines by default; they clip rays and leave the field as it is."""
+    text = own.zmx(per_surface=diameters)
+    start, end = text.index("FTYP"), text.index("WAVM 1")
+    (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
+    lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
+    assert lens.field_max_deg == pytest.approx(1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4)
+    if diameters is not DIAMETERS:
+        assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
+
+
+def test_a_field_past_its_file_is_refused_by_the_name_of_the_limit(file, tmp_path):
+    with pytest.raises(OmnimirrorError, match=r"ends at 10 deg .* a larger field_max_deg \(now 10\)"):
+        _ = (
+            sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
+            om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
+        )
+
+
+def test_inches(file, tmp_path):
+    text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
+    (tmp_path / "inches.zmx").write_text(text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}"))
+    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(lens_of(file).focal_length_mm, rel=1e-12)
+
+
+def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
+    text = format_sensor(om.load_sensor("paper-spherical"))
+    head, rest = text.split("[lens]\n")
+    rest = rest[rest.index("[imager]") :]
+    path = tmp_path / "mine.toml"
+    (tmp_path / "triplet.zmx").write_bytes(file.read_bytes())
+    path.write_text(f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}')
+    found = om.load_sensor(path)
+    assert found.lens == sensor.lens
+    assert om.parse_sensor(format_sensor(found)) == found
+    with pytest.raises(OmnimirrorError, match=r"lens\.file names another file"):
+        om.parse_sensor(path.read_text())
+
+
+BAD = {
+    "unknown glass": (own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]), "N-SK61.*did you mean N-SK16"),
+    "missing surfaces": ("MODE SEQ\nUNIT MM\nSURF 0\nSURF 1\n", "2 surfaces are no lens"),
+    "no stop": (own.zmx(stop=99), "0 surfaces are the stop"),
+    "wrong unit": (own.zmx().replace("UNIT MM", "UNIT FURLONG"), "UNIT FURLONG is not known; valid are MM"),
+    "several configurations": (own.zmx(head="MNUM 3 1"), "several configurations"),
+    "non-sequential": (own.zmx().replace("MODE SEQ", "MODE NSC"), "MODE NSC is not sequential"),
+    "a shape": (own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"), "TYPE TOROIDAL is not known"),
+    "a mirror": (own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]), "a lens of mirrors"),
+    "not a number": (own.zmx().replace("DISZ INFINITY", "DISZ far"), "is not a line of a lens file"),
+    "vignettes all": (own.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}), "lets no chief ray through"),
+    "too wide": (own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"), "wider than the surfaces"),
+    "wavelength": (own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"), "the index of N-SK16 is known from"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_say_what_is_wrong_in_one_sentence(case, tmp_path):
+    text, sentence = BAD[case]
+    (tmp_path / "bad.zmx").write_text(text)
+    with pytest.raises(OmnimirrorError, match=sentence) as found:
+        lens_of(tmp_path / "bad.zmx")
+    assert "\n" not in str(found.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(OmnimirrorError, match=r"nothing\.zmx cannot be read"):
+        lens_of(tmp_path / "nothing.zmx")
+
+
+# -- glasses ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "abbe"),
+    [
+        ("N-BK7", 1.51680, 64.17), ("N-SF11", 1.78472, 25.68), ("F2", 1.62004, 36.37), ("N-SK16", 1.62041, 60.32),
+        ("S-BSL7", 1.51633, 64.14), ("S-TIH53", 1.84666, 23.78), ("H-K9L", 1.51680, 64.20), ("PMMA", 1.4914, 57.4),
+        ("POLYCARB", 1.5848, 29.9),
+    ],
+)  # fmt: skip
+def test_glasses_have_the_numbers_of_their_data_sheets(name, index, abbe):
+    glass = glass_named(name, (), None)
+    d, f, c = (glass.index(w) for w in (0.5875618, 0.4861327, 0.6562725))
+    assert d == pytest.approx(index, abs=1.5e-5 if name[0] != "P" else 2e-3)
+    assert (d - 1) / (f - c) == pytest.approx(abbe, abs=0.02 if name[0] != "P" else 5.0)
+
+
+def test_a_catalogue_file_counts_more(tmp_path):
+    lines = [
+        "CC test",
+        "NM N-SK16 2 0 1.5 60 0 1",
+        "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653",
+    ]
+    (tmp_path / "mine.agf").write_text("\n".join([*lines, "LD 0.3 2.5"]))
+    found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
+    assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+    (tmp_path / "bad.agf").write_text("NM X\n")
+    with pytest.raises(OmnimirrorError, match="is not a line of a glass catalogue"):
+        read_agf(tmp_path / "bad.agf")
+
+
+def test_schotts_own_formula():
+    """n^2 = a0 + a1 l^2 + a2 l^-2 + .., coefficients of the old BK7 sheet."""
+    a = (2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7)
+    powers = (a[0], a[1], 2.0, a[2], -2.0, a[3], -4.0, a[4], -6.0, a[5], -8.0)
+    assert Glass("BK7", "powers", powers).index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+
+
+def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
+    [found] = om.export(sensor, tmp_path, formats=["zmx"])
+    text = found.path.read_text(encoding="utf-16")
+    assert "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
+
+
+@pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
+@pytest.mark.parametrize("thickness", [3.0, 1e4])
+def test_extreme_curvatures_give_a_lens_or_a_sentence_without_a_warning(curvature, thickness):
+    try:
+        lens = SurfaceLens(4.0, 1e7, (curvature, -curvature), (thickness, 0.0), (1.5, 1.0), 1)
+    except InvalidParameter:
+        return
+    thick = 0.5 * curvature * (2 - 0.5 * thickness * curvature / 1.5)  # the lensmaker's equation
+    assert lens.focal_length_mm == pytest.approx(1 / thick, rel=1e-9)
+
+
+def test_clearances_of_rays_at_apertures():
+    """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at its curved face."""
+    lens = SurfaceLens(
+        8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, clear_mm=(5.0, 0.0, 6.0)
+    )
+    heights = np.array([0.0, 1.0, 3.0, -2.0])
+    points = np.stack([heights, 0 * heights, 7.0 + 0 * heights], axis=-1)
+    found = lens.clearances(points, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert list(found) == ["lens surface 1", "lens surface 3"]
+    np.testing.assert_allclose(found["lens surface 1"], (25.0 - heights**2) / 10.0, rtol=1e-12)
+    sag = 25.84 - np.sqrt(25.84**2 - heights**2)
+    turn = np.arcsin(heights / 25.84) - np.arcsin(heights / 25.84 / 1.5168)
+    behind = heights - (4.0 - sag) * np.tan(turn)
+    np.testing.assert_allclose(found["lens surface 3"], (36.0 - behind**2) / 12.0, rtol=1e-9)

@@ -1,0 +1,377 @@
+"""A lens by its table: against the ordinary lens where it has no faults, and the lens that the table was made of."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
+from omnimirror.optics.lenses.tabulated import COLUMNS
+from omnimirror.optics.sensor_files.sensor_file import format_sensor
+from tests.optics.lenses import prescriptions as own
+
+ANGLES = np.linspace(0, 20, 41)
+OMEGA = np.linspace(0, 130, 27)
+
+
+def faultless(sensor, pupil=0.0):
+    """The sensor with its lens as a table, and with a fixed entrance pupil as the ordinary lens."""
+    lens = replace(sensor.lens, entrance_pupil_mm=pupil)
+    height = lens.principal_distance * np.tan(np.radians(ANGLES))
+    table = TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm,
+        tuple(ANGLES), tuple(height), tuple(np.full(len(ANGLES), pupil)),
+    )  # fmt: skip
+    return replace(sensor, lens=lens), replace(sensor, lens=table)
+
+
+@pytest.mark.parametrize("pupil", [0.0, 6.0])
+def test_a_table_without_faults_is_the_ordinary_lens(pupil):
+    plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
+    for focus in (None, 190.0):
+        ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
+        for name in ("h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "distance_t_mm", "blur_t_px", "blur_s_px"):
+            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-7, abs=1e-7), name
+    assert om.best_focus(table).focus_mm == pytest.approx(om.best_focus(plain).focus_mm, rel=1e-6)
+    pixels = np.array([[700.0, 600.0], [511.5, 200.0], [90.0, 400.0]])
+    pupils = np.array([[0.3, 0.4], [-0.9, 0.1], [0.0, 0.8]])
+    ours, theirs = (s.aperture_rays(pixels, pupils) for s in (table, plain))
+    assert np.abs(ours.directions - theirs.directions).max() < 1e-8
+    assert np.abs(table.project(ours.origins + 90 * ours.directions).pixels - plain.project(
+        ours.origins + 90 * ours.directions).pixels).max() < 1e-6  # fmt: skip
+    spot = [om.spots(s, [60.0]).rms_px() for s in (table, plain)]
+    assert np.abs(np.array(spot[0]) - np.array(spot[1])).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """A lens by its surfaces, and by the table that its own numbers make."""
+    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
+    path.write_text(own.zmx())
+    lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
+    t = np.tan(np.radians(ANGLES))
+    pupil, height = lens.pupil.place(t), np.abs(lens.field.height(t)[0])
+    table = TabulatedLens(
+        lens.focal_length_mm, lens.f_number, 212.0, tuple(ANGLES), tuple(height), tuple(pupil),
+        principal_point_mm=lens.principal_point_mm,
+    )  # fmt: skip
+    imager = om.load_sensor("paper-spherical").imager
+    mirror = om.load_sensor("paper-spherical").mirror
+    return [om.Sensor(mirror, each, imager, mirror_distance_mm=182.0) for each in (lens, table)]
+
+
+def test_its_chief_rays_are_those_of_the_lens_it_was_made_of(both):
+    surfaces, table = (om.evaluate(s, OMEGA) for s in both)
+    assert np.abs(surfaces.h_px - table.h_px).max() < 2e-4
+    assert np.abs(surfaces.viewpoint_z_mm - table.viewpoint_z_mm).max() < 1e-4
+
+
+def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
+    """Defocus in mm behind the lens, found by moving the imager until thin bundles of real rays are sharp."""
+    surfaces, table = both
+    lens = surfaces.lens
+    t = np.tan(np.radians(ANGLES))
+    n, to_imager = own.indices(), own.imager_place(own.indices())
+    place, step = lens.pupil.place(t), 1e-4
+    curvature = {0: [], 1: []}
+    behind = []
+    for tangent, z in zip(t, place, strict=True):
+
+        def image(dx, dy, extra, tangent=tangent, z=z):
+            """Rays from one point in focus, by way of points next to the middle of the pupil."""
+            s0 = 212.0 - z
+            towards = np.array([-(tangent * s0) + dx, dy, s0])
+            start = np.array([tangent * s0, 0.0, -212.0])
+            return -own.through(start, towards, n, to_imager + extra)[1]
+
+        here, there = image(0, 0, 0.0), image(0, 0, 1.0)
+        behind.append(np.degrees(np.arctan(there[0] - here[0])))
+        for axis in (0, 1):
+            moves = step * np.eye(2)[axis]
+            at = [image(*moves, extra)[axis] - image(0, 0, extra)[axis] for extra in (0.0, 1.0)]
+            curvature[axis].append(at[0] / (at[0] - at[1]))
+    bent = replace(
+        table.lens, chief_ray_deg=tuple(behind),
+        field_curvature_t_mm=tuple(curvature[0]), field_curvature_s_mm=tuple(curvature[1]),
+    )  # fmt: skip
+    ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
+    # but for pupils that grow with the angle, which the table does not tell
+    grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
+    assert ours.blur_t_px * grown.width_t == pytest.approx(theirs.blur_t_px, abs=0.01, rel=2e-3)
+    assert ours.blur_s_px * grown.width_s == pytest.approx(theirs.blur_s_px, abs=0.01, rel=2e-3)
+    # and another focus: the imager moves along the chief rays
+    held = replace(bent, table_focus_mm=212.0).focused_at(150.0)
+    pairs = (table, held), (surfaces, lens.focused_at(150.0))
+    near = [om.evaluate(replace(s, lens=each), OMEGA).h_px for s, each in pairs]
+    assert np.abs(near[0] - near[1]).max() < 0.01
+
+
+def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    dull = replace(
+        table.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)), own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
+        relative_illumination=tuple(1 - ANGLES / 40),
+    )  # fmt: skip
+    clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=dull), OMEGA)
+    floor = 1 + clear.airy_px**2
+    wanted = np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    assert blurred.floored_area_deg2 == pytest.approx(wanted, rel=1e-9)
+    light = [om.illumination(replace(table, lens=lens), [60.0]).relative[0] for lens in (table.lens, dull)]
+    theta = clear.theta_deg[np.searchsorted(OMEGA, 60.0)]
+    assert light[1] / light[0] == pytest.approx((1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02)
+
+
+def test_best_focus_counts_the_own_blur():
+    """The least floored area, found by brute force."""
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
+    sensor = replace(table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur))
+    best = om.best_focus(sensor)
+    tried = [om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max() for f in
+             best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])]  # fmt: skip
+    assert best.value <= min(tried) * (1 + 1e-6)
+
+
+def test_a_file_of_columns(tmp_path):
+    plain, table = faultless(om.load_sensor("paper-spherical"))
+    rows = zip(ANGLES, table.lens.image_height_mm, table.lens.entrance_pupil_mm, strict=True)
+    lines = ["# a lens", "field_deg, image_height_mm, entrance_pupil_mm"]
+    lines += [",".join(repr(float(v)) for v in row) for row in rows]
+    (tmp_path / "lens.csv").write_text("\n".join(lines))
+    text = format_sensor(plain)
+    head, rest = text.split("[lens]\n")
+    rest = rest[rest.index("[imager]") :]
+    lens = '[lens]\nkind = "table"\nfile = "lens.csv"\nfocal_length_mm = 11.6\nf_number = 4.0\n'
+    lens += "focus_distance_mm = 212.0\n\n"
+    (tmp_path / "mine.toml").write_text(head + lens + rest)
+    found = om.load_sensor(tmp_path / "mine.toml")
+    assert found.lens == replace(table.lens, focus_distance_mm=212.0)
+    assert om.parse_sensor(format_sensor(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("field_deg,hight\n0,0\n", "column 'hight' is not known; valid are field_deg"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,x\n", "is not 3 numbers"),
+        ("", "holds no line"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n", "needs 4 or more"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n", "begins with 0 and grows"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n", "stop growing at"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n", "outside the|focus_distance"),
+    ],
+)
+def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
+    (tmp_path / "lens.csv").write_text(text)
+    table = {"file": "lens.csv", "focal_length_mm": 11.6, "f_number": 4.0, "focus_distance_mm": 212.0}
+    with pytest.raises(OmnimirrorError, match=sentence):
+        TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
+
+
+BOUNDS = {
+    "focal_length_mm": (1e-2, 1e5), "principal_point_mm": (-1e4, 1e4), "table_focus_mm": (1e-3, 1e7),
+    "barrel_diameter_mm": (1e-3, 1e4), "barrel_mm": (-1e4, 1e4), "window_mm": (0.0, 1e3), "window_index": (1.0, 5.0),
+    "field_deg": (0.0, 89.0), "image_height_mm": (0.0, 1e4), "entrance_pupil_mm": (-1e4, 1e4),
+    "relative_illumination": (0.0, 2.0), "chief_ray_deg": (-89.0, 89.0), "field_curvature_t_mm": (-100.0, 100.0),
+    "field_curvature_s_mm": (-100.0, 100.0), "own_blur_t_mm": (0.0, 10.0), "own_blur_s_mm": (0.0, 10.0),
+    "lateral_colour_short_mm": (-10.0, 10.0), "lateral_colour_long_mm": (-10.0, 10.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_entries_are_refused_outside_their_bounds(name):
+    low, high = BOUNDS[name]
+    lens = faultless(om.load_sensor("paper-spherical"))[1].lens
+    is_column = name in COLUMNS
+    for value in (low - 1e-4, high + 0.1):
+        wrong = (value,) * len(ANGLES) if is_column else value
+        with pytest.raises(OmnimirrorError, match=re.escape(f"is outside {low:g} to {high:g}")):
+            replace(lens, **{name: wrong})
+
+
+def test_a_mirror_past_the_end_of_the_table_is_refused():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    short = replace(
+        table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19],
+        entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
+    )  # fmt: skip
+    with pytest.raises(OmnimirrorError, match=r"ends at 9 deg from its axis, and the mirror reaches .* add rows"):
+        om.evaluate(replace(table, lens=short), OMEGA)
+
+
+def test_what_knows_ideal_lenses_only_says_so():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    for ask in (lambda: om.SensorModel(table), lambda: om.blur_bound(table)):
+        with pytest.raises(OmnimirrorError, match="is for perspective and orthographic lenses"):
+            ask()
+
+
+def test_a_design_like_another_sensors_has_its_real_lens():
+    ideal, table = faultless(om.load_sensor("paper-spherical"), pupil=6.0)
+    asked = om.requirements_like(table, family="sphere")
+    assert asked.lens.optics == table.lens
+    found = om.design_sensor(asked).sensor
+    assert found.field_deg[1] == pytest.approx(table.field_deg[1], abs=1e-6)
+    assert found.mirror.radius_mm == pytest.approx(table.mirror.radius_mm, rel=1e-4)
+    assert found.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)
+
+
+# -- a barrel ------------------------------------------------------------------------------------------------------
+
+
+BARREL, AHEAD = 5.4, 12.0  # mm across, before the pupil
+SEEN = 31  # rows of the table, up to 15 deg
+
+
+def barrelled(sensor, **more):
+    _, whole = faultless(sensor, pupil=6.0)
+    columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
+    table = replace(whole, lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}))
+    given = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + AHEAD, **more}
+    return table, replace(table, lens=replace(table.lens, **given))
+
+
+def passing(lens, tangent, side=1201):
+    """Points (n, 2) of the pupil, in its radii, whose rays to a point in focus pass the barrel, and of how many."""
+    u = np.linspace(-1, 1, side)
+    disk = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    disk = disk[np.hypot(*disk.T) <= 1]
+    distance = lens.focus_distance_mm - 6.0
+    point = np.array([tangent * distance, 0.0])
+    start = disk * lens.aperture_radius
+    there = start + (point - start) * AHEAD / distance
+    return disk[np.hypot(*there.T) <= BARREL / 2], len(disk)
+
+
+def test_a_barrel_leaves_what_straight_rays_say():
+    bare, cut = barrelled(om.load_sensor("paper-spherical"))
+    angles = np.array([20.0, 60.0, 90.0, 120.0, 134.0])
+    theta = np.tan(np.radians(om.evaluate(bare, angles).theta_deg))
+    plain, dimmed = (om.evaluate(s, angles) for s in (bare, cut))
+    light = np.array([om.illumination(s, angles).relative for s in (bare, cut)])
+    shares = []
+    for k, tangent in enumerate(theta):
+        left, count = passing(cut.lens, tangent)
+        shares.append(len(left) / count)
+        widths = np.ptp(left, axis=0) / 2
+        assert dimmed.blur_t_px[k] / plain.blur_t_px[k] == pytest.approx(widths[0], abs=0.02)
+        assert dimmed.blur_s_px[k] / plain.blur_s_px[k] == pytest.approx(widths[1], abs=0.02)
+    assert light[1] / light[0] == pytest.approx(shares, abs=0.01)
+    assert om.illumination(cut, angles).filled == pytest.approx(shares, abs=0.01)
+    assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # of 469 rays
+    assert shares[0] == 1.0
+    assert shares[-1] < 0.6  # it matters
+    narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))
+    out_of_focus = [om.evaluate(s, [130.0], focus_mm=190.0).blur_t_px[0] for s in (cut, bare)]
+    assert narrow / wide == pytest.approx(out_of_focus[0] / out_of_focus[1], abs=0.02)
+    assert narrow / wide < 0.9
+
+
+def test_pictures_are_dimmed_by_it():
+    from omnimirror.simulation.radiometry import Radiometry
+    from tests.simulation.rendering.test_wavelengths import Stripes
+
+    bare, cut = (
+        replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+        for s in barrelled(om.load_sensor("paper-spherical"))
+    )
+    taken = [om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0] for s in (bare, cut)]
+    edge = slice(2, 5)
+    assert taken[1][edge].sum() < 0.75 * taken[0][edge].sum()
+    assert taken[1][32] == pytest.approx(taken[0][32], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"barrel_diameter_mm": 2.0}, "cuts the bundle on the axis"),
+        ({"barrel_mm": 60.0}, "lets no light through at"),
+        ({"barrel_mm": 300.0}, "cuts the bundle on the axis"),
+    ],
+)
+def test_barrels_that_cut_everything_off_are_refused(entries, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        barrelled(om.load_sensor("paper-spherical"), **entries)
+
+
+# -- a pane between lens and mirror ----------------------------------------------------------------------------------
+
+
+PANE, GLASS, AT = 6.0, 1.5168, 40.0  # mm, index, mm before the pupil
+
+
+def behind_pane(points, slopes):
+    """Where rays (n, 2) behind the pane come from in the plane of the pupil: by Snell's law, face by face."""
+    u = np.hypot(*slopes.T)
+    inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
+    way = slopes / np.where(u > 0, u, 1.0)[:, None]
+    met = points + AT * slopes
+    left = met + PANE * inside[:, None] * way
+    return left - (AT + PANE) * slopes
+
+
+def off_the_ball(start, slopes, pupil_z, radius):
+    """Directions (n, 3) of rays reflected on a ball with its vertex at 0, z from the lens on."""
+    p = np.column_stack([start, np.full(len(start), pupil_z)])
+    d = np.column_stack([slopes, np.ones(len(slopes))])
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    to = p - [0.0, 0.0, radius]
+    along = (to * d).sum(1)
+    hit = p + (-along - np.sqrt(along**2 - (to**2).sum(1) + radius**2))[:, None] * d
+    normal = (hit - [0.0, 0.0, radius]) / radius
+    return d - 2 * (d * normal).sum(1)[:, None] * normal
+
+
+def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
+    sensor = om.load_sensor("paper-spherical")
+    narrow = replace(sensor, lens=replace(sensor.lens, f_number=40.0))
+    ideal, bare = faultless(narrow, pupil=6.0)
+    paned = replace(bare, lens=replace(bare.lens, window_mm=PANE, window_index=GLASS))
+    lens, radius, z = ideal.lens, sensor.mirror.radius_mm, 6.0 - sensor.mirror_distance_mm
+    tangents = np.tan(np.radians([2.0, 5.0, 8.0, 11.0]))
+    for tangent in tangents:
+        y = lens.aperture_radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        point = np.array([tangent * lens.from_pupil, 0.0])
+        slopes = (point - y) / lens.from_pupil
+        out = off_the_ball(behind_pane(y, slopes), slopes, z, radius)
+        omega = np.degrees(np.arctan2(out[:, 0], -out[:, 2]))
+        found, without = (om.evaluate(s, [omega[0]]) for s in (paned, bare))
+        height = lens.principal_distance * tangent / sensor.imager.pitch_mm
+        assert found.h_px[0] == pytest.approx(height, abs=1e-4)
+        assert abs(without.h_px[0] - height) > 0.05
+        across = np.degrees(np.arccos(out[3] @ out[4]))
+        assert abs(found.blur_t_deg[0]) == pytest.approx(abs(omega[1] - omega[2]), abs=2e-4)
+        assert abs(found.blur_s_deg[0]) == pytest.approx(across, abs=2e-4)
+    spot, bundle = om.spots(paned, [90.0]).extent_px(), om.evaluate(paned, [90.0])
+    assert spot[0].item() == pytest.approx(abs(bundle.blur_t_px[0]), abs=0.01)
+    assert spot[1].item() == pytest.approx(abs(bundle.blur_s_px[0]), abs=0.01)
+
+
+@pytest.mark.parametrize("given", [("short",), ("long",), ("short", "long"), ()])
+def test_heights_of_other_colours_are_those_of_the_table_at_three_lines(given):
+    """F, d and C; between them a parabola in 1/wavelength^2."""
+    angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
+    shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}
+    lens = TabulatedLens(
+        11.6,
+        4.0,
+        212.0,
+        angles,
+        heights,
+        (0.0, 0.0, 0.0, 0.0),
+        **{f"lateral_colour_{name}_mm": shifts[name] for name in given},
+    )
+    nothing = (0.0, 0.0, 0.0, 0.0)
+    short, long = (shifts[name] if name in given else nothing for name in ("short", "long"))
+    for nm, shift in ((486.1327, short), (587.5618, nothing), (656.2725, long)):
+        there = lens.at_wavelength(nm)
+        np.testing.assert_allclose(there.image_height_mm, np.add(heights, shift), atol=1e-9)
+        assert there.lateral_colour_short_mm is None or not given
+    x = 1 / np.array([486.1327, 587.5618, 656.2725]) ** 2
+    parabola = np.polyfit(1e6 * x, [short[3], 0.0, long[3]], 2)
+    assert lens.at_wavelength(540.0).image_height_mm[3] == pytest.approx(
+        4.1 + np.polyval(parabola, 1e6 / 540.0**2), abs=1e-9
+    )

@@ -1,0 +1,420 @@
+"""Tubes and domes in chief rays, images and projection: against rays traced here, with nothing of the product's.
+
+Surfaces are implicit functions here: a ray meets one where that changes sign, its normal is a difference quotient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, root
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter, SelfObstruction
+from omnimirror.base.native import backend
+from omnimirror.dewarp.maps.coordinates import source_pixels
+from omnimirror.optics.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
+from omnimirror.optics.mirrors import SlopeSpline
+from omnimirror.optics.mirrors.pose import MirrorPose
+from omnimirror.optics.tracing import covered as covered_mirror
+from omnimirror.optics.tracing.reflection import Ends
+from omnimirror.optics.tracing.walls import way_out_compiled, way_out_in_numpy
+from omnimirror.simulation.rendering.sight import sights
+from tests.everyday import few
+
+SPH = om.load_sensor("paper-spherical")
+HYP = om.load_sensor("paper-hyperboloidal")
+TELECENTRIC = om.load_sensor("paraboloid-telecentric")
+COVERS = {
+    "tube": (SPH, Tube(110.0, 4.0)),
+    "tube in water": (SPH, Tube(110.0, 4.0, material="polycarbonate", medium="water")),
+    "dome": (HYP, Dome(360.0, 6.0, material="acrylic")),
+    "dome in oil": (SPH, Dome(340.0, 5.0, medium="mineral_oil")),
+    "dome of two centres": (SPH, Dome(340.0, 5.0, inner_shift_mm=2.0)),
+    "high dome": (SPH, Dome(310.0, 5.0, centre_mm=-40.0)),
+    "telecentric dome": (TELECENTRIC, Dome(130.0, 3.0, centre_mm=-20.0, medium_index=1.2)),
+}
+NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # sees to 81 deg
+COVERS |= {
+    "window": (NARROW, FlatWindow(wall_mm=6.0, material="bk7")),
+    "window to water": (NARROW, FlatWindow(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0)),
+}
+MISALIGNED = {
+    "tilted tube": (SPH, Tube(110.0, 4.0, tilt_x_deg=1.5, decentre_y_mm=0.7), MirrorPose()),
+    "tilted tube in water": (SPH, Tube(112.0, 4.0, medium="water", tilt_y_deg=-1.0), MirrorPose()),
+    "decentred dome": (SPH, Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0), MirrorPose()),
+    "tilted window": (NARROW, FlatWindow(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0), MirrorPose(0.4)),
+    "mirror out of place": (HYP, Dome(360.0, 6.0, medium="water"), MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+}
+INNER_PIXELS = 511.5 + np.array([[0.0, 180.0], [210.0, -60.0], [-190.0, 130.0], [20.0, 260.0], [-150.0, -190.0]])
+PIXELS = 511.5 + np.array([[0.0, 180.0], [240.0, -60.0], [-310.0, 130.0], [20.0, 400.0], [-330.0, -330.0]])
+
+
+def covered(name):
+    if name in COVERS:
+        sensor, shell = COVERS[name]
+        return replace(sensor, housing=Housing(shell=shell))
+    sensor, shell, pose = MISALIGNED[name]
+    return replace(sensor, housing=Housing(shell=shell), mirror_pose=pose)
+
+
+@pytest.mark.parametrize("name", few(COVERS, "tube", "dome in oil"))
+def test_points_before_a_cover_or_beside_a_ray_are_not_on_it(name):
+    meridian = covered(name).meridian
+    x = np.linspace(0.3, 0.9, 5) * meridian.mirror.rim_radius_mm
+    rays = meridian.trace(x)
+    (start_x, start_z), sin, cos = rays.start, np.sin(rays.omega), np.cos(rays.omega)
+    for further, aside, is_on in ((50, 0, True), (0, 0, True), (50, 0.01, False), (50, -0.01, False), (-0.1, 0, False)):
+        along = rays.outside.reach + further
+        at = start_x + along * sin + aside * cos, start_z - along * cos + aside * sin
+        assert meridian.cover.leads_to(rays, *at).tolist() == [is_on] * len(x), (further, aside)
+
+
+# -- the truth, in the camera frame -----------------------------------------------------------------------
+
+
+def turning(x_deg, y_deg):
+    a, b = np.radians([x_deg, y_deg])
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    return about_y @ about_x
+
+
+def surfaces(sensor):
+    """The mirror and both sides of the cover as functions of a place, each with the index behind it."""
+    pose, shell = sensor.mirror_pose, sensor.obstructions.housing.shell
+    turn = turning(pose.tilt_x_deg, pose.tilt_y_deg)
+    moved = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
+
+    def mirror(p):
+        x, y, z = turn.T @ (p - moved)
+        return z - float(sensor.mirror.sag(np.hypot(x, y)))
+
+    lean = turning(shell.tilt_x_deg, shell.tilt_y_deg)
+    shift = np.array([shell.decentre_x_mm, shell.decentre_y_mm, 0.0])
+    wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
+    around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
+
+    def pane(height):
+        return lambda p: height - (lean.T @ (p - shift))[2]
+
+    if isinstance(shell, FlatWindow):
+        return mirror, (pane(shell.height_mm), wall), (pane(shell.height_mm - shell.wall_mm), around)
+    outer = shell.diameter_mm / 2
+
+    def side(radius, centre):
+        def inside_out(p):
+            x, y, z = lean.T @ (p - shift)
+            return np.hypot(x, y) - radius if isinstance(shell, Tube) else np.linalg.norm([x, y, z - centre]) - radius
+
+        return inside_out
+
+    centre = 0.0 if isinstance(shell, Tube) else shell.centre_mm
+    raised = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
+    return mirror, (side(outer - shell.wall_mm, centre + raised), wall), (side(outer, centre), around)
+
+
+def meet(surface, start, way, first, last):
+    """The first place on a ray where a function changes sign from negative."""
+    steps = np.linspace(first, last, 801)
+    i = next(i for i, s in enumerate(steps) if surface(start + s * way) > 0)
+    assert i > 0
+    place = start + brentq(lambda s: surface(start + s * way), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15) * way
+    normal = np.array([surface(place + 1e-4 * e) - surface(place - 1e-4 * e) for e in np.eye(3)])
+    return place, normal / np.linalg.norm(normal)
+
+
+def traced(sensor, start, way):
+    """Where a ray from the lens leaves the cover, and whereto."""
+    mirror, *walls = surfaces(sensor)
+    place, normal = meet(mirror, start, way, 1e-3, 3 * np.linalg.norm(start) + 50)
+    way = way - 2 * (way @ normal) * normal
+    index = 1.0
+    for surface, behind in walls:
+        place, normal = meet(surface, place, way, 1e-6, 1000.0)
+        across = (way - (way @ normal) * normal) * index / behind
+        way, index = across + np.sqrt(1 - across @ across) * normal, behind
+    return place, way
+
+
+def lens_ray(sensor, pixel):
+    image = (np.asarray(pixel) - 511.5) * sensor.imager.pixel_pitch_um * 1e-3
+    if sensor.lens.TELECENTRIC:
+        return np.array([*(image / sensor.lens.magnification), -30.0]), np.array([0.0, 0.0, 1.0])
+    way = np.array([*image, sensor.lens.image_distance])
+    return np.array([0.0, 0.0, -sensor.mirror_distance_mm]), way / np.linalg.norm(way)
+
+
+def truth(sensor, pixel):
+    return traced(sensor, *lens_ray(sensor, pixel))
+
+
+@pytest.mark.parametrize("name", [*COVERS, *MISALIGNED])
+def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(name):
+    sensor = covered(name)
+    turn = sensor.mount.rotation()
+    pixels = INNER_PIXELS if "window" in name else PIXELS
+    origins, directions, valid = sensor.backproject(pixels)
+    assert valid.all()
+    for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
+        place, way = truth(sensor, pixel)
+        there, towards = turn.T @ origin, turn.T @ direction
+        assert np.linalg.norm(towards - way) < 2e-9
+        assert np.linalg.norm(there - place) < 1e-6
+        points = np.array([turn @ (place + s * way) for s in (30.0, 5000.0)])
+        seen = sensor.project(points)
+        assert seen.valid.all()
+        assert np.abs(seen.pixels - pixel).max() < 1e-5
+        assert np.abs(sensor.project_directions([turn @ way]).pixels - pixel).max() < 1e-5
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+@pytest.mark.parametrize("name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube"))
+def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(monkeypatch: pytest.MonkeyPatch, name):
+    """It proves what a kernel has found that looks the mirror up in a table."""
+    sensor, traced = covered(name), []
+    pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
+    rays = sensor.backproject(pixels)
+    sees, counted = rays.valid, covered_mirror.way_out
+    monkeypatch.setattr(covered_mirror, "way_out", lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d))
+    found = sensor.project_directions(rays.directions[sees])
+    assert found.valid.all()
+    np.testing.assert_allclose(found.pixels, pixels[sees], atol=1e-6)
+    assert sees.sum() > 1000
+    assert sum(traced) < 1.5 * sees.sum()
+
+
+STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
+    "bare": replace(HYP, mirror_pose=MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+    "seen in a second mirror": om.load_sensor("folded-hyperboloidal"),
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_rays_start_where_those_from_their_images_do(name):
+    """Sought from outside, and traced from inside."""
+    train = STARTS[name].optical_train
+    towards = np.random.default_rng(9).normal(size=(900, 3))
+    image, start = train.image_and_start_of(Ends.of(towards, distant=True))
+    seen = np.isfinite(image[:, 0])
+    assert seen.sum() > 200
+    found = train.seen_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
+    assert np.abs(found.points - start[seen]).max() < 1e-7
+
+
+POINTED = replace(SPH, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0))
+SEARCHED = {name: covered(name) for name in (*MISALIGNED, "dome of two centres", "telecentric dome")} | {
+    "pointed, tube in water": replace(
+        POINTED, housing=Housing(shell=Tube(120.0, medium="water")), mirror_pose=MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
+    ),
+    "pointed, dome": replace(POINTED, housing=Housing(shell=Dome()), mirror_pose=MirrorPose(1.5, 1.0, 0.0, 2.0, 1.0)),
+}
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+@pytest.mark.parametrize("name", SEARCHED)
+def test_kernels_and_numpy_find_the_same(monkeypatch: pytest.MonkeyPatch, name):
+    """Near targets and far ones, all around; where a kernel does not come to an end neither does NumPy."""
+    towards = np.random.default_rng(6).normal(size=(1500, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    near = towards * np.random.default_rng(7).uniform(400, 4000, (1500, 1))
+
+    def seen():
+        sensor = replace(SEARCHED[name])
+        return sensor.project_directions(towards), sensor.project(near)
+
+    by_kernels = seen()
+    monkeypatch.setattr(covered_mirror.CoveredMirror, "_is_compiled", False)
+    for compiled, plain in zip(by_kernels, seen(), strict=True):
+        assert compiled.valid.sum() > (200 if "window" in name else 700)
+        both = compiled.valid & plain.valid
+        np.testing.assert_allclose(compiled.pixels[both], plain.pixels[both], atol=1e-8)
+        assert not (plain.valid & ~compiled.valid).any()
+        assert (compiled.valid & ~plain.valid).sum() <= 0.01 * compiled.valid.sum()
+
+
+@pytest.mark.parametrize("name", [name for name in SEARCHED if "pointed" in name])
+def test_what_the_tip_of_a_mirror_shows_is_found(name):
+    """Rays from pixels about the tip lead to directions that are seen there."""
+    sensor = SEARCHED[name]
+    about = np.random.default_rng(8).normal(size=(400, 2))
+    pixels = sensor.imager.centre + 30 * about / np.linalg.norm(about, axis=1)[:, None]
+    rays = sensor.backproject(pixels)
+    assert rays.valid.sum() > 200
+    found = sensor.project_directions(rays.directions[rays.valid])
+    assert np.abs(found.pixels - pixels[rays.valid]).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "distance"),
+    few(
+        product(["tube in water", "dome", "dome in oil", "high dome", "window to water"], [np.inf, 500.0]),
+        ("tube in water", 500.0),
+        ("dome", np.inf),
+    ),
+)
+def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distance):
+    """Rays aimed from either side of the pupil, by the truth, at one object; tangential, then sagittal."""
+    sensor = covered(name)
+    h = 260.0 if "window" in name else 330.0
+    table = om.evaluate(sensor, h_px=[h], object_distance_mm=distance)
+    start, way = lens_ray(sensor, [511.5 + h, 511.5])
+    place, out = traced(sensor, start, way)
+    bounce = meet(surfaces(sensor)[0], start, way, 1e-3, 400.0)[0]
+    mirror, *walls = surfaces(sensor)
+    normal = meet(mirror, start, way, 1e-3, 400.0)[1]
+    met = meet(walls[0][0], bounce, way - 2 * (way @ normal) * normal, 1e-6, 1000.0)[0]
+    inside = np.linalg.norm(met - bounce) + np.linalg.norm(place - met)
+    target = place + (distance - inside) * out if np.isfinite(distance) else None
+
+    def miss(across, eye):
+        aim = np.array([*(way[:2] / way[2] + across), 1.0])
+        left, towards = traced(sensor, eye, aim / np.linalg.norm(aim))
+        wanted = out if target is None else (target - left) / np.linalg.norm(target - left)
+        return (towards - wanted)[[0, 1] if abs(out[2]) > 0.5 else [1, 2]]
+
+    for axis, told in ((0, table.distance_t_mm), (1, table.distance_s_mm)):
+        step = 0.02 * np.eye(3)[axis]
+        aims = []
+        for side in (1, -1):
+            eye = start + side * step
+            begin = -side * 0.02 / told[0] * np.eye(2)[axis]
+            aims.append(root(miss, begin, (eye,), options={"xtol": 1e-10, "eps": 1e-9}).x[axis])
+        assert 2 * 0.02 / (aims[1] - aims[0]) == pytest.approx(told[0], rel=3e-5)
+
+
+@pytest.mark.parametrize("shell", [Tube(110.0, refractive_index=1.0), Dome(340.0, 5.0, refractive_index=1.0)])
+def test_a_wall_of_air_changes_nothing(shell):
+    bare, clear = SPH, replace(SPH, housing=Housing(shell=shell))
+    for distance in (np.inf, 400.0):
+        a, b = (om.evaluate(s, object_distance_mm=distance).columns() for s in (bare, clear))
+        for column in a:
+            np.testing.assert_allclose(b[column], a[column], rtol=1e-9, atol=1e-9, err_msg=column)
+    # the base of the dome, a disc of 127 mm at the lens, hides field angles below 40 deg
+    a, b = (om.spots(s, [45.0, 90.0], object_distance_mm=500.0) for s in (bare, clear))
+    np.testing.assert_allclose(b.t_px, a.t_px, atol=1e-8)
+    np.testing.assert_allclose(b.weights, a.weights, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["tube", "dome in oil", "decentred dome"])
+def test_views_and_pictures_see_by_the_same_rays(name):
+    sensor = covered(name)
+    screen = om.screens.Plane((60, 40), tilt_deg=10.0, hfov_deg=70.0)
+    quick, exact = (source_pixels(sensor, screen, exact=e) for e in (False, True))
+    both = np.isfinite(quick).all(axis=-1) & np.isfinite(exact).all(axis=-1)
+    assert both.mean() > 0.5
+    assert np.abs(quick - exact)[both].max() < 5e-3
+    looks, pictured = sensor.backproject(PIXELS), sights(sensor, PIXELS)
+    np.testing.assert_allclose(pictured.directions, looks.directions, atol=1e-12)
+    np.testing.assert_allclose(pictured.origins, looks.origins, atol=1e-9)
+
+
+def test_a_tube_in_water_begins_where_rays_pass_its_base():
+    sensor = covered("tube in water")
+    low, high = sensor.field_deg
+    x = sensor.meridian.x_min
+    rays = sensor.meridian.trace([x])
+    wall = rays.z - (51.0 - x) / np.tan(rays.reflected)
+    assert wall[0] == pytest.approx(-sensor.mirror_distance_mm, abs=1e-6)
+    assert np.cos(np.radians(low)) == pytest.approx(np.cos(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    assert high < SPH.field_deg[1]
+
+
+def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
+    window = FlatWindow(120.0, medium="water")
+    sensor = replace(NARROW, housing=Housing(shell=window))
+    (ring,) = sensor.obscurations
+    assert ring.part == "window's frame"
+    assert ring.omega_deg[1] == pytest.approx(sensor.field_deg[1])
+    x = sensor.meridian.x_from_omega(np.radians([ring.omega_deg[0]]))
+    rays = sensor.meridian.trace(x)
+    inner = -sensor.mirror_distance_mm - 5.0
+    assert x[0] + (rays.z[0] - inner) * np.tan(rays.reflected[0]) == pytest.approx(60.0, abs=1e-6)
+    assert np.sin(rays.omega[0]) == pytest.approx(np.sin(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    white = om.Environment(np.ones((4, 8, 3), np.float32))
+    light = om.expose(sensor, white, samples=1)[512, 512:, 0]
+    assert (light > 0.5).sum() == pytest.approx(sensor.image_height_px(rays)[0], abs=1.5)
+    with pytest.raises(SelfObstruction, match="the window is passed only by rays that lead back past the lens"):
+        om.evaluate(replace(SPH, housing=Housing(shell=FlatWindow())))
+    with pytest.raises(InvalidParameter, match="puts the window between lens and mirror"):
+        om.evaluate(replace(NARROW, housing=Housing(shell=FlatWindow(height_mm=-50.0))))
+
+
+def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
+    with pytest.raises(InvalidParameter, match="material = 'bk7' were both given"):
+        Tube(110.0, refractive_index=1.5, material="bk7")
+    with pytest.raises(InvalidParameter, match="medium = 'water' were both given"):
+        Dome(medium="water", medium_index=1.3)
+    with pytest.raises(InvalidParameter, match="material = 'jelly' is not one of air, acrylic"):
+        Tube(material="jelly")
+    with pytest.raises(InvalidParameter, match=r"ends inside the cover; it is valid above \d"):
+        om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
+    with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
+        om.evaluate(covered("tilted tube"))
+    kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of its radius off, times 2.4
+    with pytest.raises(SelfObstruction, match="keeps in rays from x = "):
+        om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
+
+
+# -- materials ----------------------------------------------------------------------------------------------
+
+
+def sellmeier(*terms):
+    return lambda um: np.sqrt(1 + sum(b * um**2 / (um**2 - c) for b, c in terms))
+
+
+def quan_fry(salt, t=20.0):
+    def n(um):
+        nm = um * 1e3
+        salty = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * salt
+        return (
+            1.31405 + salty - 2.02e-6 * t**2 + (15.868 + 0.01155 * salt - 0.00423 * t) / nm - 4382 / nm**2
+            + 1.1455e6 / nm**3
+        )  # fmt: skip
+
+    return n
+
+
+PUBLISHED = {
+    "bk7": sellmeier((1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)),
+    "fused_silica": sellmeier((0.6961663, 0.0684043**2), (0.4079426, 0.1162414**2), (0.8974794, 9.896161**2)),
+    "sapphire": sellmeier((1.4313493, 0.0726631**2), (0.65054713, 0.1193242**2), (5.3414021, 18.028251**2)),
+    "water": quan_fry(0.0),
+    "sea_water": quan_fry(35.0),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_materials_have_the_indices_that_were_published(name):
+    material, n = MATERIALS[name], PUBLISHED[name]
+    assert material.index_d == pytest.approx(n(0.58756), abs=1e-4)
+    assert material.abbe_number == pytest.approx((n(0.58756) - 1) / (n(0.48613) - n(0.65627)), rel=2e-3)
+    for um in (0.45, 0.55, 0.7):
+        assert material.index_at(1e3 * um) == pytest.approx(n(um), abs=3e-4)
+    tube = Tube(material=name).at_wavelength(450.0)
+    assert tube.index == material.index_at(450.0)
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.parametrize("name", COVERS)
+def test_compiled_walls_are_numpys(name):
+    """From inside and from outside, along the axis, from the wrong side: to the last digits, and as many get out."""
+    shell, rng = covered(name).obstructions.housing.shell, np.random.default_rng(5)
+    reach = 70.0 if "window" in name else 1.2 * shell.radii_mm[0]
+    points, directions = rng.uniform(-reach, reach, (3000, 3)), rng.normal(size=(3000, 3))
+    directions[:40] = [[0, 0, 1], [0, 0, -2]] * 20
+    directions[40] = 0.0, np.nan, 1.0
+    with np.errstate(all="ignore"):
+        ways = [way(shell, points, directions) for way in (way_out_compiled, way_out_in_numpy)]
+    for kind in ("meets", "passes"):
+        np.testing.assert_array_equal(*(getattr(way, kind) for way in ways))
+    out = ways[0].passes & ways[0].meets
+    assert 300 < out.sum() < 2700
+    for one, other in zip(*(way[:5] + way.lengths + way.cosines for way in ways), strict=True):
+        np.testing.assert_allclose(one[out], other[out], rtol=0, atol=1e-11)
+    free = ways[0].passes & ~ways[0].meets
+    np.testing.assert_array_equal(ways[0].points[free], points[free])
+    assert not ways[0].lengths[0][free].any()

@@ -1,0 +1,154 @@
+"""Against Mitsuba 3: its ray interface, on meshes of the mirrors with smooth normals and on its own sphere.
+
+A mesh made from our own sag proves the tracer only; sag and slope have their own test. The lens rays are
+built here from the imager's numbers alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from omnimirror.optics.mirrors.pose import MirrorPose
+from tests.conftest import MIRRORS, sensor_of
+
+MISALIGNED = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
+WITHIN_DEG, WITHIN_PX = 0.002, 0.01
+FINE, FINEST = (350, 700), (700, 1400)  # rings and spokes
+
+
+@pytest.fixture(scope="module")
+def mi():
+    mitsuba = pytest.importorskip("mitsuba", reason="Mitsuba is not installed")
+    mitsuba.set_variant("scalar_rgb")
+    return mitsuba
+
+
+def meshed(mi, sensor, rings, spokes):
+    """The mirror as triangles with normals at their corners, where it sits in the camera frame."""
+    mirror, pose = sensor.mirror, sensor.mirror_pose
+    spaced = np.linspace if not mirror.is_pointed else np.geomspace  # towards a point the normals turn ever faster
+    r = spaced(mirror.rim_radius_mm / 5000, mirror.rim_radius_mm, rings)
+    r, phi = np.meshgrid(r, 2 * np.pi * np.arange(spokes) / spokes, indexing="ij")
+    sag, slope, _ = mirror.profile(r)
+    points = np.stack([r * np.cos(phi), r * np.sin(phi), sag], -1).reshape(-1, 3)
+    normals = np.stack([slope * np.cos(phi), slope * np.sin(phi), -np.ones_like(r)], -1).reshape(-1, 3)
+    points = np.concatenate([[[0, 0, 0]], points])
+    normals = np.concatenate([[[0, 0, -1]], normals / np.linalg.norm(normals, axis=1, keepdims=True)])
+    spoke, ring = np.arange(spokes), np.arange(rings - 1)[:, None]
+    inner, outer = 1 + ring * spokes + spoke, 1 + (ring + 1) * spokes + spoke
+    next_inner, next_outer = np.roll(inner, -1, axis=1), np.roll(outer, -1, axis=1)
+    quads = [np.stack([inner, outer, next_outer], -1), np.stack([inner, next_outer, next_inner], -1)]
+    fan = np.stack([np.zeros_like(spoke), 1 + spoke, 1 + np.roll(spoke, -1)], -1)
+    faces = np.concatenate([fan, *(q.reshape(-1, 3) for q in quads)])
+    mesh = mi.Mesh("mirror", len(points), len(faces), has_vertex_normals=True)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = pose.to_camera(points).ravel().tolist()
+    parameters["vertex_normals"] = pose.turned_to_camera(normals).ravel().tolist()
+    parameters["faces"] = faces.ravel().tolist()
+    parameters.update()
+    return mi.load_dict({"type": "scene", "mirror": mesh})
+
+
+def lens_rays(sensor, pixels):
+    """Chief rays of pixels in the camera frame: through the principal point, or parallel to the axis."""
+    image = (pixels - 511.5) * 5.2e-3
+    if sensor.lens.TELECENTRIC:
+        across = image / sensor.lens.magnification
+        return np.column_stack([across, np.full(len(across), -30.0)]), np.tile([0.0, 0.0, 1.0], (len(across), 1))
+    origins = np.tile([0.0, 0.0, -sensor.mirror_distance_mm], (len(image), 1))
+    directions = np.column_stack([image, np.full(len(image), sensor.lens.image_distance)])
+    return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def reflected(mi, scene, origins, directions):
+    """Where Mitsuba's shading normals send the rays; NaN where it hits nothing, or the back."""
+    out = np.full(origins.shape, np.nan)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*o), mi.Vector3f(*d)))
+        if hit.is_valid():
+            n = np.array(hit.sh_frame.n, dtype=float)
+            n /= np.linalg.norm(n)
+            if d @ n < 0:
+                out[i] = d - 2 * (d @ n) * n
+    return out
+
+
+DIRECTIONS = "directions of pixels, mirrors as meshes, aligned and not, perspective and telecentric lenses"
+PIXELS = "pixels of those directions"
+
+
+def pixels_within(sensor, count):
+    """Pixels all over the image of the mirror, the outermost of the rim left out."""
+    pixels = np.random.default_rng(9).uniform(0, 1023, (12 * count, 2))  # whole ones would hit cracks at 45 deg
+    around = np.concatenate([pixels + 1.5 * np.array([np.cos(a), np.sin(a)]) for a in np.arange(0, 6.28, 0.7)])
+    inside = sensor.backproject(around).valid.reshape(-1, len(pixels)).all(axis=0)
+    return pixels[inside][:count]
+
+
+def differences(mi, sensor, scene, count):
+    """Largest and root-mean-square angle (deg) between both, and the largest difference in the picture (px)."""
+    pixels = pixels_within(sensor, count)
+    theirs = reflected(mi, scene, *lens_rays(sensor, pixels)) @ sensor.mount.rotation().T
+    assert np.isfinite(theirs).all()
+    ours = sensor.backproject(pixels)
+    assert ours.valid.all()
+    apart = np.degrees(np.linalg.norm(theirs - ours.directions, axis=1))
+    back = sensor.project_directions(theirs).pixels
+    return apart.max(), np.sqrt(np.mean(apart**2)), np.nanmax(np.hypot(*(back - pixels).T))
+
+
+def spherical(mi, sensor):
+    """Mitsuba's own sphere in place of ours."""
+    A = sensor.mirror.radius_mm
+    centre = sensor.mirror_pose.to_camera([[0.0, 0.0, A]])[0]
+    return mi.load_dict({"type": "scene", "ball": {"type": "sphere", "radius": A, "center": centre.tolist()}})
+
+
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
+def test_on_its_own_sphere(mi, pose, beside):
+    sensor = replace(sensor_of("sphere"), mirror_pose=pose)
+    worst_deg, _, worst_px = differences(mi, sensor, spherical(mi, sensor), 1500)
+    # single precision is all that is left
+    beside("Mitsuba 3", "directions of pixels, its own sphere", worst_deg, WITHIN_DEG / 5, "deg")
+    beside("Mitsuba 3", "pixels of those directions, its own sphere", worst_px, WITHIN_PX / 5, "px")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("kind", "pose"),
+    [("hyperboloid", MirrorPose()), ("conic-asphere", MISALIGNED)],
+)
+def test_on_a_fine_mesh(mi, kind, pose, beside):
+    sensor = replace(sensor_of(kind), mirror_pose=pose)
+    worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINE), 400)
+    beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")
+    beside("Mitsuba 3", PIXELS, worst_px, WITHIN_PX, "px")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose, beside):
+    """The difference is that of the mesh: it falls with the square of its step until single precision is left."""
+    sensor = replace(sensor_of(kind), mirror_pose=pose)
+    found = [differences(mi, sensor, meshed(mi, sensor, n, 2 * n), 4000) for n in (175, 350, 700)]
+    coarse, middle, fine = (rms for _, rms, _ in found)
+    print(f"{kind}: worst deg and px on 175, 350, 700 rings:", [(f"{a:.2g}", f"{c:.2g}") for a, _, c in found])
+    assert middle < coarse / 3
+    assert fine < middle / 2
+    worst_deg, _, worst_px = found[-1]
+    beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")
+    beside("Mitsuba 3", PIXELS, worst_px, WITHIN_PX, "px")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
+@pytest.mark.parametrize("kind", ["sphere", "paraboloid"])
+def test_under_a_telecentric_lens(mi, kind, pose, beside):
+    sensor = replace(sensor_of(kind, "orthographic"), mirror_pose=pose)
+    worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINEST), 4000)
+    beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")
+    beside("Mitsuba 3", PIXELS, worst_px, WITHIN_PX, "px")

@@ -1,0 +1,92 @@
+"""Reflection points from where compiled kernels begin, against those from a guess, and Alhazen's problem on a ball."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimirror.base.native import backend
+from omnimirror.optics.mirrors import EvenPolynomial, Sphere
+from omnimirror.optics.mirrors.form import NO_FORM
+from omnimirror.optics.tracing.reflection import Ends, Surface, search, specular_points
+from omnimirror.optics.tracing.reflection.beginning import FEWEST, compiled_places
+from tests.conftest import MIRRORS
+from tests.everyday import few
+
+COUNT = 4 * FEWEST
+EVERY_DAY = "conic-asphere", "cylinder", "sampled", "sphere", "hyperboloid", "even-polynomial"
+compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+
+
+def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[Ends, Ends]:
+    """A lens beside the axis, and what is all around, some of it where the mirror shows nothing."""
+    mirror, m = MIRRORS[kind]
+    towards = np.random.default_rng(3).normal(size=(COUNT, 3))
+    targets = towards if distant else 4 * mirror.rim_radius_mm * towards
+    lens = [0.01, -0.02, -1.0] if telecentric else [1.5, -0.8, -m]
+    return Ends.of([lens], telecentric), Ends.of(targets, distant)
+
+
+@pytest.mark.parametrize("telecentric", [False, True])
+@pytest.mark.parametrize("distant", [False, True])
+@pytest.mark.parametrize("kind", few(sorted({*MIRRORS} - {"cone"}), *EVERY_DAY))
+def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monkeypatch):
+    mirror = MIRRORS[kind][0]
+    pupils, targets = ends_about(kind, distant, telecentric)
+    found = specular_points(mirror, pupils, targets)
+    monkeypatch.setattr(search, "compiled_places", lambda *_: None)
+    guessed = specular_points(mirror, pupils, targets)
+    assert np.array_equal(found.valid, guessed.valid)
+    assert found.valid.sum() > COUNT / 5
+    size = mirror.rim_radius_mm
+    assert np.abs(found.points - guessed.points)[found.valid].max() < 1e-11 * size
+    assert np.abs(found.path - guessed.path)[found.valid].max() < 1e-11 * size
+
+
+def test_a_ball_shows_a_distant_point_where_both_ways_lean_alike():
+    """From far away along the axis, a direction of any angle is seen half of it off the axis."""
+    towards = np.random.default_rng(5).normal(size=(COUNT, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
+    found = specular_points(ball, Ends.of([[0.0, 0.0, -1.0]], distant=True), Ends.of(towards, distant=True))
+    off_axis = np.degrees(np.arcsin(np.hypot(*found.points[found.valid, :2].T) / 50.0))
+    np.testing.assert_allclose(off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9)
+    assert np.array_equal(found.valid, -towards[:, 2] > np.cos(np.radians(140.0)))
+
+
+@compiled
+def test_the_surface_is_looked_at_half_as_often(monkeypatch):
+    """What is counted is work: points of the exact surface over all steps."""
+    looked_at = []
+
+    class Counted(Surface):
+        def __init__(self, mirror, xy, form=NO_FORM):
+            looked_at.append(len(xy))
+            super().__init__(mirror, xy, form)
+
+    monkeypatch.setattr(search, "Surface", Counted)
+    pupils, targets = ends_about("sphere", True, False)
+    inside = Ends(targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True)
+    looked_at.clear()
+    specular_points(MIRRORS["sphere"][0], pupils, inside)
+    with_kernels = sum(looked_at)
+    looked_at.clear()
+    monkeypatch.setattr(search, "compiled_places", lambda *_: None)
+    specular_points(MIRRORS["sphere"][0], pupils, inside)
+    assert with_kernels <= 3.1 * len(inside.xyz)
+    assert with_kernels < 0.6 * sum(looked_at)
+
+
+@compiled
+def test_kernels_are_not_asked_where_they_do_not_serve():
+    pupils, targets = ends_about("sphere", True, False)
+    pupils = pupils.spread(COUNT)
+    sphere = Sphere(50.0, 40.0)
+    assert compiled_places(sphere, NO_FORM, pupils, targets) is not None
+    few_of_each = slice(0, FEWEST - 1)
+    assert compiled_places(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each]) is None
+    moving = Ends(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
+    assert compiled_places(sphere, NO_FORM, moving, targets) is None
+    assert compiled_places(MIRRORS["cone"][0], NO_FORM, pupils, targets) is None
+    hollow = EvenPolynomial((0.6, -0.3), 40.0, 40.0)
+    assert compiled_places(hollow, NO_FORM, pupils, targets) is None

@@ -1,0 +1,113 @@
+"""Pictures in three colours, each refracted by lens and cover in its own way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.optics.housing import Dome, Housing
+from tests.commands import fails, omnimirror
+
+WAVES = (650.0, 550.0, 440.0)
+
+
+@pytest.fixture(scope="module")
+def domed():
+    """A dome of strong glass far off its middle parts colours by pixels."""
+    sensor = om.load_sensor("paper-spherical")
+    imager = replace(sensor.imager, width_px=256, height_px=256, pixel_pitch_um=20.8)
+    return replace(sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0)))
+
+
+@pytest.fixture(scope="module")
+def light(domed):
+    return om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
+
+
+def test_each_colour_is_the_picture_in_its_light(domed, light):
+    for i, nm in enumerate(WAVES):
+        alone = om.expose(om.at_wavelength(domed, nm), om.Room(texel_mm=40.0), samples=1)
+        np.testing.assert_array_equal(light[..., i], alone[..., i])
+    plain = om.expose(domed, om.Room(texel_mm=40.0), samples=1)
+    assert np.abs(light - plain)[..., 0].max() > 0.1
+
+
+class Stripes:
+    """Grey rings about the axis, of some pixels each."""
+
+    def radiance(self, origins_mm, directions):
+        tilt = np.arcsin(directions[:, 2] / np.linalg.norm(directions, axis=1))
+        return np.repeat((0.5 + 0.4 * np.cos(60 * tilt))[:, None], 3, axis=1).astype(np.float32)
+
+
+def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
+    view = om.views.panorama(domed, (256, None), elevation_deg=(-30.0, 30.0))
+    taken = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
+    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
+    fringes = []
+    for dewarp in (om.Dewarper(domed, view), om.ColourDewarper(own, view)):
+        red, _, blue = np.moveaxis(dewarp(taken), -1, 0)
+        fringes.append(float(np.sqrt(np.mean((red - blue) ** 2))))
+    assert fringes[0] > 0.02
+    assert fringes[1] < 0.3 * fringes[0]
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("transparent", [False, True])
+def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
+    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # reaches beyond the field
+    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
+    picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
+    border = (9, 8, 7, 0)[:channels]
+    out = np.empty((view.size[1], view.size[0], 4 if transparent else channels), np.uint8)
+    dewarp = om.ColourDewarper(own, view, border=border)
+    assert dewarp(picture, transparent, out) is out
+    whole = [om.Dewarper(camera, view, border=border)(picture, transparent) for camera in own]
+    for channel, of in enumerate((0, 1, 2, 1)[: out.shape[2]]):
+        np.testing.assert_array_equal(out[..., channel], whole[of][..., channel])
+    np.testing.assert_array_equal(dewarp.valid, om.Dewarper(own[1], view).valid)
+    assert not dewarp.valid.all()
+
+
+def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
+    om.save_sensor(domed, tmp_path / "domed.toml")
+    light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
+    om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
+    fringes = []
+    for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
+        words = ("rings.png", "--sensor", "domed.toml", "--elevation-deg=-30:30", "--size", "256x", "--black")
+        done = omnimirror("dewarp", *words, *asked, "-o", f"{i}.png", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        straight = om.read_image(tmp_path / f"{i}.png").astype(float)
+        fringes.append(float(np.sqrt(np.mean((straight[..., 0] - straight[..., 2]) ** 2))))
+    assert fringes[1] < 0.4 * fringes[0]
+
+
+def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path):
+    view = om.views.panorama(domed, (64, None))
+    with pytest.raises(InvalidParameter, match="has no colours"):
+        om.ColourDewarper((domed,) * 3, view)(np.zeros((256, 256), np.uint8))
+    with pytest.raises(InvalidParameter, match="are not three"):
+        om.ColourDewarper((domed, domed), view)
+    with pytest.raises(InvalidParameter, match="valid is one size"):
+        om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
+    om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
+    words = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
+    assert "known of a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words)
+    assert "belongs to pictures" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *words)
+
+
+def test_what_has_no_colours_is_refused(domed, tmp_path):
+    with pytest.raises(InvalidParameter, match="300 to 1100"):
+        om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0, 44.0))
+    with pytest.raises(InvalidParameter, match="wavelengths_nm"):
+        om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0))
+    ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
+    with pytest.raises(InvalidParameter, match="only a sensor has colours"):
+        om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
+    said = fails("simulate", "dataset", "paper-spherical", "--wavelengths-nm", "610,540,465", "-o", tmp_path / "set")
+    assert "--wavelengths-nm belongs to pictures" in said

@@ -1,0 +1,139 @@
+"""The imager's electronics: noise that can be counted, and numbers as they are written."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimirror.base.colour import srgb_bytes
+from omnimirror.base.errors import InvalidParameter
+from omnimirror.simulation.detector import Detector, kept_by
+
+
+def test_without_noise_it_writes_srgb():
+    light = np.random.default_rng(1).uniform(0, 1.3, (20, 30, 3)).astype(np.float32)
+    np.testing.assert_array_equal(Detector().read(light), srgb_bytes(light))
+
+
+FULL, READ = 10_000.0, 5.0
+GAIN = 4095 / FULL
+
+
+def variance_of(mean_e):
+    """The linear model of EMVA 1288 (release 4, Eq. 12): shot noise, noise of reading and rounding."""
+    return GAIN**2 * (mean_e + READ**2) + 1 / 12
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"])
+@pytest.mark.parametrize("changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"])
+def test_mean_and_variance_are_those_of_emva_1288(share, changes):
+    camera = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear", **changes)
+    side = 1000 if "bayer" in changes else 600
+    values = camera.read(np.full((side, side, 3), share, np.float32), seed=7).astype(float)
+    assert values.mean() == pytest.approx(GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var()))
+    assert values.var() == pytest.approx(variance_of(share * FULL), rel=0.01)
+    assert (values == 0).mean() < 1e-5
+
+
+def test_oversaturated_light_is_white_with_any_noise():
+    """A pixel that is full twice over stays white however it is read."""
+    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(
+        np.full((200, 200, 3), 2.0, np.float32)
+    )
+    assert (values == 4095).all()
+
+
+def test_just_at_saturation_noise_goes_both_ways_before_values_end():
+    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0).read(
+        np.full((300, 300, 3), 1.0, np.float32)
+    )
+    assert (values == 4095).mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_srgb_values_have_their_black_level_taken_away():
+    dark = Detector(full_well_e=FULL, read_noise_e=READ).read(np.zeros((99, 99, 3), np.float32))
+    assert (dark == 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("light", [1e30, np.inf])
+def test_any_brightness_is_counted(light):
+    camera = Detector(exposure=1e9, full_well_e=1e9, read_noise_e=1e3, bits=16, curve="linear")
+    assert (camera.read(np.full((4, 4, 3), light, np.float64)) == 65535).all()
+
+
+@pytest.mark.parametrize(
+    ("light", "seed", "words"),
+    [
+        (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
+        (np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5), 0, "light holds NaN"),  # one value of one pixel
+        (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
+        (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
+        (np.zeros((4, 4, 3)), -1, "seed = -1"),
+    ],
+)
+def test_what_is_no_light_is_refused(light, seed, words):
+    with pytest.raises(InvalidParameter, match=words):
+        Detector(full_well_e=FULL).read(light, seed)
+
+
+def test_a_seed_repeats_the_noise():
+    light, noisy = np.full((9, 9, 3), 0.5, np.float32), Detector(full_well_e=100.0)
+    np.testing.assert_array_equal(noisy.read(light, 3), noisy.read(light, 3))
+    assert (noisy.read(light, 3) != noisy.read(light, 4)).any()
+
+
+def test_exposure_saturates_and_bits_fill_their_range():
+    light = np.array([[[0.0, 0.25, 0.6]]], np.float32)
+    values = Detector(exposure=2.0, bits=10, curve="linear").read(light)
+    assert values.dtype == np.uint16
+    assert values.tolist() == [[[0, 512, 1023]]]
+
+
+@pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "GBRG"])
+def test_a_mosaic_is_what_opencv_reads(bayer):
+    """OpenCV names mosaics by the second row's second and third pixel: BayerBG is RGGB."""
+    import cv2
+
+    colour = np.float32([0.8, 0.4, 0.1])
+    raw = Detector(curve="linear", bayer=bayer).read(np.tile(colour, (8, 8, 1)))
+    code = getattr(cv2, f"COLOR_Bayer{ {'RGGB': 'BG', 'BGGR': 'RG', 'GRBG': 'GB', 'GBRG': 'GR'}[bayer] }2RGB")
+    np.testing.assert_allclose(cv2.cvtColor(raw, code)[4, 4], np.rint(255 * colour), atol=1)
+
+
+@pytest.mark.parametrize("full_well_e", [np.inf, 1e4])
+@pytest.mark.parametrize("bayer", ["none", "RGGB"])
+def test_numbers_are_of_values_without_mosaic_and_without_noise(bayer, full_well_e):
+    detector = Detector(full_well_e=full_well_e, bayer=bayer, curve="linear")
+    assert detector.is_of_values == (bayer == "none" and full_well_e == np.inf)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 3])
+def test_a_mosaic_in_parts_is_that_of_the_whole(first):
+    light = np.random.default_rng(3).uniform(0, 1, (6, 8, 3)).astype(np.float32)
+    detector = Detector(curve="linear", bayer="GRBG")
+    np.testing.assert_array_equal(kept_by(detector, light[first:], first), kept_by(detector, light)[first:])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"exposure": 1.1e9}, r"exposure = 1.1e\+09 is outside 1e-09 to 1e\+09"),
+        ({"full_well_e": 9.9}, "full_well_e = 9.9 electrons is outside 10 to"),
+        ({"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8}, "read_noise_e = .* is outside 0 to 1e\\+06"),
+        ({"black_level_dn": 65535.5, "curve": "linear"}, "black_level_dn = .* is outside 0 to 65535"),
+        ({"bits": 17}, "bits = 17 is outside 8 to 16"),
+        ({"bits": 7}, "bits = 7"),
+        ({"bits": 9.5}, "bits = 9.5"),
+        ({"bayer": "RGBG"}, "bayer = 'RGBG'"),
+        ({"read_noise_e": 3.0}, "full_well_e"),
+        ({"exposure": 0.0}, "exposure = 0"),
+        ({"full_well_e": 1e20}, "full_well_e = 1e\\+20 electrons is outside 10 to 1e\\+09"),
+        ({"full_well_e": np.nan}, "full_well_e = nan"),
+        ({"black_level_dn": 10.0}, "take the curve linear"),
+        ({"black_level_dn": 200.0, "curve": "linear"}, "up to 127"),
+        ({"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"}, "a read_noise_e that needs no more"),
+    ],
+)
+def test_what_no_imager_is_is_refused(changes, words):
+    with pytest.raises(InvalidParameter, match=words):
+        Detector(**changes)

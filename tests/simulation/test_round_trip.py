@@ -1,0 +1,20 @@
+"""There and back: what a single viewpoint costs is what Eq. 23 says, and the true reflection costs nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.simulation.round_trip import measure_round_trip
+
+
+@pytest.mark.full
+def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_eq_23_predicts():
+    found = measure_round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
+    assert np.abs(found.predicted_px).max() > 1.4
+    np.testing.assert_allclose(found.single_px, found.predicted_px, atol=0.2)
+    assert np.abs(found.exact_px).max() < 0.15
+    assert found.exact_db > found.single_db + 8
+    assert found.finer_db > found.exact_db + 2  # what is left is sampling
+    assert found.blurred_db < found.exact_db
