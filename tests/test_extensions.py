@@ -484,5 +484,5 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
 def test_a_camera_format_has_a_name_of_its_own():
     with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
         om.register_camera_format("kalibr", om.calibration.formats.CameraFormat("mine", print, print, {}))
-    with pytest.raises(TypeError, match=r"no omnimirror\.calibrate\.formats\.CameraFormat"):
+    with pytest.raises(TypeError, match=r"no omnimirror\.calibration\.formats\.CameraFormat"):
         om.register_camera_format("mine", print)

@@ -352,7 +352,7 @@ _HOMES = {
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
 _MODULES = {"mirrors": "optics.mirrors"}
-__all__ = ["__version__", *_HOMES, *_MODULES]
+__all__ = ["__version__", *_HOMES]
 
 
 if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all others
@@ -364,7 +364,7 @@ if not TYPE_CHECKING:  # a checker knows the names above, and should refuse all 
             try:
                 return getattr(import_module(f".{_HOMES[name]}", __name__), name)
             except ImportError as error:
-                explained = import_module(".errors", __name__).explained_import_error(error)
+                explained = import_module(".base.errors", __name__).explained_import_error(error)
                 if explained is error:
                     raise
                 raise explained from None

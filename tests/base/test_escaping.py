@@ -508,7 +508,7 @@ CAMERAS = (
 def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
     """Reports, cards and the page of a picture: no element, attribute or script comes from a name."""
     from omnimirror.apps.studio.look.viewer import viewer_of
-    from omnimirror.optics.sensor_card import sensor_card
+    from omnimirror.optics.notebook_card import sensor_card
 
     def pages(text: str) -> list[str]:
         sensor = replace(SMALL, name=text, notes=text)

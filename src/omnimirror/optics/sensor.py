@@ -246,7 +246,7 @@ class Sensor:
 
     def _repr_html_(self) -> str:
         """A card of it, as notebooks ask for it."""
-        from .sensor_card import sensor_card  # for notebooks only
+        from .notebook_card import sensor_card  # for notebooks only
 
         return sensor_card(self)
 

@@ -75,7 +75,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
     "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
     "dewarp in a preview": (
-        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "media.live.outputs:Preview.write",
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "io.live.outputs:Preview.write",
     ),
     "calibrate": (
         ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes",
@@ -87,52 +87,52 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
 }  # fmt: skip
 """Commands at work and what shows it: a file, a line of output, processes, a function called, or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
-    "sensors": (("sensors",), "cli.commands.evaluation.sensors:load_sensor"),
-    "init": (("init", "new.toml", "--force"), "cli.commands.design.init:write_text"),
-    "judge": (("judge", "lens.toml", "paper-spherical"), "cli.commands.design.judge:judge"),
-    "mappings": (("mappings", "--figure", "a.png"), "figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "cli.commands.interop.rays:write_rays"),
+    "sensors": (("sensors",), "apps.cli.commands.evaluation.sensors:load_sensor"),
+    "init": (("init", "new.toml", "--force"), "apps.cli.commands.design.init:write_text"),
+    "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.design.judge:judge"),
+    "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
+    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "apps.cli.commands.interop.rays:write_rays"),
     "maps": (
         ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
-        "cli.commands.interop.maps:write_maps",
+        "apps.cli.commands.interop.maps:write_maps",
     ),
     "colmap": (
-        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "cli.commands.interop.colmap:load_camera",
+        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "apps.cli.commands.interop.colmap:load_camera",
     ),
-    "spots": (("spots", "paper-spherical", "-o", "a.png"), "cli.commands.evaluation.spots:spots"),
-    "psf": (("psf", "paper-spherical"), "cli.commands.evaluation.psf:psf"),
-    "mtf": (("mtf", "paper-spherical"), "cli.commands.evaluation.mtf:mtf"),
-    "illumination": (("illumination", "paper-spherical"), "cli.commands.evaluation.illumination:illumination"),
-    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "cli.commands.evaluation.form:form_error"),
+    "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.evaluation.spots:spots"),
+    "psf": (("psf", "paper-spherical"), "apps.cli.commands.evaluation.psf:psf"),
+    "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.evaluation.mtf:mtf"),
+    "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.evaluation.illumination:illumination"),
+    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "apps.cli.commands.evaluation.form:form_error"),
     "compare": (
         ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
-        "cli.commands.evaluation.compare:compare",
+        "apps.cli.commands.evaluation.compare:compare",
     ),
     "roundtrip": (
-        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "cli.commands.pictures.simulate:load_sensor",
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "apps.cli.commands.pictures.simulate:load_sensor",
     ),
     "bracket take": (
         ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
-        "cli.commands.pictures.bracket:expose",
+        "apps.cli.commands.pictures.bracket:expose",
     ),
     "bracket merge": (
         ("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"),
-        "cli.commands.pictures.bracket:merge_bracket",
+        "apps.cli.commands.pictures.bracket:merge_bracket",
     ),
     "board": (
-        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "cli.commands.calibration.board:write_board",
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "apps.cli.commands.calibration.board:write_board",
     ),
-    "rim": (("rim", "view/0.png", "--figure", "a.png"), "cli.commands.calibration.rim:find_rim"),
+    "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.calibration.rim:find_rim"),
     "lines": (
         ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
-        "cli.commands.calibration.lines:load_camera",
+        "apps.cli.commands.calibration.lines:load_camera",
     ),
-    "uncertainty": (("uncertainty", "paper-spherical"), "cli.commands.calibration.uncertainty:load_camera"),
+    "uncertainty": (("uncertainty", "paper-spherical"), "apps.cli.commands.calibration.uncertainty:load_camera"),
     "convert": (
         ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
-        "cli.commands.calibration.convert:convert",
+        "apps.cli.commands.calibration.convert:convert",
     ),
-    "apertures": (("apertures", "paper-spherical"), "cli.commands.design.apertures:best_apertures"),
+    "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.design.apertures:best_apertures"),
 }  # fmt: skip
 """Commands that end soon, and the function of their module that a test repeats until a signal comes."""
 REPEAT = """

@@ -17,7 +17,7 @@ import pytest
 import omnimirror as om
 
 WEB = Path(__file__).parents[3] / "web"
-PAGE = Path(om.__file__).parent / "studio" / "page"
+PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 MADE = runpy.run_path(str(WEB / "tests" / "fixtures" / "make.py"))
 LARGEST = {"index.html": 135_000, "bench.js": 180_000, "space.js": 20_000, "calibrate.js": 60_000}
 """Bytes; what grows past them by more than a feature needs is noticed."""

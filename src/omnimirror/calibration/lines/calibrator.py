@@ -173,7 +173,7 @@ def calibrate_lines(
     >>> import omnimirror as om
     >>> om.calibrate_lines([np.zeros((64, 64), np.uint8)])
     Traceback (most recent call last):
-    InvalidParameter: 0 edges are too few to refine a camera; it takes 8, long and in all directions
+    omnimirror.base.errors.InvalidParameter: 0 edges are too few to refine a camera; ...
     """
     size = _size(pictures, lines, image_size)
     chains = _chains(pictures, lines, centre_px, radius_px, inner_radius_px)

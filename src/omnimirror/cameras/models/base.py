@@ -112,7 +112,7 @@ class CameraModel(ABC):
 
     def _repr_html_(self) -> str:
         """A card of it, as notebooks ask for it."""
-        from ..camera_card import camera_card  # for notebooks only
+        from ..notebook_card import camera_card  # for notebooks only
 
         return camera_card(self)
 
