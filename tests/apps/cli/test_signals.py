@@ -97,13 +97,17 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.interop.maps:write_maps",
     ),
     "colmap": (
-        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "apps.cli.commands.interop.colmap:load_camera",
+        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"),
+        "apps.cli.commands.interop.colmap:load_camera",
     ),
     "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.evaluation.spots:spots"),
     "psf": (("psf", "paper-spherical"), "apps.cli.commands.evaluation.psf:psf"),
     "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.evaluation.mtf:mtf"),
     "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.evaluation.illumination:illumination"),
-    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "apps.cli.commands.evaluation.form:form_error"),
+    "form": (
+        ("form", "paper-spherical", "points.csv", "-o", "made.toml"),
+        "apps.cli.commands.evaluation.form:form_error",
+    ),
     "compare": (
         ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
         "apps.cli.commands.evaluation.compare:compare",
@@ -120,7 +124,8 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.pictures.bracket:merge_bracket",
     ),
     "board": (
-        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "apps.cli.commands.calibration.board:write_board",
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"),
+        "apps.cli.commands.calibration.board:write_board",
     ),
     "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.calibration.rim:find_rim"),
     "lines": (

@@ -22,7 +22,7 @@ from .browser import COARSE, PATIENCE_MS, serving
 from .pictures import pattern
 from .test_page import AXE
 
-PAGE = Path(om.__file__).parent / "studio" / "page"
+PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
