@@ -97,7 +97,7 @@ from dataclasses import dataclass
 
 import click
 
-from ....specs import load_sensor
+from .....optics.sensor_files import load_sensor
 from ...options.common import NUMBER
 from ...options.declared import Options, option, takes
 
