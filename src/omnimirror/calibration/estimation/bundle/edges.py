@@ -31,7 +31,7 @@ OUTLYING, LEAST_OUTLYING_PX, MOST_PX = (
     0.4,
     3.0,
 )  # outlier limits: multiple of the median error of edges, minimum and maximum in px
-NOTHING = 1e-12  # relative to the largest eigenvalue; smaller ones are combinations that edges do not constrain
+NOTHING = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
 
 
 class Knowledge(NamedTuple):

@@ -136,9 +136,7 @@ def least(
 
 
 def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
-    unseen = UNSEEN_PX**2 * int(
-        (~found.seen).sum()
-    )  # full penalty for any loss: observed points must be visible in the model
+    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: observed points must be visible
     known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
     total = question.loss.sum(found.residuals) + unseen + known
     return total if np.isfinite(total) else np.inf
