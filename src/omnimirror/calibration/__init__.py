@@ -1,1 +1,3 @@
-"""A built sensor measured from its own pictures: rim, targets, estimation, files of other programs."""
+"""Calibration of cameras and mirror sensors from images: rim detection, targets, estimation, camera
+files.
+"""

@@ -66,7 +66,7 @@ def _start_at(
 
 
 def lifted(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
-    """Unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
+    """Return unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
 
     >>> lifted(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
     array([[1., 0., 0.]])
