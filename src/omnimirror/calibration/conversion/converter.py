@@ -318,9 +318,7 @@ def _fitted(
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda made: made.largest_px)
     whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
-    if (
-        whole_field and allowed is not None
-    ):  # a model for the whole field within the tolerance is preferred to the smallest error
+    if whole_field and allowed is not None:  # prefer a model for the whole field
         fullest = min(whole_field, key=lambda made: made.largest_px)
         best = fullest if fullest.largest_px <= allowed else best
     if allowed is None or best.largest_px > allowed:
