@@ -26,7 +26,7 @@ MOST = 7  # workers, about 100 MB each
 
 
 class Helpers:
-    """Processes that share jobs with this one; begun when there are jobs, as many as cores are free at most.
+    """Pool of worker processes, started on demand, up to the number of free cores.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class Sample:
 
     @property
     def is_central(self) -> bool:
-        """Whether all rays start at the origin."""
+        """True if all rays start at the origin."""
         return not np.abs(self.origins).max() > CENTRAL_MM
 
     @property

@@ -141,7 +141,7 @@ class CameraFile:
 
     @property
     def is_binary(self) -> bool:
-        """Whether the content is binary."""
+        """True if the content is binary."""
         return b"\0" in self.data
 
     @cached_property

@@ -26,10 +26,7 @@ LEAST_SHARE = 0.06  # fraction of the field's radius; minimum length of a chain
 EDGE_PX = 4.0  # minimum distance from the rim, whose edge does not belong to the scene
 NEIGHBOURS = [(-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # 4-connected first
 FORK = 5  # neighbours of a pixel at a junction; on stairs each has four
-REACH, CORNER_DEG = (
-    6,
-    25.0,
-)  # edge points to either side for the direction of a line, and the change of direction at a corner
+REACH, CORNER_DEG = 6, 25.0  # edge points to either side, and change of direction at a corner
 
 
 def edge_chains(

@@ -42,7 +42,7 @@ class Level(NamedTuple):
 
     @property
     def is_sure(self) -> bool:
-        """Whether the tilt is reliable: accurate, and within the usual range.
+        """True if the tilt is reliable: accurate, and within the usual range.
 
         A camera that looks ahead usually has little roll but any pitch. If the orientation is
         wrong,

@@ -286,7 +286,7 @@ class SensorModel(CameraModel):
         return self.sensor.symmetry
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) into the world, from their mirror points.
+        """Return rays of pixels (n, 2) into the world, from their mirror points.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class SensorModel(CameraModel):
         Returns
         -------
         Rays
-            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
         """
         return self.sensor.backproject(pixels)
 

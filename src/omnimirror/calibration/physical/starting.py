@@ -36,7 +36,7 @@ QUADRATURE = 2001
 STEPS = 30
 SETTLED = 1e-9
 RIM_TO_DISTANCE = 4.0
-"""Distance of an unknown mirror in its rim radii: of most that are sold it is 3 to 5."""
+"""Typical distance of a mirror in rim radii (most products: 3 to 5)."""
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
 SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
 UNLIKE = 0.9  # maximum residual viewpoint motion, relative to the motion itself

@@ -17,9 +17,7 @@ SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges
 TURNS, PARTS = 216, 36  # samples around the ring, and parts for the count of texture
 STEP_SHARE = 0.0125
-SHARES = np.round(
-    np.arange(0.05, 1.44, STEP_SHARE), 4
-)  # fractions of the radius at which the image is sampled around a ring
+SHARES = np.round(np.arange(0.05, 1.44, STEP_SHARE), 4)  # sampled fractions of the radius
 LEAST_SUPPORT = 0.35
 SAME_RING = 0.012  # relative; closer rings are merged
 FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # maximum differences of centre and shape among the frames of a mirror
@@ -188,7 +186,7 @@ def _frames(rings: list[Ring]) -> Array:
 
 
 def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
-    """Return the fractions of the circumference with edges near, close to, and beside the ring, and
+    """Return the fractions of the circumference with edges on, close to, and next to the ring, and
     its visible fraction.
     """
     turn = turns(SECTORS) + np.pi / SECTORS
@@ -232,9 +230,7 @@ def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], N
 
 def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float) -> Array:
     """Return the texture around a ring for each part and fraction of the radius."""
-    apart = SHARES32 * np.float32(
-        ellipse.radius * (2 * np.pi / TURNS) * 2
-    )  # px between the previous and the next sample
+    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px from previous to next sample
     steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
     least = max(LEAST_STEP / 2, 2.5 * noise)
     counted = np.clip((steps - least) / max(USUAL_STEP - least, least), 0, 1) * inside

@@ -167,12 +167,12 @@ class Board:
 
     @property
     def has_markers(self) -> bool:
-        """Whether the board has markers that identify its corners."""
+        """True if the board has markers that identify its corners."""
         return self.kind != "chessboard"
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the board is symmetric under a 180 deg rotation, which makes the corner order
+        """True if the board is symmetric under a 180 deg rotation, which makes the corner order
         ambiguous.
         """
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0

@@ -64,12 +64,12 @@ class Detection:
 
     @property
     def found(self) -> bool:
-        """Whether corners were found."""
+        """True if corners were found."""
         return len(self.ids) > 0
 
     @property
     def used(self) -> bool:
-        """Whether the detection is suitable for calibration: found, without a reason against it."""
+        """True if the detection is suitable for calibration: found, without a reason against it."""
         return self.found and self.reason is None
 
     @property

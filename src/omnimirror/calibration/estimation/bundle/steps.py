@@ -57,7 +57,7 @@ class Question:
 
     @property
     def has_priors(self) -> bool:
-        """Whether there are priors on shared parameters, or edges."""
+        """True if there are priors on shared parameters, or edges."""
         return self.edges is not None or bool(self.information.any())
 
     def prior(self, values: Array) -> Foreknowledge:

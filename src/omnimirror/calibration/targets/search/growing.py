@@ -256,7 +256,7 @@ class BoardSurroundings(NamedTuple):
 
     @property
     def has_corners(self) -> bool:
-        """Whether squares of full contrast continue."""
+        """True if squares of full contrast continue."""
         corners = self.resembles & (self.contrast > CONTRAST_OF_CORNER)
         return bool(corners.size) and bool(corners.mean() > GOES_ON)
 
