@@ -36,8 +36,7 @@ def direction_uncertainty(
     """Return the standard deviation (n,) in deg of the directions of pixels, along the larger axis.
 
     Formula: :func:`omnimirror.cameras.models.spread.direction_spread`. The orientation of the
-    camera
-    in the world, its mount, is assumed exact.
+    camera in the world, its mount, is assumed exact.
 
     Parameters
     ----------

@@ -120,8 +120,7 @@ def convert(
     """Convert a camera to the file format of another program.
 
     If the format supports the camera's model, its parameters are written unchanged. Otherwise
-    another
-    model is fitted within the calibrated field. The conversion fails if the error exceeds
+    another model is fitted within the calibrated field. The conversion fails if the error exceeds
     ``tolerance_px``.
 
     Parameters

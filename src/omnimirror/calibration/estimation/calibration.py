@@ -75,12 +75,9 @@ def calibrate_camera(
 
     No initial value is required. Boards and surveys are placed with a stereographic camera, whose
     focal length is searched. A unified model is fitted robustly, and its result is the initial
-    value
-    of richer models. Outliers of the best model are rejected and listed: at most 1 % of the
-    corners,
-    and gross errors up to 5 %. A note reports remaining corners with residuals beyond the noise.
-    The
-    models are then compared by cross-validation.
+    value of richer models. Outliers of the best model are rejected and listed: at most 1 % of the
+    corners, and gross errors up to 5 %. A note reports remaining corners with residuals beyond the
+    noise. The models are then compared by cross-validation.
 
     Parameters
     ----------

@@ -42,8 +42,7 @@ def viewpoint_costs(central: Adjustment, other: Adjustment) -> ViewpointCosts:
     """Estimate the parallax error of a single-viewpoint camera near and far.
 
     A model with several viewpoints, fitted to the same boards, is the reference: for each pixel of
-    a
-    corner it gives the object point at another distance. The common boards determine the rigid
+    a corner it gives the object point at another distance. The common boards determine the rigid
     transform between the frames of both models.
 
     Parameters

@@ -70,8 +70,7 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
     Each image obtains its own centre, while camera, board and poses adapt. If two centres, of two
     groups of images, explain much more than separate centres within the groups, the mirror moved or
     images are flipped. The comparison (an F test) accounts for the scatter of centres caused by
-    model
-    errors.
+    model errors.
 
     Raises
     ------
@@ -196,10 +195,8 @@ class OwnCentres:
         """Return the group of images (m,) with the largest gain by a common offset.
 
         Initial groups are all images after one image, each image alone, and the images beyond each
-        along
-        the principal axis of the scatter of centres. Single images are then moved between the
-        groups
-        while the gain increases.
+        along the principal axis of the scatter of centres. Single images are then moved between the
+        groups while the gain increases.
         """
         count = len(self.pull)
         scattered = self.offsets - np.median(self.offsets, axis=0)

@@ -133,9 +133,8 @@ def calibrate_lines(
     """Refine a camera so that straight edges of the scene map to planes through its viewpoint.
 
     Edges are traced in the images. Edges of curved objects have a low weight and are rejected at
-    the
-    end. Lines contain no scale, and parallax only for cameras with several viewpoints, whose edges
-    are assumed at ``distance_mm``.
+    the end. Lines contain no scale, and parallax only for cameras with several viewpoints, whose
+    edges are assumed at ``distance_mm``.
 
     Parameters
     ----------
@@ -293,8 +292,7 @@ def _stretched(model: CameraModel, knobs: Knobs) -> Array:
     """Return the covariance (p, p) of a stretch of the scene along the camera's axis.
 
     Planes through the viewpoint remain planes under ``tan Omega -> s tan Omega``; therefore lines
-    do
-    not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
+    do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
     added.
     """
     omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
@@ -360,10 +358,10 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: Knobs) -> tuple[Array, tuple[
     """Return the covariance (p, p) of the parameters, and the undetermined combinations.
 
     Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
-    each
-    edge counts as one observation (cluster-robust covariance): ``H^-1 (sum g g^T) H^-1`` with the
-    gradients g of the edges. Each gradient is evaluated at the model without this edge (Bell and
-    McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their residuals.
+    each edge counts as one observation (cluster-robust covariance): ``H^-1 (sum g g^T) H^-1`` with
+    the gradients g of the edges. Each gradient is evaluated at the model without this edge (Bell
+    and McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their
+    residuals.
     """
     matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
     gradients = gradients_left_out(fit, edges, matrix)

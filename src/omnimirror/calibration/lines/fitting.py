@@ -189,8 +189,7 @@ def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array,
 
     Derivatives are with respect to pixels (n, 3, 2) and parameters (n, 3, p). For a camera with
     several viewpoints, directions are those from the point nearest to all rays to points on the
-    rays
-    at the given distance.
+    rays at the given distance.
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()

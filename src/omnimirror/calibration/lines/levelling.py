@@ -45,8 +45,7 @@ class Level(NamedTuple):
         """True if the tilt is reliable: accurate, and within the usual range.
 
         A camera that looks ahead usually has little roll but any pitch. If the orientation is
-        wrong,
-        horizontal edges taken for upright ones rarely satisfy this condition.
+        wrong, horizontal edges taken for upright ones rarely satisfy this condition.
         """
         lean = abs(self.roll_deg) / USUAL_ROLL_DEG
         if self.camera_looks != "forward":
@@ -126,10 +125,8 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
 
     Each edge is in a plane through the viewpoint, and the planes of upright edges contain the
     vertical. The search covers 40 deg around the vertical of the mount. Any two planes intersect in
-    a
-    line, and some of n random planes contain it by chance: the result is accepted if fewer than
-    0.01
-    such lines are expected.
+    a line, and some of n random planes contain it by chance: the result is accepted if fewer than
+    0.01 such lines are expected.
 
     Parameters
     ----------

@@ -36,8 +36,7 @@ class SensorModel(CameraModel):
     """Sensor with selected free parameters for estimation; all others are fixed.
 
     The model is exact: each point, near or far, is projected via its own mirror point for any pose
-    of
-    the mirror.
+    of the mirror.
 
     Parameters
     ----------
@@ -174,10 +173,8 @@ class SensorModel(CameraModel):
         model.
 
         Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
-        the
-        central model does. The other free parameters follow by least squares within their
-        tolerances.
-        Boards placed with the central model must be shifted by :attr:`viewpoint_mm`.
+        the central model does. The other free parameters follow by least squares within their
+        tolerances. Boards placed with the central model must be shifted by :attr:`viewpoint_mm`.
 
         Parameters
         ----------
@@ -226,8 +223,7 @@ class SensorModel(CameraModel):
         """Mean viewpoint (3,) mm in the camera frame, over all pixels.
 
         Adding it to the points converts a pose of a central model, whose viewpoint is its origin,
-        to one
-        of this model.
+        to one of this model.
 
         Examples
         --------

@@ -115,8 +115,7 @@ def guessed_size(
     """Estimate rim radius and distance (mm) of an unknown mirror from the motion of its viewpoint.
 
     For each distance in rim radii, one mirror shape reproduces the projection of a central model;
-    the
-    motion of its viewpoint along the axis is proportional to its size. This motion is the only
+    the motion of its viewpoint along the axis is proportional to its size. This motion is the only
     information on size and distance in images. None if the measured motion fits no such mirror, for
     example if it is negligible.
 

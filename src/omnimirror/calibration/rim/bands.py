@@ -39,11 +39,9 @@ def numbers_round(working: Working, ellipse: Ellipse) -> Array:
     """Return statistics (67,) around an ellipse; NaN outside the image.
 
     For each band: logarithms of the changes along the ring, of the ratio of changes across and
-    along
-    it, relative to a typical edge, and of the spread of colours in levels. Further: the clearest
-    ring
-    at each distance and this ring; differences in colour between bands, and their brightness;
-    correlations across the ring; fractions of calm parts of bands.
+    along it, relative to a typical edge, and of the spread of colours in levels. Further: the
+    clearest ring at each distance and this ring; differences in colour between bands, and their
+    brightness; correlations across the ring; fractions of calm parts of bands.
     """
     polar, inside = unrolled(working, ellipse)
     half, seen = polar[::2], inside[::2]

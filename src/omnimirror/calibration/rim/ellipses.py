@@ -161,8 +161,7 @@ def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, ND
 
     The result contains shifts (n, 5) to the right, downwards, outwards and in both stretches in
     working pixels, their costs (n,), and the cell (turns, n) on the shifted ring for each part of
-    the
-    circumference.
+    the circumference.
     """
     steps = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
     bends = np.arange(-shift.stretch_px, shift.stretch_px + 0.01, shift.step_px)

@@ -244,11 +244,10 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     accuracy.
 
     Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
-    the
-    features of each ellipse (:mod:`omnimirror.calibration.rim.choice`), and the best one is refined
-    in the full-size image. The classifier is trained on simulated photographs. Detection runs at
-    three working resolutions with short sides of 240, 360 and 500 px: the confidence is high if the
-    same circle is the best at all of them.
+    the features of each ellipse (:mod:`omnimirror.calibration.rim.choice`), and the best one is
+    refined in the full-size image. The classifier is trained on simulated photographs. Detection
+    runs at three working resolutions with short sides of 240, 360 and 500 px: the confidence is
+    high if the same circle is the best at all of them.
 
     Parameters
     ----------
@@ -362,8 +361,7 @@ def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
     """Return the most probable ring of all images together, and its confidence.
 
     Images of one sensor share their surroundings: the evidence of n images grows with the square
-    root
-    of n.
+    root of n.
     """
     if len(seen) == 1:
         one = seen[0]

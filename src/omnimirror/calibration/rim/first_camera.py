@@ -156,11 +156,9 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     its image, an ellipse with five parameters: the scale of the image, the offset of the circle's
     centre from the axis, and its tilt. To first order the major semi-axis a gives the scale, the
     offset of the centre the position, and ``b / a = cos t`` the tilt t about the major axis. Off
-    the
-    axis, perspective has an effect of similar size; therefore the five equations are solved
-    exactly.
-    Two opposite tilts give the same ellipse (Hartley and Zisserman, Multiple View Geometry, 8.3,
-    describe the cone of rays); this is the first result of :func:`sensors_from_rim`.
+    the axis, perspective has an effect of similar size; therefore the five equations are solved
+    exactly. Two opposite tilts give the same ellipse (Hartley and Zisserman, Multiple View
+    Geometry, 8.3, describe the cone of rays); this is the first result of :func:`sensors_from_rim`.
 
     Parameters
     ----------
@@ -199,8 +197,7 @@ def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
 
     The camera's own image selects between them: its position is that of the mirror normal through
     the lens, on the side to which the mirror is tilted. If it is not detected, or agrees with
-    neither
-    pose, both are returned, with the smaller decentre first.
+    neither pose, both are returned, with the smaller decentre first.
 
     Parameters
     ----------

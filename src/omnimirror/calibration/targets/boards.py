@@ -42,11 +42,9 @@ class Board:
 
     Sizes follow the programs that such boards are printed with: inner corners of a chessboard and
     squares of a ChArUco board (OpenCV), tags of an April grid (Kalibr). In the frame of the board,
-    X
-    points right for the viewer and Z = 0; Y points down for chessboards and ChArUco boards, and up
-    for April grids, as in those programs. The origin is the first corner: upper left, for April
-    grids
-    lower left.
+    X points right for the viewer and Z = 0; Y points down for chessboards and ChArUco boards, and
+    up for April grids, as in those programs. The origin is the first corner: upper left, for April
+    grids lower left.
 
     Parameters
     ----------

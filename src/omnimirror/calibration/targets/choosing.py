@@ -53,8 +53,7 @@ def choose_frames(
 
     The board is detected in the sharpest frame of each interval (0.5 s by default). Frames are then
     selected one after the other, each with the largest difference from the previous ones in
-    position,
-    size, tilt and rotation of the board, until no frame adds a new view. The selection is
+    position, size, tilt and rotation of the board, until no frame adds a new view. The selection is
     deterministic.
 
     Parameters

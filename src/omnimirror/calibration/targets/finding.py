@@ -52,8 +52,7 @@ def find_board(
 
     Corners of four squares are detected in the whole image. From nine that form a grid, the lattice
     is grown neighbour by neighbour. If this fails, OpenCV's detectors provide a part to grow from,
-    as
-    do dewarped views if a camera is given. Markers are also read in the mirror image.
+    as do dewarped views if a camera is given. Markers are also read in the mirror image.
 
     Parameters
     ----------

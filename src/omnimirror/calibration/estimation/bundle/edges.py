@@ -105,8 +105,7 @@ class StraightEdges:
         """Return the information on the parameters of a camera, linearised at this camera.
 
         Errors of points on one edge are correlated if it is not exactly straight: an edge counts as
-        a few
-        independent values, whatever its number of points.
+        a few independent values, whatever its number of points.
         """
         fit = self.fit(model)
         count = len(model.parameters)

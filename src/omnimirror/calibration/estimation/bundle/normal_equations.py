@@ -65,8 +65,7 @@ def _product(one: Array, other: Array) -> Array:
     """Return ``one.T @ other`` of rows (n, k), computed in chunks.
 
     BLAS starts threads even for small products, and they spin for longer than the product takes.
-    For
-    a matrix times itself the limit is lower still, so the weights are applied to one factor.
+    For a matrix times itself the limit is lower still, so the weights are applied to one factor.
     """
     most = max(MOST_PRODUCTS // one.shape[1] ** 2, FEWEST_ROWS)
     total = np.zeros((one.shape[1], one.shape[1]))

@@ -99,8 +99,7 @@ def board_motion(bearings: Array, points_mm: Array) -> Motion | None:
     homography.
 
     ``b x (H p) = 0`` for all points. The columns of H are two axes of the board and its position,
-    up
-    to a common factor.
+    up to a common factor.
 
     Parameters
     ----------

@@ -195,8 +195,7 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, b
 
     Columns and rows run clockwise in the image. If the colours of the board determine its first
     corner, the square before it is black; otherwise the first corner is the one nearest to the
-    upper
-    left of the image.
+    upper left of the image.
     """
     columns, rows = board.lattice_size
     places = part.places - part.places.min(axis=0)

@@ -235,9 +235,8 @@ class BoardSurroundings(NamedTuple):
     """Image content one square beyond the outer corners of a lattice, at m places in the image.
 
     Beyond the outer corners of tiles, a checked cloth or a larger board there are further corners
-    of
-    four squares. Beyond those of a board there is its outline, which meets the edges of the outer
-    squares in T-junctions: four squares fitted to these have 0.5 of the contrast.
+    of four squares. Beyond those of a board there is its outline, which meets the edges of the
+    outer squares in T-junctions: four squares fitted to these have 0.5 of the contrast.
     """
 
     resembles: NDArray[np.bool_]

@@ -85,8 +85,7 @@ def inverted(maps: LocalMaps, u: Array, v: Array) -> tuple[Array, Array]:
 
     The first axis of the derivatives is that of the places. Newton's method from the linear part of
     the map converges to rounding over a square in three steps. Components are separate arrays
-    because
-    sums over axes of length 2 are slow.
+    because sums over axes of length 2 are slow.
     """
     (a, b), (c, d) = maps.first.transpose(1, 2, 0)[..., None]
     (aa, ab), (_, bb) = maps.second[:, 0].transpose(1, 2, 0)[..., None]

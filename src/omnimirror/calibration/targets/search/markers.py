@@ -54,8 +54,7 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
     """Detect the board's markers in the image and its mirror image; return the larger set.
 
     The mirror image is skipped if most markers are detected in the image, since false detections of
-    a
-    family in mirror images are rare.
+    a family in mirror images are rare.
 
     Parameters
     ----------
