@@ -1,3 +1,1 @@
-"""Calibration of cameras and mirror sensors from images: rim detection, targets, estimation, camera
-files.
-"""
+"""Calibration of cameras and mirror sensors from images, and camera files."""

@@ -128,8 +128,9 @@ def _take(
     waiting: deque[tuple[int, Any]],
     done: SimpleQueue[_Done[T]],
 ) -> None:
-    """Process jobs with a worker until none is pending; return the job of a dead worker to the
-    queue.
+    """Process jobs with a worker until none is pending.
+
+    The job of a dead worker returns to the queue.
     """
     while True:
         try:

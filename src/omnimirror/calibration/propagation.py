@@ -87,8 +87,7 @@ def floor_uncertainty(
     covariance: ArrayLike | Uncertainty | None = None,
     field_deg: float | None = None,
 ) -> Array:
-    """Return the standard deviation (n,) in mm of floor points seen by pixels, along the larger
-    axis.
+    """Return the standard deviation (n,) in mm of floor points along the larger axis.
 
     Parameters
     ----------
@@ -241,9 +240,7 @@ def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
 
 
 def _to_floor(rays: Rays, height_mm: float) -> Array:
-    """Return the lengths (n,) in mm of rays to the floor; NaN without intersection within 100
-    heights.
-    """
+    """Return the lengths (n,) in mm of rays to the floor; NaN beyond 100 heights."""
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
         return np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height_mm)), along, np.nan)

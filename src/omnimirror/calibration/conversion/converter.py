@@ -276,9 +276,7 @@ def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
 
 
 def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
-    """Return a panorama of distant points, with the parallax error of near points at the best
-    viewpoint.
-    """
+    """Return a panorama of distant points with the parallax error of near points."""
     seen = sample(camera, getattr(camera, "mount", Mount()), PIXELS)
     found: Any = camera
     if seen.is_central:
@@ -350,9 +348,7 @@ def _rounded_up(value: float) -> float:
 
 
 def _remedies(camera: Camera, best: _Made) -> str:
-    """Return alternatives that make a conversion possible, such as a smaller field or fixed
-    parameters.
-    """
+    """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
     worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
     remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
     if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):

@@ -109,9 +109,7 @@ class _Problem:
         return Fitted(model, self.first + (x[p : p + 3] if self.moves else 0.0))
 
     def evaluate(self, x: Array) -> tuple[float, Array, Array]:
-        """Return sum of squares, gradient and approximate Hessian; an infinite sum for invalid
-        cameras.
-        """
+        """Return sum of squares, gradient and Hessian; an infinite sum for invalid cameras."""
         bad = np.inf, np.zeros(self.count), np.eye(self.count)
         try:
             model, viewpoint = (found := self.at(x)).model, found.viewpoint_mm
@@ -146,9 +144,7 @@ class _Problem:
 
 
 def _turned(affine: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
-    """Return OCamCalib's c, d and e after a prior image rotation by an angle (radians), up to
-    scale.
-    """
+    """Return OCamCalib's c, d, e after a prior image rotation (radians), up to scale."""
     c, d, e = affine
     cos, sin = np.cos(angle), np.sin(angle)
     (a, upper), (lower, last) = np.array([[1.0, e], [d, c]]) @ [[cos, -sin], [sin, cos]]

@@ -57,22 +57,19 @@ class Sample:
 
     @property
     def in_file(self) -> Array:
-        """Directions (n, 3) in the frame of files: right, down, and viewing direction at the image
-        centre.
-        """
+        """Directions (n, 3) in the frame of files: right, down, and central viewing direction."""
         in_file: Array = self.directions * self.signs
         return in_file
 
     @property
     def signs(self) -> Array:
-        """Signs (3,) of right, down and the central viewing direction along X, Y and Z of the
-        camera frame.
-        """
+        """Signs (3,) that convert directions from the camera frame to the frame of files."""
         return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
 
     def points(self, distance_mm: float) -> Array:
-        """Return points (n, 3) on the rays at a distance from the origin, mm; directions if
-        infinite.
+        """Return points (n, 3) mm on the rays at a distance from the origin.
+
+        Directions are returned for an infinite distance.
         """
         if np.isinf(distance_mm):
             return self.directions

@@ -44,9 +44,7 @@ class RoundPicture:
     """Common arguments of all models: size, optics, mount."""
 
     def least_squares(self, law: Array) -> tuple[float, float]:
-        """Return the focal length of ``r = f law(Omega)`` by least squares, and the rms residual in
-        px.
-        """
+        """Return the focal length of ``r = f law(Omega)`` and the rms residual in px."""
         f = float(law @ self.radius / (law @ law))
         return f, float(np.sqrt(np.mean((f * law - self.radius) ** 2)))
 
@@ -123,9 +121,7 @@ def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Ite
 
 
 def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """Yield models with the best xi below and above 1, without distortion; a pinhole if xi is
-    fixed.
-    """
+    """Yield models with the best xi below and above 1, or a pinhole if xi is fixed."""
     if places is not None and "xi" not in places:
         yield from _pinhole(Unified, {"xi": 0.0}, places, picture)
         return
@@ -226,9 +222,7 @@ def _best(
 
 
 def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """Yield fits of ``f(rho) sin(Omega) = -rho cos(Omega)``, which is linear in the coefficients of
-    f.
-    """
+    """Yield fits of ``f(rho) sin(Omega) = -rho cos(Omega)``, linear in the coefficients."""
     (a, e), (d, c) = picture.matrix
     rho = a * picture.radius
     scale = rho.max()

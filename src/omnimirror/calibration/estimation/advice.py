@@ -1,4 +1,4 @@
-"""Recommendations for further calibration images: uncovered image regions and missing board tilts."""
+"""Recommendations for further calibration images."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Parameter uncertainty: covariance, standard deviations along curved valleys, weakly determined
-combinations.
+"""Parameter uncertainty: covariance, standard deviations, weakly determined combinations.
 
 The inverse of the normal equations describes a paraboloid around the estimate. If a combination
 of parameters is weakly determined (xi, focal length and distortion of a unified model), the sum
@@ -162,8 +161,7 @@ def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
 
 
 def _valleys(adjustment: Adjustment, number: int, sigma: float) -> Array | None:
-    """Return second moments (g, g) of the parameters about the estimate, along valleys of a
-    parameter.
+    """Return second moments (g, g) of the parameters along valleys of one parameter.
 
     All other parameters are fitted at values of this parameter on both sides of the estimate. The
     moments are those of the likelihood ``exp(-chi^2 / 2)`` over these fits and over those around
@@ -243,9 +241,7 @@ class _State(NamedTuple):
 
 
 def _followed(start: _State, number: int, step: float) -> list[_State]:
-    """Return fits along a valley in one direction until chi-square clearly exceeds that of the
-    estimate.
-    """
+    """Return fits along a valley in one direction, up to a limit of chi-square."""
     states = [start]
     for _ in range(MOST_FITS):
         found = _held_at(states, number, step, start.fit.noise_px)

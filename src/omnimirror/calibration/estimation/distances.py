@@ -1,6 +1,4 @@
-"""Parallax error of single-viewpoint models: errors at object distances other than those of the
-boards.
-"""
+"""Parallax error of single-viewpoint models at object distances other than the boards'."""
 
 from __future__ import annotations
 

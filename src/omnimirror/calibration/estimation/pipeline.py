@@ -68,8 +68,9 @@ class Foreknown:
     priors: tuple[Prior, ...] = ()
 
     def of(self, model: CameraModel, shape: BoardShape | None) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
-        """Return fixed names and priors of the parameters that a model has, including its own
-        priors.
+        """Return fixed names and priors of the parameters that a model has.
+
+        The model's own priors are included.
         """
         names = shared_names(model, shape)
         said = {p.name for p in self.priors}
@@ -134,9 +135,7 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
 
 
 def _lowest_rung(plan: CalibrationPlan, course: Course) -> Adjustment:
-    """Return a unified model fitted to images with different poses, with boards seen from the
-    front.
-    """
+    """Return a unified model fitted to images with different board poses."""
     fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
     low = begun(
         plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
@@ -255,9 +254,7 @@ def _best_climbed(
 def _trial(
     some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
 ) -> Adjustment | OmnimirrorError:
-    """Return the fit after some steps from an initial value, or the error, since others may
-    succeed.
-    """
+    """Return the fit after some steps from an initial value, or the error."""
     try:
         return _some_steps(some, into, known, is_conic_first)
     except OmnimirrorError as e:

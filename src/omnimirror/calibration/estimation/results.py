@@ -153,9 +153,7 @@ class Calibration:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Reprojection error ``sqrt(mean |e|^2)`` of held-out images, with only their board poses
-        fitted.
-        """
+        """Reprojection error ``sqrt(mean |e|^2)`` of held-out images; only poses are fitted."""
         return float("nan") if self.held_out is None else self.held_out.rms_px
 
     @property

@@ -83,9 +83,7 @@ def simulate_detections(
 
 
 def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
-    """Return the corners (n, 3) of a board in the world frame, centred on the ray of a random
-    pixel.
-    """
+    """Return the corners (n, 3) of a board at a random pose in the world frame."""
     size = np.array(camera.image_size)
     while True:
         rays = camera.backproject(random.uniform(0, 1, (1, 2)) * size - 0.5)

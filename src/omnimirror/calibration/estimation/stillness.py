@@ -1,4 +1,4 @@
-"""Mount stability: check that the mirror centre is the same in all images and no image is flipped."""
+"""Mount stability: consistency of the mirror centre over all images."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ PLAUSIBLE = 0.05
 MOVED_GAIN = 100.0
 """Minimum gain of two centres in the sum of squares over the noise variance."""
 FLIPPED_GAIN, CLEAN = 25.0, 2.0
-"""Minimum gain of a flip, which adds no parameters, and the maximum gain per parameter of separate
-centres after all flips, for the flips to be accepted.
+"""Minimum gain of a flip, and maximum remaining gain of separate centres.
+
+A flip adds no parameters. The remaining gain is per parameter, after all flips.
 """
 WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
 """Limits of the search for flipped images.
@@ -165,9 +166,7 @@ class OwnCentres:
 
     @property
     def explained(self) -> tuple[float, int]:
-        """Gain of all centres in the sum of squares over the noise variance, and number of
-        parameters.
-        """
+        """Gain of all centres in the normalised sum of squares, and number of parameters."""
         values, vectors = self._eigen()
         return float(np.sum((vectors.T @ self.pull.ravel()) ** 2 / values)), len(values)
 
@@ -276,8 +275,9 @@ def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
 
 
 def _chance(gain: float, left: float, count: int, numbers: int) -> float:
-    """Return the probability that the best split gains as much by chance, given the scatter of
-    centres.
+    """Return the probability that the best split gains as much by chance.
+
+    The scatter of centres within groups is taken into account.
 
     Fisher's F distribution with 2 and d degrees of freedom exceeds x with probability
     ``(1 + 2 x / d)^(-d / 2)``. There are about ``count^2 / 2`` splits of points in a plane by a

@@ -188,9 +188,7 @@ class CameraFile:
 
     @cached_property
     def _documents(self) -> list[str]:
-        """Documents of a YAML text, separated by ``---`` as after each message of ``ros2 topic
-        echo``.
-        """
+        """Documents of a YAML text separated by ``---``, as by ``ros2 topic echo``."""
         documents: list[list[str]] = [[]]
         has_begun = False
         for line in self.text.splitlines():

@@ -115,9 +115,7 @@ class Node:
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
-        """Return a matrix from a list of lists, or from ``rows``, ``cols`` and ``data`` (OpenCV,
-        ROS).
-        """
+        """Return a matrix from nested lists, or from ``rows``, ``cols`` and ``data``."""
         if "data" in self:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
@@ -133,9 +131,7 @@ class Node:
         return self.flat().numbers(*counts)
 
     def flat(self) -> Node:
-        """Return the data list of a matrix with ``rows``, ``cols`` and ``data``; other lists
-        unchanged.
-        """
+        """Return the data list of a matrix with ``data``; other lists unchanged."""
         return self["data"] if "data" in self else self  # noqa: SIM401
 
     def _kind(self) -> str:
@@ -153,8 +149,9 @@ class Node:
 
 
 def read_yaml(text: str, source: str) -> Node:
-    """Read the entries of a YAML text, including OpenCV's dialect (``%YAML:1.0``,
-    ``!!opencv-matrix``).
+    """Read the entries of a YAML text.
+
+    OpenCV's dialect (``%YAML:1.0``, ``!!opencv-matrix``) is supported.
 
     Parameters
     ----------

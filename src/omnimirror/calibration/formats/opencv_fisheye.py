@@ -1,5 +1,4 @@
-"""OpenCV fisheye: Kannala-Brandt polynomial in a YAML file, as written by OpenCV's calibration
-sample.
+"""OpenCV fisheye YAML: Kannala-Brandt polynomial, as in OpenCV's calibration sample.
 
 OpenCV's functions divide by Z first, which limits projection and undistortion to less than
 90 deg from the axis, although the formula is valid beyond.

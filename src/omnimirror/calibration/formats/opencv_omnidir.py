@@ -1,5 +1,4 @@
-"""OpenCV omnidir: Mei's unified sphere in a YAML file, as written by the sample
-``omni_calibration``.
+"""OpenCV omnidir YAML: Mei's unified sphere, as in the sample ``omni_calibration``.
 
 The sample does not write the image size; this module adds ``image_width`` and ``image_height``,
 named as in OpenCV's other samples. omnidir has no k3.

@@ -1,5 +1,4 @@
-"""OpenCV pinhole camera with radial and tangential distortion, as written by its calibration
-sample.
+"""OpenCV pinhole YAML with distortion, as in OpenCV's calibration sample.
 
 Coefficients are k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model. OpenCV ignores skew and
 projects less than 90 deg from the axis.

@@ -309,8 +309,9 @@ def _stretched(model: CameraModel, knobs: Knobs) -> Array:
 
 
 def _knobs(model: CameraModel) -> Knobs:
-    """Return the free parameters of a model to refine, with their tolerances or typical changes as
-    priors.
+    """Return the free parameters of a model to refine, with priors.
+
+    Priors are the tolerances, or typical changes.
     """
     known = {p.name: p for p in getattr(model, "priors", ())}
     expected = np.array([known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters])

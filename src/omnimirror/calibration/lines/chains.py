@@ -83,8 +83,7 @@ def edge_chains(
 
 
 def _edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
-    """Return the mask (h, w) of thin edges, and their subpixel positions (n, 2) on the gradient
-    maximum.
+    """Return the mask (h, w) of thin edges, and their subpixel positions (n, 2).
 
     Positions are in row order. Processing in bands of rows limits memory use for large images.
     """

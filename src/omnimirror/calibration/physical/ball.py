@@ -30,8 +30,7 @@ def mirror_ball_model(
     ball_radius_mm: float = 40.0,
     mount: Mount | None = None,
 ) -> SensorModel:
-    """Create a sensor model of a ball from its outline in the image, with free distance and
-    position.
+    """Create a sensor model of a ball from its outline in the image.
 
     The outline of a ball of radius A at centre distance D has the angular radius
     ``sin(alpha) = A / D``. An image determines only the ratio of radius and distance: the radius is

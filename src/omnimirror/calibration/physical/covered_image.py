@@ -28,9 +28,7 @@ STEP = 1e-5  # rim radii; central differences with an error quadratic in the ste
 
 
 def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[NamedNumber, ...]) -> Image:
-    """Compute the image of points as :func:`.imaging.image_of_points`, through a fixed tube or
-    dome.
-    """
+    """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
     covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())

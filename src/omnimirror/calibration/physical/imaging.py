@@ -135,8 +135,9 @@ def _pull(ends: Ends, points: Array) -> tuple[Array, Array, Array]:
 def _displaced(
     sensor: Sensor, way: Way, found: Specular, points: Array, distant: bool, place: NamedNumber
 ) -> tuple[Array, Array]:
-    """Return the effect of a pose or distance parameter on the gradient and on a fixed mirror
-    point.
+    """Return the effect of a pose or distance parameter on the optical path.
+
+    The results are changes of the gradient and of a fixed mirror point.
 
     Shapes are (n, 2) and (n, 3).
     """

@@ -1,4 +1,4 @@
-"""Projection from mirror points to pixels, with derivatives by the points and by lens and imager."""
+"""Projection from mirror points to pixels, with derivatives by points, lens and imager."""
 
 from __future__ import annotations
 
@@ -43,8 +43,9 @@ def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) 
 
 
 def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
-    """Return image points (n, 2) mm, derivatives (n, 2, 3) by the points and (n, 2) by each
-    parameter.
+    """Return image points (n, 2) mm, and their derivatives by points and parameters.
+
+    Shapes of the derivatives are (n, 2, 3) and (n, 2).
     """
     c, brown = lens.principal_distance, lens.brown
     depth = seen_at[:, 2] - sensor.optical_train.pupil_offset[2]

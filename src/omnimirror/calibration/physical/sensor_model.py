@@ -96,9 +96,7 @@ class SensorModel(CameraModel):
 
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
-        """Free parameters: name, value, unit, and the change that moves the image by about one
-        pixel.
-        """
+        """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
         return tuple(
             ModelParameter(place.name, value_of(self.sensor, place), unit, scale)
             for place, unit, scale in zip(self._places, self._units, self._scales, strict=True)
@@ -132,8 +130,9 @@ class SensorModel(CameraModel):
         return other
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """Compute the image of points (n, 3) mm in the camera frame, whose origin is the nominal
-        vertex.
+        """Compute the image of points (n, 3) mm in the camera frame.
+
+        The origin of the frame is the nominal mirror vertex.
 
         Parameters
         ----------
@@ -169,8 +168,7 @@ class SensorModel(CameraModel):
         rim_radius_mm: float = 40.0,
         distance_mm: float | None = None,
     ) -> Self:
-        """Create an initial sensor model with the same projection of distant points as a central
-        model.
+        """Create an initial sensor model that reproduces a central model for distant points.
 
         Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
         the central model does. The other free parameters follow by least squares within their

@@ -78,9 +78,7 @@ def radial_law(central: CameraModel, omega_max_deg: float) -> RadialLaw:
 
 
 def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, Array]:
-    """Return directions (n, 3) in the camera frame on rings about the axis, and ring angles (k,),
-    rad.
-    """
+    """Return directions (n, 3) on rings about the axis, and ring angles (k,) in radians."""
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
     forward = -1.0 if central.optics == "mirror" else 1.0

@@ -136,9 +136,7 @@ def _correlation(one: Image, other: Image) -> float:
 
 
 def _calm(along: Image, seen: Mask) -> list[float]:
-    """Return for each band the fraction of visible parts of the ring with almost no change along
-    it.
-    """
+    """Return for each band the fraction of the visible ring with almost no change."""
     shares = []
     for band in CALMS:
         cells = between(*band)

@@ -1,4 +1,4 @@
-"""Candidate rings of an image: circles from voting, ellipses fitted to edges, and concentric rings."""
+"""Candidate rings of an image: voted circles, ellipses fitted to edges, concentric rings."""
 
 from __future__ import annotations
 
@@ -55,9 +55,7 @@ def rings(working: Working, edges: EdgePoints) -> list[Ring]:
 
 
 def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple[Working, EdgePoints]) -> None:
-    """Add rings around the clearest ones that are resolved only in a finer image, such as thin
-    frames.
-    """
+    """Add rings around the clearest ones that only a finer image resolves."""
     working, edges = coarse
     scale = working.scale / fine[0].scale
     for ring in _clearest(found, FINER_FAMILIES, FAMILY_OFFSET):

@@ -66,8 +66,9 @@ class Committee:
     trust: float
     """Factor of their mean log odds, calibrated on other images."""
     first_share: float
-    """Factor of the first classifier, which is trained on fewer types of images and more robust
-    outside them.
+    """Factor of the first classifier's log odds.
+
+    It is trained on fewer types of images and more robust outside them.
     """
 
     @classmethod
@@ -91,8 +92,9 @@ class Committee:
         return np.stack([member.odds(numbers) for member in self.members])
 
     def odds(self, rows: Array) -> Array:
-        """Return log odds (members, n) against no rim for features (n, count), with the first
-        classifier.
+        """Return log odds (members, n) against no rim for features (n, count).
+
+        The result of the first classifier is included.
         """
         return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
 
@@ -140,8 +142,9 @@ def terms(cues: Cues) -> Array:
 
 
 def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
-    """Return the confidence that a ring is the mirror's outline, from its agreement between working
-    resolutions.
+    """Return the confidence that a ring is the mirror's outline.
+
+    It is based on the agreement between working resolutions.
 
     It is the product of three factors between 0 and 1:
 

@@ -186,8 +186,9 @@ def _frames(rings: list[Ring]) -> Array:
 
 
 def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
-    """Return the fractions of the circumference with edges on, close to, and next to the ring, and
-    its visible fraction.
+    """Return fractions of the circumference with edges, and its visible fraction.
+
+    Edges are counted on, close to, and next to the ring.
     """
     turn = turns(SECTORS) + np.pi / SECTORS
     points = ellipse.points(turn)
@@ -214,9 +215,7 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
 
 
 def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the image (turns, shares, channels) around an ellipse, and the mask of visible
-    samples.
-    """
+    """Return the image (turns, shares, channels) around an ellipse, and its visibility."""
     import cv2
 
     away = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
@@ -241,9 +240,7 @@ def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ell
 
 
 def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Return the median step across the ring in levels, the difference and the correlation of both
-    sides.
-    """
+    """Return the median step across the ring, and the difference and correlation of its sides."""
     (within, beyond), near = _sides(polar, inside, (0.945, 0.975), (1.025, 1.055))
     (inner, outer), wide = _sides(polar, inside, (0.86, 0.93), (1.08, 1.15))
     if min(near.sum(), wide.sum()) < TURNS // 8:
@@ -259,9 +256,7 @@ def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[floa
 def _sides(
     polar: NDArray[np.float32], inside: NDArray[np.bool_], within: tuple[float, float], beyond: tuple[float, float]
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
-    """Return means (turns, channels) of a band inside and one outside the ring, and the visibility
-    of both.
-    """
+    """Return means (turns, channels) of an inner and an outer band, and their visibility."""
     bands = [between(*within), between(*beyond)]
     known = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
     return [polar[:, band].mean(axis=1) for band in bands], known

@@ -1,6 +1,4 @@
-"""Edge detection with subpixel accuracy and direction, at a working size suitable for rim
-detection.
-"""
+"""Edge detection with subpixel accuracy and direction, for rim detection."""
 
 from __future__ import annotations
 
@@ -121,8 +119,9 @@ def strongest(channels: Image) -> Image:
 
 
 def levels_of(picture: NDArray[Any]) -> NDArray[Any]:
-    """Return an image with 255 levels without opacity; the brightest 1 % of linear light is
-    clipped.
+    """Return an image with 255 levels without opacity.
+
+    The brightest 1 % of linear light is clipped.
     """
     if picture.ndim == 3 and picture.shape[2] in (2, 4):
         picture = picture[..., :-1]

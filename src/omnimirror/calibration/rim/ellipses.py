@@ -25,8 +25,7 @@ SHIFT_COST = 0.02  # fraction of the circumference that a shift of one working p
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Circle of radius ``radius``, stretched by ``exp(p)`` along one direction and ``exp(-p)``
-    across it.
+    """Circle stretched by ``exp(p)`` along one direction and ``exp(-p)`` across it.
 
     ``stretch`` contains p cos 2a and p sin 2a for the direction a, which are smooth for a circle.
     """
@@ -97,8 +96,9 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Shift:
-    """Search range and step of ellipse shifts in working pixels, and number of parts of the
-    circumference.
+    """Search range and step of ellipse shifts in working pixels.
+
+    ``turns`` is the number of parts of the circumference.
     """
 
     reach_px: float

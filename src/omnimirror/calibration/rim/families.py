@@ -49,8 +49,9 @@ def _in(shares: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
 
 
 def _next(rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tuple[float, float]) -> list[float]:
-    """Return clarity, distance, band texture and relative clarity of the next clear ring on one
-    side.
+    """Return features of the next clear ring on one side.
+
+    They are its clarity, distance, band texture, calmness and relative clarity.
     """
     others = np.nonzero(_in(shares, part) & (close > NEXT))[0]
     if not len(others):

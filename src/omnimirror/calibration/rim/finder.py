@@ -75,8 +75,9 @@ class FoundRim:
     pictures: tuple[FoundRim, ...] = ()
     """Rim in each image, for a joint detection in several images."""
     candidates: tuple[Any, ...] = ()
-    """Rejected outlines (:class:`FoundRim`): this one if not accepted, then other circles, best
-    first.
+    """Rejected outlines (:class:`FoundRim`), best first.
+
+    The first is this one, if it is not accepted.
     """
 
     def __post_init__(self) -> None:
@@ -94,8 +95,9 @@ class FoundRim:
 
     @property
     def annulus_px(self) -> tuple[float, float]:
-        """Radii about the centre of the annulus that shows the scene, from the camera's image to
-        the rim.
+        """Inner and outer radius about the centre of the annulus that shows the scene.
+
+        The inner circle encloses the camera's own image.
         """
         inner = 0.0
         if self.inner is not None:
@@ -167,8 +169,9 @@ class _Seen:
         return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
 
     def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
-        """Return the mask (n,) of rings equal to an ellipse within a fraction of its radius, except
-        shape.
+        """Return the mask (n,) of rings equal to an ellipse, except for shape.
+
+        The tolerance is a fraction of its radius.
         """
         away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
         return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
@@ -179,9 +182,7 @@ class _Seen:
         return int(near[np.argmax(self.mean[near])]) if len(near) else None
 
     def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
-        """Return log odds (resolutions,) of an ellipse at all resolutions, and of the best other
-        ring.
-        """
+        """Return log odds (resolutions,) of an ellipse and of the best other ring."""
         odds, rivals = [], []
         for one in (self, *self.others):
             here = ellipse.scaled(self.working.scale / one.working.scale)
@@ -200,8 +201,9 @@ class _Seen:
         return float(np.median(near)) if near else 0.0
 
     def within(self, ellipse: Ellipse) -> float:
-        """Return the fraction of the circumference of the clearest concentric inner ring, over the
-        resolutions.
+        """Return the clarity of the clearest concentric inner ring, over the resolutions.
+
+        It is the fraction of the circumference with close edges.
         """
         clearest = []
         for one in (self, *self.others):
@@ -231,8 +233,9 @@ class _Seen:
         return found
 
     def alike(self, k: int) -> NDArray[np.intp]:
-        """Return the rings equal to a given one with similar odds; subpixel refinement selects
-        among them.
+        """Return the rings equal to a given one with similar odds.
+
+        Subpixel refinement selects among them.
         """
         near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
         return np.nonzero(near)[0]
@@ -240,8 +243,7 @@ class _Seen:
 
 @checked
 def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
-    """Detect the mirror's rim in an image, or in several images of one sensor, with subpixel
-    accuracy.
+    """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 
     Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
     the features of each ellipse (:mod:`omnimirror.calibration.rim.choice`), and the best one is

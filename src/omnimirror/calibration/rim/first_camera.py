@@ -57,8 +57,7 @@ Its radii are between those of a sphere and a hyperboloid, which limits the erro
 
 @checked
 def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None) -> FirstCamera:
-    """Create a camera for dewarping from a detected rim, for a common type of mirror or a known
-    sensor.
+    """Create a camera for dewarping from a detected rim and a type of mirror.
 
     Parameters
     ----------
@@ -262,9 +261,7 @@ def _own_image(sensor: Sensor) -> Array:
     pose, mirror, rim_mm = sensor.mirror_pose, sensor.mirror, sensor.mirror.rim_radius_mm
 
     def seen(place: Array) -> tuple[Array, Array]:
-        """Return a point (1, 3) of the mirror relative to the lens, and the direction (1, 3) to the
-        lens.
-        """
+        """Return a mirror point (1, 3) relative to the lens, and the direction to the lens."""
         height = mirror.sag(np.array([np.hypot(*place)]))
         point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.optical_train.lens_offset
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
@@ -306,9 +303,7 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
         return MirrorPose(float(numbers[1]), float(numbers[2]), 0.0, float(tilt[0]), float(tilt[1]))
 
     def miss(numbers: Array) -> Array:
-        """Return offsets of the rim's image points from the ellipse centre, scaled by the first
-        number.
-        """
+        """Return offsets (n, 2) of the scaled image points of the rim from the ellipse centre."""
         points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
         towards = np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
         offsets: Array = numbers[0] * sensor.lens.image_of(points, towards) - middle

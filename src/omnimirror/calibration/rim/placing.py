@@ -23,8 +23,7 @@ LEAN = 0.08  # slope of an edge relative to the ring, caused by noise
 
 
 def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ellipse, float]:
-    """Return the ellipse in pixels of the full-size image, and the fraction of the circumference
-    with a close edge.
+    """Return the refined ellipse, and the fraction of the circumference with a close edge.
 
     Parameters
     ----------
@@ -59,9 +58,7 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
 
 
 def clearness(ellipse: Ellipse, share: float) -> float:
-    """Return the clarity of an ellipse from the fraction of close edges, with a penalty on its
-    stretch.
-    """
+    """Return the clarity of an ellipse: fraction of close edges minus a stretch penalty."""
     return share - STRETCH_COST * float(np.hypot(*ellipse.stretch))
 
 

@@ -1,4 +1,4 @@
-"""Calibration targets: definition, printing, detection in distorted images, and corner refinement."""
+"""Calibration targets: definition, printing, detection, and corner refinement."""
 
 from .boards import Board
 from .choosing import choose_frames

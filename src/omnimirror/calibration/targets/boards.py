@@ -170,8 +170,9 @@ class Board:
 
     @property
     def is_symmetric(self) -> bool:
-        """True if the board is symmetric under a 180 deg rotation, which makes the corner order
-        ambiguous.
+        """True if a 180 deg rotation maps the board to itself.
+
+        The order of its corners is then ambiguous.
         """
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
@@ -186,8 +187,9 @@ class Board:
 
     @property
     def polarity(self) -> NDArray[np.int_]:
-        """Sign (n,) of each corner's contrast: -1 if the quarter towards the origin of x and y is
-        black.
+        """Sign (n,) of each corner's contrast.
+
+        It is -1 if the quarter towards the origin of x and y is black.
         """
         first = 1 if self.kind == "charuco" and self.legacy and self.rows % 2 == 0 else -1
         return np.asarray(first * (1 - 2 * (self.lattice.sum(axis=1) % 2)))

@@ -1,6 +1,4 @@
-"""Selection of calibration frames from a video: sharp frames with new positions and tilts of the
-board.
-"""
+"""Selection of calibration frames from a video."""
 
 from __future__ import annotations
 

@@ -23,8 +23,9 @@ MOST_PASSES = 100
 FARTHEST = 0.3  # maximum motion of a corner, in squares
 WORST_FIT = 0.9  # maximum rms residual in contrasts
 ODD_FIT, LEAST_ODD_FIT = 4.0, 0.15
-"""Limit on the residual relative to its median over the board; larger values indicate occlusion or
-highlights.
+"""Limit on the residual relative to its median over the board.
+
+Larger values indicate occlusion or highlights.
 """
 WORST_SIGMA_PX = 0.75
 MODEL_PX = 0.01
@@ -33,8 +34,7 @@ MODEL_PX = 0.01
 The image as a whole scales it.
 """
 SMOOTH_PX, BLUR_BIAS = 0.004, 1.5
-"""Common bias of neighbouring corners in px, which their scatter does not contain, and its growth
-with blur.
+"""Common bias of neighbouring corners in px, and its growth with blur.
 
 The growth is the ratio of bias over side to (blur over side)^4: 0.03 px at a blur of 3 px and
 squares of 16 px, on rendered mirror images.

@@ -101,9 +101,7 @@ class Adjustment:
 
     @property
     def residuals(self) -> Array:
-        """Reprojection errors (n, 2): image minus pixel, px; 0 for points outside the model's
-        field.
-        """
+        """Reprojection errors (n, 2), image minus pixel, px; 0 for invisible points."""
         return self.linearised.residuals
 
     @property

@@ -71,9 +71,7 @@ class BoardShape:
         return np.array([STRETCH_SIGMA, STRETCH_SIGMA, bend, bend, bend])
 
     def changes(self, points_mm: Array) -> Array:
-        """Return derivatives (n, 3, 5) of points (n, 3) of the flat board with respect to the
-        values.
-        """
+        """Return derivatives (n, 3, 5) of board points (n, 3) with respect to the values."""
         x, y = (points_mm[:, :2] - self.centre_mm).T
         u, v = x / self.half_diagonal_mm, y / self.half_diagonal_mm
         change = np.zeros((len(points_mm), 3, 5))

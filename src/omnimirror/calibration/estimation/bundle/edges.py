@@ -96,8 +96,9 @@ class StraightEdges:
         return fitted_lines(model, chains, knobs, distance_mm=self.distance_mm, most_steps=0)
 
     def rms_px(self, model: CameraModel) -> Array:
-        """Return the deviation (k,) of each edge from a straight line's image; infinite if
-        invisible.
+        """Return the rms deviation (k,) of each edge from a straight line's image, px.
+
+        It is infinite for invisible edges.
         """
         return self.fit(model).rms_of(edges_of([edge.pixels for edge in self.edges]))
 

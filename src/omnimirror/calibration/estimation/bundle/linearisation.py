@@ -117,9 +117,7 @@ def as_placed(model: CameraModel, sightings: Sequence[Sighting]) -> Linearised:
 
 
 def targets(estimate: Estimate, stack: Stack) -> Array:
-    """Return points (n, 3) in target frames, including board shape and positions on lines and
-    planes.
-    """
+    """Return points (n, 3) in target frames, with board shape, lines and planes applied."""
     points = stack.points
     if estimate.shape is not None:
         points = np.where(stack.shaped[:, None], estimate.shape.applied(points), points)

@@ -54,9 +54,7 @@ class Motion(NamedTuple):
 
 
 def moved(motions: Sequence[Motion], steps: Array) -> tuple[Motion, ...]:
-    """Apply steps (m, 6) to rigid transforms: rotation vectors after their rotations, and
-    translations.
-    """
+    """Apply steps (m, 6), rotation vectors and translations, to rigid transforms."""
     before = np.array([m.rotation for m in motions])
     rotations = rotations_of(steps[:, :3]) @ before
     # orthonormalise: rounding of many steps does not accumulate

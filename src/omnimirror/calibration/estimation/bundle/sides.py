@@ -1,6 +1,4 @@
-"""Boards that equal their mirror image: numbering from the front, from behind, and in flipped
-images.
-"""
+"""Boards that equal their mirror image: numbering in mirrored and flipped images."""
 
 from __future__ import annotations
 

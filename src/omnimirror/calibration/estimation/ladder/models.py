@@ -62,8 +62,9 @@ def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel | None:
-    """Return an initial mirror model with the size given by fitted viewpoints; None if
-    undetermined.
+    """Return an initial mirror model with the size given by fitted viewpoints.
+
+    None if the size is undetermined.
 
     Parameters
     ----------

@@ -95,8 +95,7 @@ def _linear(bearings: Array, p: Array) -> Array | None:
 
 
 def board_motion(bearings: Array, points_mm: Array) -> Motion | None:
-    """Estimate the pose of a flat board from bearings (n, 3) of its points with a linear
-    homography.
+    """Estimate the pose of a flat board from bearings (n, 3) by a linear homography.
 
     ``b x (H p) = 0`` for all points. The columns of H are two axes of the board and its position,
     up to a common factor.

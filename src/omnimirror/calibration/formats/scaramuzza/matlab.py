@@ -1,5 +1,4 @@
-"""MATLAB ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients, as a script or
-JSON.
+"""MATLAB ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients.
 
 In MATLAB the ray of a pixel is ``(u, v, a0 + a2 rho^2 + a3 rho^3 + a4 rho^4)``, with u right,
 v down, Z towards the scene and a0 above 0. The pixel is ``[c d; e 1] (u, v) + centre``, and the
@@ -40,7 +39,10 @@ class Taylor(NamedTuple):
     coefficients: Array
     """Coefficients (n,) a0, a1, a2, ... with a0 > 0."""
     centre_px: tuple[float, float]
-    """Centre (u, v), integers at pixel centres, from 0."""
+    """Matrix (2, 2) from the symmetric image to the real one, both (right, down).
+
+    Its last element is 1.
+    """
     stretch: Array
     """Matrix (2, 2) from the symmetric image to the real one, both (right, down); last element 1.
     """

@@ -54,8 +54,9 @@ def write(camera: OCam, name: str = "") -> str:
 
 
 def inverse_polynomial(camera: OCam, start: float) -> tuple[Array, float]:
-    """Return the radius in px as a polynomial of the field angle minus ``start``, lowest power
-    first.
+    """Return the radius in px as a polynomial of the field angle minus ``start``.
+
+    Coefficients are in order of increasing powers.
 
     The degree is increased until the error is below :data:`CLOSE_PX`, as in OCamCalib's
     ``findinvpoly``.

@@ -1,5 +1,6 @@
-"""py-OCamCalib JSON: Scaramuzza's polynomial with Z towards the scene, inverse, centre, stretch
-matrix.
+"""py-OCamCalib JSON: Scaramuzza's polynomial, its inverse, centre and stretch matrix.
+
+Z points towards the scene.
 
 The conventions are those of its ``cam2world``. If the matrix's third element e is not 0, its
 ``world2cam`` inserts the already stretched column into the row equation, and differs from

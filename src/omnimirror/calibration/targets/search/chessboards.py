@@ -1,4 +1,4 @@
-"""Chessboard detection in distorted images: lattices grown from nine corners or OpenCV detections."""
+"""Chessboard detection in distorted images by lattice growth."""
 
 from __future__ import annotations
 
@@ -47,8 +47,9 @@ def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> L
 
 
 def _merit(part: LatticePart, board: Board) -> tuple[bool, int]:
-    """Return a sort key of lattices: first at least 0.5 of the board without excess, then corner
-    count.
+    """Return a sort key of lattices.
+
+    Those that cover at least 0.5 of the board without excess are preferred, then larger ones.
     """
     is_half = not is_larger(part, board) and 2 * len(part.places) >= board.corner_count
     return is_half, len(part.places)

@@ -23,8 +23,7 @@ FULL = {"u": 255.0, "f": 1.0}
 
 
 def grey(picture: NDArray[Any]) -> Grey:
-    """Convert an image (height, width) or (height, width, 1 to 4), RGB, to brightness from 0 to
-    255.
+    """Convert an image (height, width) or (height, width, 1 to 4) to brightness, 0 to 255.
 
     Raises
     ------
@@ -55,8 +54,9 @@ def grey(picture: NDArray[Any]) -> Grey:
 
 
 def bytes_of(picture: Grey) -> NDArray[np.uint8]:
-    """Convert to bytes for OpenCV's detectors; the 0.5 and 99.5 % percentiles become black and
-    white.
+    """Convert to bytes for OpenCV's detectors, with stretched contrast.
+
+    The 0.5 and 99.5 % percentiles become black and white.
     """
     low, high = np.percentile(picture[::4, ::4], [0.5, 99.5])
     return np.asarray(np.clip((picture - low) * (255 / max(high - low, 1.0)), 0, 255), np.uint8)
@@ -82,8 +82,9 @@ def scaled(picture: Grey, scale: float) -> Grey:
 
 
 def unscaled_px(pixels: Array, scale: float) -> Array:
-    """Convert pixels of a scaled image to pixels of the full image; pixel centres are integers in
-    both.
+    """Convert pixels of a scaled image to pixels of the full image.
+
+    Pixel centres are integers in both.
     """
     return np.asarray((pixels + 0.5) / scale - 0.5)
 

@@ -37,8 +37,9 @@ AWAY = 0.35
 """Maximum distance from the prediction, in squares."""
 MISFIT = 0.75
 GOES_ON = 0.2
-"""Maximum fraction of corner-like places beyond a board's outer corners: 0 on a margin, 0.5 on
-tiles.
+"""Maximum fraction of corner-like places beyond a board's outer corners.
+
+It is 0 on a margin and 0.5 on tiles.
 """
 CONTRAST_OF_CORNER = 0.7
 """Minimum contrast of a corner beyond a lattice, relative to the nearest corner of the lattice."""
@@ -145,9 +146,7 @@ def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32
 
 
 def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
-    """Return the difference of the darker white and the lighter black square, relative to the
-    contrast.
-    """
+    """Return the relative difference of the darker white and the lighter black square."""
     low, high = slice(0, HALF - 1), slice(HALF + 2, None)
     quarters = np.stack([windows[:, i, j].mean(axis=(1, 2)) for i in (low, high) for j in (low, high)], axis=1)
     quarters = quarters * sign[:, None]
@@ -261,8 +260,7 @@ class BoardSurroundings(NamedTuple):
 
 
 def goes_on(picture: Grey, part: LatticePart) -> bool:
-    """Check whether squares continue beyond a lattice, as in tiles, a checked cloth or a larger
-    board.
+    """Check whether squares continue beyond a lattice, as in tiles or a larger board.
 
     On a white margin no place resembles a corner. On a narrow frame with textured surroundings some
     places do: then all sides must show the outline, and few places may have corners of full
@@ -282,9 +280,7 @@ def goes_on(picture: Grey, part: LatticePart) -> bool:
 
 
 def is_bounded(picture: Grey, part: LatticePart) -> bool:
-    """Check whether the outline of a board is visible on all sides of a lattice, which makes it
-    complete.
-    """
+    """Check whether the outline of a complete board is visible on all sides of a lattice."""
     past = surroundings(picture, part)
     return not past.has_corners and bool((past.outlined >= OUTLINED).all())
 

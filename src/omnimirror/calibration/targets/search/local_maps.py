@@ -33,8 +33,9 @@ class LocalMaps(NamedTuple):
     """Sum (m,) of the weights of the fitted corners."""
 
     def at(self, offsets: Array) -> Array:
-        """Return pixels (m, n, 2) of board points (n, 2) or (m, n, 2), relative to each expansion
-        point.
+        """Return pixels (m, n, 2) of board points relative to each expansion point.
+
+        Points have the shape (n, 2) or (m, n, 2).
         """
         bend = np.einsum("maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
                          self.second, offsets, offsets, optimize=True)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Boards with markers: detection in the image and its mirror image, and prediction of the corners."""
+"""Boards with markers: marker detection and prediction of the corners."""
 
 from __future__ import annotations
 
@@ -170,9 +170,7 @@ def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[i
 
 
 def marker_corners_mm(board: Board, ids: Ids) -> Array:
-    """Return the corners (4 k, 2) of a ChArUco board's markers on the board, mm, as drawn by
-    OpenCV.
-    """
+    """Return the corners (4 k, 2) of a ChArUco board's markers, mm, as in OpenCV."""
     drawn = opencv_board(board)
     corners = {int(i): np.array(quad)[:, :2] for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)}
     return np.concatenate([corners[int(i)] for i in ids]) - board.square_mm

@@ -1,4 +1,4 @@
-"""Perspective views of an image, dewarped with an approximate camera, for a further board search."""
+"""Perspective views of an image, dewarped with an approximate camera."""
 
 from __future__ import annotations
 

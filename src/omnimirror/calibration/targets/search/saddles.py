@@ -1,5 +1,4 @@
-"""Saddle model of a corner of four squares, fitted to the surrounding pixels of the distorted
-image.
+"""Saddle model of a corner, fitted to the pixels of the distorted image.
 
 The model is a linear background plus a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)).
 Here p and q are the distances to the two edges, and s is the blur, including the pixel width.
@@ -147,9 +146,7 @@ class _Fit:
         self.count = weights.sum(axis=1)
 
     def run(self, steps: int) -> tuple[Array, Array, Array]:
-        """Return terms (m, 9), standard deviations (m,) of the corners in px, and rms residuals
-        (m,).
-        """
+        """Return terms (m, 9), standard deviations (m,) in px, and rms residuals (m,)."""
         terms = self._start()
         scale = np.abs(terms[:, 3]) + 1e-6
         prior = np.zeros((len(terms), 9))

@@ -32,8 +32,7 @@ class Crossings(NamedTuple):
 
 
 def crossings(picture: Grey) -> Crossings:
-    """Return saddle points of the image whose surroundings alternate four times between dark and
-    light.
+    """Return saddle points with four alternating dark and light quarters around them.
 
     The strength of a saddle is the negative determinant of the second derivatives.
     """
