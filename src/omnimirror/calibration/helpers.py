@@ -183,12 +183,12 @@ def _message(stream: IO[bytes]) -> bytes:
 
 def _serve() -> None:
     """Process jobs until the input ends."""
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output of jobs separate from results
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output out of results
     with suppress(BrokenPipeError):
         while True:
             try:
                 function, job = pickle.loads(_message(sys.stdin.buffer))
-            except Exception:  # end of input, or a class of the main script: the parent process computes the job
+            except Exception:  # end of input, or unknown class: the parent computes the job
                 return
             try:
                 message = pickle.dumps((function(*job), None))

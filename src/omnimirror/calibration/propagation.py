@@ -131,7 +131,7 @@ def floor_uncertainty(
     along = _to_floor(rays, height)
     points = rays.origins + along[:, None] * rays.directions
     world = model.mount.rotation()
-    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # x and y of the world in the camera frame
+    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
     sigma = larger_sigma(spread_at(model, known.covariance, turned(points, world), level, distant=False))
     return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
 

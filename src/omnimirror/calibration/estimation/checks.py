@@ -25,7 +25,7 @@ SURVEY_REMEDY = (
     "see whether their axes are right-handed and their units those of the file, whether all of a picture were seen "
     "from one place, and whether the pictures are mirror images, as --optics and --flipped say"
 )
-WORST_MEDIAN = 0.01  # fraction of the larger image side; a larger initial median residual is rejected
+WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
 
 def listed(names: Sequence[str]) -> str:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 EACH_UP_TO = 20  # maximum number of images for leave-one-out; larger sets are split into groups
 GROUPS = 10
 STEPS = 12
-SETTLED = 1e-5  # relative decrease that ends an iteration; each fit starts at the solution for all images
+SETTLED = 1e-5  # relative decrease that ends an iteration; fits start at the joint solution
 
 
 class HeldOut(NamedTuple):

@@ -24,7 +24,7 @@ MOST_REJECTED, MOST_GROSS = 0.01, 0.05  # fraction of all corners
 GROSS = 3.0  # multiple of the noise limit
 ALIKE = 0.5  # fraction of the largest gross error above which others are rejected together with it
 MOST_TAKEN_UP = 0.75  # maximum fraction of the noise absorbed by estimated parameters
-DOUBT = 1.44  # two relative standard errors of the Rayleigh median, times the root of the sample size
+DOUBT = 1.44  # two relative standard errors of the Rayleigh median, times sqrt(n)
 CHANCE = 0.02  # probability that data without gross errors lose a corner
 LEAST_REJECTED_PX = 0.25  # corners with smaller residuals are never rejected
 FEWEST_POINTS = 6  # minimum number of corners retained per image
@@ -41,7 +41,7 @@ class Outlier(NamedTuple):
 def outlier_limit_px(adjustment: Adjustment) -> float:
     """Return the residual above which a corner is an outlier of normally distributed noise."""
     lengths = np.hypot(*adjustment.residuals[adjustment.seen].T)
-    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MOST_TAKEN_UP)  # fitted parameters absorb noise
+    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MOST_TAKEN_UP)  # noise in parameters
     noise = float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(taken_up) if len(lengths) else 0.0
     noise *= 1 + DOUBT / np.sqrt(max(len(lengths), 1))
     return max(float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), LEAST_REJECTED_PX)

@@ -35,7 +35,7 @@ THINNED, TRIAL_STEPS = 3, 25  # thinning factor and steps for the comparison of 
 TERMS = "mirror.coefficients"
 ENOUGH = 200  # minimum number of points after thinning
 AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
-HOPELESS = 1.1  # ratio of the fit error to the best held-out error above which a model is not compared
+HOPELESS = 1.1  # ratio to the best held-out error above which a model is not compared
 FAR = 1.5  # ratio to the noise of the best model above which full convergence is not required
 FREEDOM = 0.5  # maximum number of unknowns per measurement; more would fit outliers
 FEWEST_FOR_JUDGES = 5  # minimum number of images; with fewer, flexible models fit any data
@@ -296,7 +296,7 @@ def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: Calibration
     """
     fit, course.outliers = without_outliers(robust)
     odd: dict[str, str] = {}
-    if plan.is_mirrored_alike:  # the model with fewer parameters is more sensitive, if it explains the data
+    if plan.is_mirrored_alike:  # the model with fewer parameters is more sensitive
         odd = flipped_pictures(fit) or flipped_pictures(_frozen(fits.get(Unified.KIND, fit), fit, course))
     odd = odd or check_still(fit)
     if odd:

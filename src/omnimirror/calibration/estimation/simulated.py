@@ -94,7 +94,7 @@ def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     across = np.cross(ahead, random.normal(size=3))
     x = across / np.linalg.norm(across)
-    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z of a board points away from the viewer
+    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z points away from the viewer
     tilt = random.normal(size=3)
     rotation = rotation_of(random.uniform(0, MOST_TILT) * tilt / np.linalg.norm(tilt)) @ facing
     place = rays.origins[0] + random.uniform(*DISTANCES) * diagonal * ahead

@@ -222,7 +222,7 @@ def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
         if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
             break
         fit, turned = better
-    is_first = 2 * turned.sum() == len(turned) and turned[0]  # for equal halves, the one without the first image
+    is_first = 2 * turned.sum() == len(turned) and turned[0]  # half without the first image
     return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(turned) or is_first else turned
 
 

@@ -35,7 +35,7 @@ STRETCH_SIGMA = 0.3
 
 This stretch of the field preserves straight lines.
 """
-TRIED, THINNED = 60, 4  # number of the longest chains in that search, and thinning factor of their points
+TRIED, THINNED = 60, 4  # number of the longest chains in that search, and thinning factor
 SEARCH_STEPS = 8
 LEAST_CHAINS = 8
 CENTRE_SIGMA = 0.01  # fraction of the field's radius

@@ -151,7 +151,7 @@ def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, dis
     e, j, change = (np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved))
     normal, slant = _planes(e, j, seen, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
-    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by rotations of n
+    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by turns of n
     by_knobs = np.einsum("nip,ni->np", change, normal[owner]) @ knobs.turn / slant[:, None]
     inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
     outer = np.add.reduceat(by_normal[:, :, None] * by_knobs[:, None, :], starts)

@@ -14,7 +14,7 @@ from ...optics.mirrors.pose import MirrorPose
 from ...optics.sensor import Sensor
 from .sensor_model import SensorModel
 
-GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis; light at the outline is at grazing incidence
+GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis: grazing incidence
 MOST_PX = 1e9
 SMALLEST = 1e-6  # radians; minimum angular radius of a ball
 PITCH_UM = 5.0  # arbitrary: an image determines only angles
@@ -80,7 +80,7 @@ def mirror_ball_model(
         across[0] = -across[0]
     off = float(np.hypot(*across))
     far, near = np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px)
-    delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; off the axis its outline is elongated
+    delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > SMALLEST:
         raise InvalidParameter(
             f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"

@@ -43,7 +43,7 @@ def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tu
         moving = np.zeros((len(points), 2, len(places)))
         for image, by_place in zip(images, by_held, strict=True):
             d = image.d_points
-            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # perpendicular to the ray
+            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # across the ray
             turning += by_place @ inverse
             moving += by_place @ inverse @ image.d_parameters
         by_target = -across / np.linalg.norm(points, axis=1)[:, None, None] if distant else -across

@@ -112,7 +112,7 @@ def _way(sensor: Sensor, pupils: Ends, targets: Ends, found: Specular, direction
     surface = Surface(sensor.mirror, found.points[:, :2])
     from_pupil, by_pupil, pupil_on_point = _pull(pupils, surface.points)
     from_target, by_target, target_on_point = _pull(targets, surface.points)
-    if directions is not None:  # directions of any length: the rotation is inversely proportional to it
+    if directions is not None:  # of any length, inversely proportional to the rotation
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
     along = surface.tangents
     pull = from_pupil + from_target

@@ -78,7 +78,7 @@ class SensorModel(CameraModel):
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
         self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
-        if self.sensor.housing.shell is not None:  # it is constant while the sensor's parameters change
+        if self.sensor.housing.shell is not None:  # constant during an estimation
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
         free = asked if asked is not None else USUAL if known is None else known.names

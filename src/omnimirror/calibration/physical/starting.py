@@ -246,7 +246,7 @@ def fitted(model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...
     def compared(other: Model) -> tuple[Array, Array]:
         image = other.image(directions, distant=True)
         off, rates = image.pixels - pixels, image.d_parameters
-        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(off**2, axis=1)), 0.0)[:, None]  # robust weights
+        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(off**2, axis=1)), 0.0)[:, None]  # robust
         off, rates = np.where(image.valid[:, None], off, 0.0), np.where(image.valid[:, None, None], rates, 0.0)
         at = np.array([p.value for p in other.parameters])
         error = np.concatenate([(weight * off).ravel(), rows @ at - means.sum(axis=1)])

@@ -20,7 +20,7 @@ MADE_UP = 0.5
 """Relative standard deviation of arbitrary initial values."""
 OFF_AXIS = 0.05
 """Standard deviation of the optical axis from the image centre, relative to the image width."""
-ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: conic constant; sag of terms at the rim, in rim radii
+ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: conic; sag of terms at the rim, rim radii
 
 
 class ParameterPrior(NamedTuple):

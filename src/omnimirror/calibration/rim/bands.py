@@ -30,7 +30,7 @@ RINGS = (
 )  # fmt: skip
 """Fractions of the radius between which another ring is searched."""
 SIDES = ((0.94, 0.97), (0.965, 0.985), (0.86, 0.89), (1.03, 1.06), (1.015, 1.035), (1.1, 1.13))
-ALIKE = ((0, 3), (1, 4), (0, 2), (3, 5))  # pairs of sides: across the ring at two distances, inside, and outside
+ALIKE = ((0, 3), (1, 4), (0, 2), (3, 5))  # pairs of sides: across at two distances, inside, outside
 CALM, FAINT, FAINT_LEVELS = 0.03, 0.004, 2.0
 LEAST_TURNS = 5  # minimum number of samples around the ring for a mean
 

@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
-SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # for circles from voting, which neighbouring edges displace
-FAMILIES, FINER_FAMILIES = 10, 3  # number of best rings around whose centres other rings are searched
+SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # for voted circles, displaced by other edges
+FAMILIES, FINER_FAMILIES = 10, 3  # number of rings around which concentric rings are searched
 PROFILE_PX = 0.5
-BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # fractions of a ring's radius for the search of other rings
+BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # fractions of a ring's radius for that search
 SAME_FINER, SAME_FIT = 0.003, 0.0005
-SAME_FAMILY = 0.01  # fraction of the radius between centres of distinct rings in the search of concentric ones
+SAME_FAMILY = 0.01  # fraction of the radius between centres of distinct families
 SAME_START = 0.005  # fraction of the radius within which a search leads to a known ring
 LEAST_FINER = 1.2  # minimum scale at which a finer image adds information
 LEAST_SHARE = 0.3  # minimum fraction of the circumference with edges for a concentric ring
@@ -43,7 +43,7 @@ def rings(working: Working, edges: EdgePoints) -> list[Ring]:
         laid = [laid_through(edges, circle, REACHES_PX)]
         moved = shifted(edges.among(_along(edges, circle)), circle, SHIFT)
         laid.append(laid_through(edges, moved, MOVED_PX))
-        if not any(circle.is_near(one, SAME_RING) for one in laid):  # if neighbouring edges displaced both
+        if not any(circle.is_near(one, SAME_RING) for one in laid):  # both displaced by other edges
             laid.append(laid_through(edges, circle, NARROW_PX))
         for one in laid:
             _add(found, working, edges, one)

@@ -20,7 +20,7 @@ STEP_SHARE = 0.0125
 SHARES = np.round(np.arange(0.05, 1.44, STEP_SHARE), 4)  # sampled fractions of the radius
 LEAST_SUPPORT = 0.35
 SAME_RING = 0.012  # relative; closer rings are merged
-FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # maximum differences of centre and shape among the frames of a mirror
+FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # maximum differences of centre and shape in a frame
 SHARES32 = SHARES.astype(np.float32)
 CALM = 0.03  # maximum texture of a calm part
 FAINT = 0.004  # negligible texture
@@ -229,7 +229,7 @@ def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], N
 
 def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float) -> Array:
     """Return the texture around a ring for each part and fraction of the radius."""
-    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px from previous to next sample
+    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px, previous to next sample
     steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
     least = max(LEAST_STEP / 2, 2.5 * noise)
     counted = np.clip((steps - least) / max(USUAL_STEP - least, least), 0, 1) * inside

@@ -141,7 +141,7 @@ def _noise(smooth: Image) -> float:
         return 0.0
     rows = smooth[2:-2:NOISE_ROWS]
     second = rows[:, 4:] - 2 * rows[:, 2:-2] + rows[:, :-4]
-    deviation = float(np.median(np.abs(second), axis=(0, 1)).max()) / 0.6745  # robust standard deviation
+    deviation = float(np.median(np.abs(second), axis=(0, 1)).max()) / 0.6745  # robust estimate
     return deviation / float(np.sqrt(6)) / 2
 
 

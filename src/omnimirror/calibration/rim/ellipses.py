@@ -240,7 +240,7 @@ def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: 
     if used.sum() < 2 * PARAMETERS:
         return None
     weight = used * edges.weights / (1 + (residual / reach) ** 2)
-    total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions, independent of the density of edges
+    total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions
     weight = weight / np.maximum(total, 0.5)[sector]
     c, s = circle[:, 0] / length, circle[:, 1] / length
     columns = np.stack([out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1)

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 STRETCH = 0.04  # maximum difference of the shapes of rings in a family
 SHARES = ((0.2, 0.5), (0.5, 0.8), (0.8, 0.93), (0.93, 0.988), (1.012, 1.06), (1.06, 1.2), (1.2, 1.6))
 """Fractions of the ring's radius between which the clearest other ring is searched."""
-WITHIN, ABOUT = (0.6, 0.988), (1.012, 1.5)  # fractions of the ring's radius for the search of the next ring
+WITHIN, ABOUT = (0.6, 0.988), (1.012, 1.5)  # fractions of the radius for the next ring
 LEAST, CLEAR, NEXT = 0.4, 0.7, 0.55  # fraction of the circumference with a close edge
 
 

@@ -25,9 +25,9 @@ Picture = NDArray[Any]
 
 SURE = 0.6
 """Minimum confidence of an accepted rim."""
-OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions at which the outline must be found
-SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # tolerance between them: fraction of the radius, and working pixels
-SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # fractions of the radius: inner rings that may be the mirror
+OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
+SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # tolerance between them: fraction of the radius, working px
+SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
 MOST_CANDIDATES = 3
 SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
 CLOSE_ODDS = 4.0  # log odds below the best one for alternatives of the same rim

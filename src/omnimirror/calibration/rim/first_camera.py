@@ -21,7 +21,7 @@ FirstCamera: TypeAlias = Sensor | MirrorBall
 
 LEAST_DIFFERENCE_PX = 0.4
 """Difference of the semi-axes below which an ellipse is treated as a circle."""
-FARTHEST_BESIDE = 0.25  # fraction of the radius; a larger offset of the mirror from the axis indicates a crop
+FARTHEST_BESIDE = 0.25  # fraction of the radius; a larger offset from the axis indicates a crop
 RIM_POINTS = 24
 OWN_IMAGE = 0.02  # fraction of the rim's radius; accuracy of the camera's own image
 SAME_ASPECT = 0.01  # tolerance of the aspect ratios of image and imager without a crop

@@ -14,9 +14,9 @@ from .votes import circles_between
 LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
 LEAST_PX = 5.0
 RADIUS_STEP = 1.06
-OFFSET, VOTED_OFFSET = 0.12, 0.15  # fractions of the rim's radius; maximum offsets of disc and circle
+OFFSET, VOTED_OFFSET = 0.12, 0.15  # fractions of the rim's radius, for disc and circle
 TRIED = 20  # circles
-SUPPORT, CALM = 0.45, 0.4  # fraction of the circumference with an edge; ratio of texture inside and outside
+SUPPORT, CALM = 0.45, 0.4  # fraction of the circumference with an edge; ratio of texture
 BUSY = 0.08  # texture of a scene
 STRETCH_COST = 4.0  # fraction of the circumference that a stretch must gain
 REACHES_PX = (2.0, 1.2)

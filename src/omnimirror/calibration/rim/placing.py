@@ -16,7 +16,7 @@ EDGE_PX = 1.5  # working pixels; minimum distance of profiles from the image bou
 SAMPLES = 4  # maximum number per working pixel
 SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # search range for a rim next to another edge
 REACHES_PX = (0.8, 0.4)
-CLEAR = 0.5  # fraction of the circumference above which the initial ring is accepted without a search
+CLEAR = 0.5  # fraction of the circumference above which no search is needed
 CLOSE_PX, BESIDE_PX = 0.4, 1.5
 STRETCH_COST = 8.0  # fraction of the circumference that a stretch must gain: most rims are round
 LEAN = 0.08  # slope of an edge relative to the ring, caused by noise
@@ -100,7 +100,7 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
     at = away[place + 1] + offset * step
     edge = on[which] + at[:, None] * out[which]
-    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # a stronger edge farther away may belong to a frame
+    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # an outer frame may be stronger
     most = np.zeros(PROFILES)
     np.maximum.at(most, which, clear)
     weights = (clear / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)

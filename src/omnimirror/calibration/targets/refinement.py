@@ -109,6 +109,6 @@ def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *,
             return replace(detection, ids=ids[:0], corners_px=pixels[:0], reason="its corners are too faint to measure")
     sigma, blur = np.hypot(fit.sigma_px[good], MODEL_PX), float(np.median(fit.blur_px[good]))
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)
-    side = maps.spacing()[good]  # large blur relative to a square shifts neighbouring corners by the same amount
+    side = maps.spacing()[good]  # large blur shifts neighbouring corners equally
     sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[good] / side) ** 4)
     return replace(detection, ids=ids, corners_px=pixels, sigma_px=sigma, blur_px=blur)

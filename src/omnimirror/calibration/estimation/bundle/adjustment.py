@@ -262,7 +262,7 @@ def _told(
 ) -> Adjustment:
     found = linearised(estimate, question.stack)
     moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
-    if question.stack.marks is not None:  # the sightings hold the positions of the marks on their planes
+    if question.stack.marks is not None:  # sightings hold the positions of the marks
         at = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack)
         moved = tuple(replace(s, points=at[where]) for s, where in zip(moved, question.stack.slices, strict=True))
     return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)

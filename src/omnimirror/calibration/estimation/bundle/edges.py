@@ -24,9 +24,9 @@ from ...lines.marked import LEAST_POINTS
 Array = NDArray[np.float64]
 
 FEWEST = 3  # minimum number of edges
-INDEPENDENT = 4  # independent values per edge that is not exactly straight, whatever its number of points
+INDEPENDENT = 4  # independent values per edge, whatever its number of points
 LEAST_NOISE_PX = 0.05
-OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: multiple of median, min and max
+OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
 NOTHING = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
 
 

@@ -16,7 +16,7 @@ from .observations import Stack
 
 Array = NDArray[np.float64]
 
-MOST_PRODUCTS = 1 << 16  # maximum multiplications per matrix product; above it OpenBLAS starts threads
+MOST_PRODUCTS = 1 << 16  # multiplications per product; OpenBLAS starts threads above
 FEWEST_ROWS = 32  # minimum rows per product; for wide matrices threads pay off
 
 

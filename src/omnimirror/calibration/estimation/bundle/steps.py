@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 SETTLED = 1e-7  # relative decrease that ends the iteration
 MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10
-STIFFNESS = 1e-6  # undetermined parameters move by less than their scale in a step; others are unaffected
+STIFFNESS = 1e-6  # undetermined parameters move by less than their scale in a step
 LEAST_NOISE_PX = 1e-6
 PROBE = 0.1  # fraction of the step used to measure the second derivative
 STRAIGHT_STEPS = 4  # number of steps before acceleration
@@ -136,7 +136,7 @@ def least(
 
 
 def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
-    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: observed points must be visible
+    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: points must be visible
     known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
     total = question.loss.sum(found.residuals) + unseen + known
     return total if np.isfinite(total) else np.inf

@@ -23,7 +23,7 @@ from ..bundle.observations import Motion, Sighting
 Array = NDArray[np.float64]
 
 RINGS, SPOKES = 40, 24  # directions for the comparison of models
-AGREEMENT_PX = 3.0  # typical parallax error at infinity of models fitted to near boards; weights the priors
+AGREEMENT_PX = 3.0  # typical parallax error of models fitted to near boards; weights priors
 SHIFTS_MM = np.concatenate([-np.geomspace(600, 5, 20), [0.0], np.geomspace(5, 600, 20)])
 """Trial shifts of boards along the axis when a model with another viewpoint takes over."""
 

@@ -102,7 +102,7 @@ KINDS: dict[str, Maker] = {
     "sensor": _mirror,
 }
 """Constructors by name in files and on the command line; the physical mirror sensor is last."""
-RIM_MM, FARTHER = 40.0, 6.0  # rim radius of an unknown mirror; distance in rim radii (most mirrors: 3 to 5)
+RIM_MM, FARTHER = 40.0, 6.0  # unknown mirror: rim radius; distance in rim radii (usual: 3 to 5)
 SOME = 300  # number of corners for the size estimate
 JUDGES = ("unified", "radial-spline", "viewpoint-spline")
 """Reference models for outlier rejection.

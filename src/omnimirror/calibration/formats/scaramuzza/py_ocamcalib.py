@@ -41,7 +41,7 @@ def write(camera: OCam, name: str = "") -> str:
     """Return the text of a calibration file, without poses."""
     taylor = taylor_of(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
-    scale = 1.0 / taylor.stretch[0, 0]  # from this package's symmetric image to that of py-OCamCalib
+    scale = 1.0 / taylor.stretch[0, 0]  # to the symmetric image of py-OCamCalib
     values = {
         "camera_name": name or "camera",
         "taylor_coefficient": taylor.coefficients.tolist(),

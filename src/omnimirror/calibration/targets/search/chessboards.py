@@ -236,7 +236,7 @@ def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | 
     corner = np.array([(columns - width) // 2, (rows - height) // 2])
     places = places + corner
     first = part.polarity * (1 - 2 * (int(part.places[0].sum() + places[0].sum() + is_turned) % 2))
-    if first > 0 and not board.is_symmetric:  # a rotation of the board by 180 deg puts the black square first
+    if first > 0 and not board.is_symmetric:  # black square first
         places = np.array([columns - 1, rows - 1]) - places
     ids = places[:, 1] * columns + places[:, 0]
     order = np.argsort(ids)

@@ -48,7 +48,7 @@ CONTRAST_OF_OUTLINE = (0.25, 0.66)
 OUTLINED = 0.5
 """Minimum fraction of the places beyond each side of a framed board that show its outline."""
 MOST_RINGS = 60
-ASTRAY = (0.2, 0.6)  # in squares, plus px; corners farther from their predicted position are removed
+ASTRAY = (0.2, 0.6)  # in squares, plus px; maximum distance from the prediction
 
 
 CHECKER = CornerWindow()

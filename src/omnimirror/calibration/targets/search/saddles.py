@@ -29,10 +29,10 @@ BLUR_PRIOR = (0.9, 0.6)  # px, and standard deviation of its logarithm
 PIXEL_VARIANCE = 1 / 12
 """Variance of the pixel aperture, px^2; it limits the localisation of sharper edges."""
 STEPS = 12
-SIZES = (3, 4, 5, 7, 9, 11, 14)  # window sizes, px from the centre; corners with similar windows are fitted together
+SIZES = (3, 4, 5, 7, 9, 11, 14)  # window sizes, px from the centre; one fit per size
 MARGIN_PX = 1.5  # range of blur from structures next to the edges
 CLOSE_PX = 2e-3
-CLOSE_BLUR = 0.02  # relative to the median blur; blur converges more slowly than position in dark images
+CLOSE_BLUR = 0.02  # relative to the median blur; convergence is slow in dark images
 AT_ONCE = 400_000  # pixels
 
 

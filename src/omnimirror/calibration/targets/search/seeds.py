@@ -17,7 +17,7 @@ BLUR_PX = 1.5  # of the derivatives
 MOST = 1500  # maximum number of corner candidates
 LEAST_RESPONSE = 0.02  # relative to the strong responses
 RING_PX = 4.5
-LEAST_RING = 0.6  # minimum correlation of the ring around a corner with two white and two black quarters
+LEAST_RING = 0.6  # minimum correlation of the ring with four alternating quarters
 MOST_SEEDS = 200
 LEAST_OF_SEED = 7  # minimum number of the nine corners that the image confirms
 
