@@ -72,7 +72,7 @@ class Helpers:
         return results  # type: ignore[return-value]
 
     def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
-        """Yield results as they are completed, each with its index."""
+        """Yield each result with its index, in order of completion."""
         waiting, done = deque(enumerate(jobs)), SimpleQueue[_Done[T]]()
         for helper in self._enough(min(len(jobs), usable_cores()) - 1):
             Thread(target=_take, args=(helper, function, waiting, done), daemon=True).start()

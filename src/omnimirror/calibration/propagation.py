@@ -45,7 +45,7 @@ def direction_uncertainty(
     pixels : (n, 2)
         Pixels (u, v), integers at their centres.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     field_deg : deg, optional
         Maximum field angle from the viewing direction at the image centre; by default the
         calibrated field, if known.
@@ -62,7 +62,7 @@ def direction_uncertainty(
 
     Examples
     --------
-    A focal length known to 0.1 %: off the axis, the error of directions grows with how fast they turn.
+    Focal length with an uncertainty of 0.1 %: the error of directions grows off the axis.
 
     >>> import omnimirror as om
     >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
@@ -99,7 +99,7 @@ def floor_uncertainty(
         Height of the world origin (for a sensor, the mirror vertex) above the floor; negative for a
         ceiling.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     field_deg : deg, optional
         Maximum field angle from the viewing direction at the image centre; by default the
         calibrated field, if known.
@@ -191,7 +191,7 @@ def uncertainty_map(
     height_mm
         Height of the camera above the floor; None for directions.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     steps
         Number of grid points along the longer side of the image.
     field_deg : deg, optional

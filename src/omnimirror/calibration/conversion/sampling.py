@@ -89,7 +89,7 @@ class Sample:
         Raises
         ------
         InvalidParameter
-            If the camera sees nothing there.
+            If no pixel of the camera is there.
         """
         given = {"inner_deg": inner_deg, "field_deg": field_deg}
         limits = [f"{name} = {value:g}" for name, value in given.items() if value is not None]

@@ -136,7 +136,7 @@ def calibrate_camera(
 
     Examples
     --------
-    Boards as a unified camera would see them:
+    Simulated boards in images of a unified camera:
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified

@@ -208,7 +208,7 @@ def _all_climbed(
 def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
     """Return initial models of a kind, including mirror sizes estimated from fitted viewpoints.
 
-    An unknown mirror has several initial values: if the images hardly determine its distance, the
+    An unknown mirror has several initial values: if the images determine its distance poorly, the
     sum of squares has several valleys, and only one contains the global minimum.
     """
     usual, wandering = begun_as(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)

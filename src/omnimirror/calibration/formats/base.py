@@ -252,7 +252,7 @@ class Layout:
         Function that returns the content of a file for a camera and its name.
     places : optional
         Names of supported parameters; None: all. The others must have no effect, which is the value
-        0 except for a stretch (:data:`ALIKE`), apart from rounding.
+        0 except for a stretch (:data:`ALIKE`) except for rounding.
     reach_deg : deg
         Field angle below which programs that read the file project points, independent of the
         formula.

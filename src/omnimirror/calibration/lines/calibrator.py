@@ -68,7 +68,7 @@ class LineCalibration:
 
     Examples
     --------
-    The grid of a window, straight in front of a camera of 90 deg and looking ahead:
+    Grid of a window in front of a horizontal camera with a field of 90 deg:
 
     >>> import omnimirror as om
     >>> picture = np.full((400, 400), 90, np.uint8)
@@ -94,7 +94,8 @@ class LineCalibration:
         Returns
         -------
         dict
-            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures`` (edges, used, level).
+            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures``
+            (edges, used, level).
         """
         known = self.camera.uncertainty
         sigmas = {} if known is None else {k: float(v) for k, v in known.sigmas.items()}

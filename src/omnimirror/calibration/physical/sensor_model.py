@@ -50,7 +50,7 @@ class SensorModel(CameraModel):
         otherwise focal length, distance, decentre and tilt.
     priors
         Prior knowledge of free parameters from the drawing: name, value, standard deviation. By
-        default typical workshop tolerances for parameters that images hardly determine.
+        default typical workshop tolerances for parameters that images determine poorly.
 
     Raises
     ------

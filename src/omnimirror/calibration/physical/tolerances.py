@@ -80,7 +80,7 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
-    """Return typical workshop tolerances of parameters that images alone hardly determine.
+    """Return typical workshop tolerances of parameters that images alone determine poorly.
 
     They are 5 % for focal length and distance, 1 % of the image width for the optical axis, and 3 %
     of its radius and 3 deg for the pose of the mirror. Shape and distortion have no priors.

@@ -269,7 +269,7 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
 
     Examples
     --------
-    A mirror under a bright sky, on black:
+    Mirror under a bright sky, on a black background:
 
     >>> import omnimirror as om
     >>> v, u = np.mgrid[:240, :320]

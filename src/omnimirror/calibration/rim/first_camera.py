@@ -217,7 +217,8 @@ def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
 
     Examples
     --------
-    An ellipse that is 2 % flatter than a circle is seen of a mirror tilted by about 11 deg, to one side or the other:
+    An ellipse with axes that differ by 2 % is the rim of a mirror tilted by about 11 deg to either
+    side:
 
     >>> import omnimirror as om
     >>> rim = FoundRim((511.5, 511.5), (500.0, 490.0), 90.0, 0.99, (1024, 1024))

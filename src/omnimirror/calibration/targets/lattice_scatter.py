@@ -1,7 +1,7 @@
 """Scatter of a board's corners around a smooth mapping: scale of their standard deviations.
 
 The pixel residuals of a corner fit are a poor measure of the corner error. Compression,
-saturation, sharpening and filtered noise are correlated between pixels and hardly contribute to
+saturation, sharpening and filtered noise are correlated between pixels and contribute little to
 them, whereas the shape of motion blur or defocus contributes but does not shift the corner. Any
 camera maps a board smoothly: the error of a corner is its deviation from its neighbours.
 Therefore corners are fitted by polynomials of their board positions, and the standard deviations

@@ -200,7 +200,7 @@ def adjust(
 
     Examples
     --------
-    A camera from points of a room that was surveyed:
+    Camera from surveyed points of a room:
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified

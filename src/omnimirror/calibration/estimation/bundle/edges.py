@@ -1,6 +1,6 @@
 """Straight edges as additional observations of a bundle adjustment.
 
-An edge has no target pose: it lies in a plane through the viewpoint, which is fitted for each
+An edge has no target pose: it is in a plane through the viewpoint, which is fitted for each
 trial (:mod:`omnimirror.calibration.lines.fitting`). Near a camera, the contribution of edges is
 therefore a quadratic form in its parameters. It is added to the normal equations like a prior and
 relinearised at each solution until convergence to the minimum of the total sum.
