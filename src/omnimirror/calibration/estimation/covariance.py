@@ -61,7 +61,8 @@ class FreeCombination(NamedTuple):
     units: tuple[str, ...]
 
     def __str__(self) -> str:
-        """
+        """Return the combination in words.
+
         >>> str(FreeCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
         'lens.focal_length_mm larger by 3.8 mm with xi smaller by 1200'
         """
