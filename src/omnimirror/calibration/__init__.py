@@ -1,1 +1,1 @@
-"""A built sensor measured from its own pictures: rim, targets, estimation, files of other programs."""
+"""Calibration of cameras and mirror sensors from images, and camera files."""

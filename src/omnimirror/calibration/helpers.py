@@ -1,7 +1,8 @@
-"""Other processes that compute beside this one, where Python itself takes the time and threads would wait for another.
+"""Worker processes for computations that are limited by the Python interpreter lock.
 
-They are begun by themselves and not by :mod:`multiprocessing`: what forks must not have threads, and what spawns runs
-again whatever script asked, unless that is guarded. A helper reads jobs from its input and writes what came out.
+They are started directly rather than with :mod:`multiprocessing`, because forking requires a
+process without threads, and spawning runs an unguarded main script again. A worker reads jobs
+from its input and writes the results.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from typing import IO, Any, Generic, Self, TypeVar
 from ..base.native import usable_cores
 
 T = TypeVar("T")
-MOST = 7  # helpers, of some 100 MB each
+MOST = 7  # workers, about 100 MB each
 
 
 class Helpers:
-    """Processes that share jobs with this one; begun when there are jobs, as many as cores are free at most.
+    """Pool of worker processes, started on demand, up to the number of free cores.
 
     Examples
     --------
@@ -44,26 +45,26 @@ class Helpers:
         self._end()
 
     def _end(self) -> None:
-        """End all, whatever they are at."""
+        """Terminate all workers."""
         for helper in self._begun:
             helper.kill()
             helper.wait()
             for stream in (helper.stdin, helper.stdout):
-                with suppress(OSError):  # what it was told last may not have reached it
+                with suppress(OSError):  # the last message may be undelivered
                     stream.close()  # type: ignore[union-attr]
         self._begun = []
 
     def begin(self) -> None:
-        """Have them ready for jobs that will come, while this process does something else."""
+        """Start workers in advance, while this process continues."""
         self._enough(usable_cores() - 1)
 
     def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
-        """What a function of a module gives for each of its arguments, in their order.
+        """Apply a module-level function to each set of arguments and return the results in order.
 
         Raises
         ------
         Exception
-            What one of them raised.
+            Exception raised by one of the calls.
         """
         results: list[T | None] = [None] * len(jobs)
         for number, found in self.each(function, jobs):
@@ -71,7 +72,7 @@ class Helpers:
         return results  # type: ignore[return-value]
 
     def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
-        """The same one by one, as they are done, each with its number."""
+        """Yield each result with its index, in order of completion."""
         waiting, done = deque(enumerate(jobs)), SimpleQueue[_Done[T]]()
         for helper in self._enough(min(len(jobs), usable_cores()) - 1):
             Thread(target=_take, args=(helper, function, waiting, done), daemon=True).start()
@@ -80,7 +81,7 @@ class Helpers:
             while left:
                 try:
                     number, job = waiting.popleft()
-                except IndexError:  # helpers have the last ones in hand
+                except IndexError:  # the last jobs are with the workers
                     finished = [done.get()]
                 else:
                     finished = [_Done(number, function(*job))]
@@ -94,14 +95,14 @@ class Helpers:
                         yield one.number, one.found  # type: ignore[misc]
         finally:
             waiting.clear()
-            if left:  # broken off: what helpers still have in hand nobody waits for
+            if left:  # interrupted: discard the jobs of the workers
                 self._end()
 
     def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
-        """So many helpers that live, if they can be had."""
+        """Return up to ``count`` running workers."""
         count = min(count, MOST)
         self._begun = [helper for helper in self._begun if helper.poll() is None]
-        with suppress(OSError):  # no more processes, or no interpreter to be named: then without
+        with suppress(OSError):  # process limit reached or no interpreter: continue without
             while len(self._begun) < count and sys.executable:
                 self._begun.append(_one_more())
         return self._begun[: max(count, 0)]
@@ -109,16 +110,16 @@ class Helpers:
 
 @dataclass(frozen=True)
 class _Done(Generic[T]):
-    """What came of a job."""
+    """Result of a job."""
 
     number: int | None = None
-    """none: a helper has died, and there may be jobs to do"""
+    """None: a worker died, and its jobs may be pending."""
     found: T | None = None
     failure: Exception | None = None
 
 
 class _Dead(Exception):
-    """A helper has ended, or cannot be told the job."""
+    """Failure of a worker process."""
 
 
 def _take(
@@ -127,7 +128,10 @@ def _take(
     waiting: deque[tuple[int, Any]],
     done: SimpleQueue[_Done[T]],
 ) -> None:
-    """Have a helper do jobs until none waits; what it had in hand when it died waits again, which is told."""
+    """Process jobs with a worker until none is pending.
+
+    The job of a dead worker returns to the queue.
+    """
     while True:
         try:
             number, job = waiting.popleft()
@@ -143,7 +147,7 @@ def _take(
 
 
 def _one_more() -> subprocess.Popen[bytes]:
-    """A process that waits for jobs, finds modules as this one does, and does not hear Ctrl-C."""
+    """Start a worker with the same module search path and without Ctrl-C handling."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     where = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return subprocess.Popen(
@@ -157,7 +161,7 @@ def _asked(helper: subprocess.Popen[bytes], function: Callable[..., Any], job: t
     assert helper.stdout is not None
     try:
         message = pickle.dumps((function, job))
-    except Exception as e:  # of a class that has no name elsewhere, say
+    except Exception as e:  # for example, a class without a module-level name
         raise _Dead from e
     try:
         helper.stdin.write(len(message).to_bytes(8, "little") + message)
@@ -178,13 +182,13 @@ def _message(stream: IO[bytes]) -> bytes:
 
 
 def _serve() -> None:
-    """Do jobs until nobody asks any more."""
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what a job prints is no answer
+    """Process jobs until the input ends."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output out of results
     with suppress(BrokenPipeError):
         while True:
             try:
                 function, job = pickle.loads(_message(sys.stdin.buffer))
-            except Exception:  # no more jobs, or one of a script's own class: whoever asked does it
+            except Exception:  # end of input, or unknown class: the parent computes the job
                 return
             try:
                 message = pickle.dumps((function(*job), None))

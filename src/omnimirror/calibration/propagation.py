@@ -1,4 +1,4 @@
-"""Propagation of a calibration's covariance to directions and to points of a floor."""
+"""Propagation of a calibration's covariance to directions and to points on a floor."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .physical import SensorModel
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 2000  # of a map, whose rows are computed at once
-HIGHEST_MM = 1e9  # of a camera over a floor
-FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every purpose
+MOST_STEPS = 2000  # of a map, whose rows are computed together
+HIGHEST_MM = 1e9  # of a camera above a floor
+FARTHEST_FLOOR = 100.0  # multiple of the height; rays beyond are treated as horizontal
 
 
 @checked
@@ -33,35 +33,36 @@ def direction_uncertainty(
     covariance: ArrayLike | Uncertainty | None = None,
     field_deg: float | None = None,
 ) -> Array:
-    """Return the standard deviation (n,) in deg of the directions that pixels see, along the larger axis.
+    """Return the standard deviation (n,) in deg of the directions of pixels, along the larger axis.
 
-    Formula: :func:`omnimirror.cameras.models.spread.direction_spread`. The orientation of the camera in the world, its
-    mount, is taken as exact.
+    Formula: :func:`omnimirror.cameras.models.spread.direction_spread`. The orientation of the
+    camera in the world, its mount, is assumed exact.
 
     Parameters
     ----------
     camera
-        A calibrated sensor, or a camera model.
+        Calibrated sensor or camera model.
     pixels : (n, 2)
         Pixels (u, v), integers at their centres.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     field_deg : deg, optional
-        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
 
     Returns
     -------
     (n,) array
-        Degrees; NaN where a pixel sees nothing, and outside of the field.
+        Standard deviation in deg; NaN for pixels outside the image field or the calibrated field.
 
     Raises
     ------
     InvalidParameter
-        There is no covariance, or one of other parameters.
+        If there is no covariance, or its parameters differ.
 
     Examples
     --------
-    A focal length known to 0.1 %: off the axis, the error of directions grows with how fast they turn.
+    Focal length with an uncertainty of 0.1 %: the error of directions grows off the axis.
 
     >>> import omnimirror as om
     >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
@@ -86,30 +87,33 @@ def floor_uncertainty(
     covariance: ArrayLike | Uncertainty | None = None,
     field_deg: float | None = None,
 ) -> Array:
-    """Return the standard deviation (n,) in mm of the points of a level floor that pixels see, along the larger axis.
+    """Return the standard deviation (n,) in mm of floor points along the larger axis.
 
     Parameters
     ----------
     camera
-        A calibrated sensor, or a camera model.
+        Calibrated sensor or camera model.
     pixels : (n, 2)
         Pixels (u, v), integers at their centres.
     height_mm
-        Height of the world's origin, a sensor's mirror vertex, over the floor; below 0 for a ceiling.
+        Height of the world origin (for a sensor, the mirror vertex) above the floor; negative for a
+        ceiling.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     field_deg : deg, optional
-        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
 
     Returns
     -------
     (n,) array
-        Millimetres; NaN where a pixel sees no floor, or one farther away than 100 heights, and outside of the field.
+        Standard deviation in mm; NaN for pixels that do not see the floor within 100 heights, and
+        outside the field.
 
     Raises
     ------
     InvalidParameter
-        There is no covariance, or one of other parameters.
+        If there is no covariance, or its parameters differ.
 
     Examples
     --------
@@ -127,27 +131,27 @@ def floor_uncertainty(
     along = _to_floor(rays, height)
     points = rays.origins + along[:, None] * rays.directions
     world = model.mount.rotation()
-    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # the world's x and y in the camera frame
+    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
     sigma = larger_sigma(spread_at(model, known.covariance, turned(points, world), level, distant=False))
     return np.where(within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan)
 
 
 @dataclass(frozen=True)
 class UncertaintyMap:
-    """Errors over the image, on a grid of pixels.
+    """Standard deviations over the image, on a grid of pixels.
 
     Parameters
     ----------
     columns, rows
         Coordinates of the grid, px.
     sigma
-        Standard deviations (rows, columns); NaN where nothing is seen, and outside of the field.
+        Standard deviations (rows, columns); NaN outside the image field and the calibrated field.
     unit
         ``"deg"`` or ``"mm"``.
     field_deg
-        Field angle (deg) that the map is restricted to; None where it is not restricted.
+        Field angle (deg) to which the map is restricted; None without restriction.
     is_restricted
-        Whether pixels see something outside of that field, of which the map says nothing.
+        Whether the image extends beyond that field.
     """
 
     columns: Array
@@ -158,7 +162,7 @@ class UncertaintyMap:
     is_restricted: bool = False
 
     def summary(self) -> dict[str, float]:
-        """Return the median, the 95th percentile and the largest of all finite values."""
+        """Return the median, the 95th percentile and the maximum of all finite values."""
         seen = self.sigma[np.isfinite(self.sigma)]
         if not seen.size:
             return {}
@@ -178,30 +182,31 @@ def uncertainty_map(
     steps: int = 96,
     field_deg: float | None = None,
 ) -> UncertaintyMap:
-    """Compute the errors of directions, or of points on a floor, over the whole image.
+    """Compute the standard deviations of directions, or of points on a floor, over the whole image.
 
     Parameters
     ----------
     camera
-        A calibrated sensor, or a camera model.
+        Calibrated sensor or camera model.
     height_mm
-        Height of the camera over the floor; without it the errors are those of directions.
+        Height of the camera above the floor; None for directions.
     covariance
-        Covariance of the camera's parameters (n, n), in their order; by default that of the camera's file.
+        Covariance of the camera's parameters (n, n), in their order; by default that in its file.
     steps
         Number of grid points along the longer side of the image.
     field_deg : deg, optional
-        Largest field angle from what the centre of the image sees; by default the calibrated field, if it is known.
+        Maximum field angle from the viewing direction at the image centre; by default the
+        calibrated field, if known.
 
     Returns
     -------
     UncertaintyMap
-        On its grid.
+        Standard deviations on a grid.
 
     Raises
     ------
     InvalidParameter
-        There is no covariance, or one of other parameters.
+        If there is no covariance, or its parameters differ.
 
     Examples
     --------
@@ -228,21 +233,21 @@ def uncertainty_map(
 
 
 def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
-    """Return the largest field angle (deg) that pixels (n, 2) see: the calibrated field of what was measured there."""
+    """Return the calibrated field of measured pixels (n, 2): their maximum field angle (deg)."""
     rays = model.backproject(pixels)
     directions = turned(rays.directions[rays.valid], model.mount.rotation())
     return float(field_angles(model, directions).max()) if len(directions) else None
 
 
 def _to_floor(rays: Rays, height_mm: float) -> Array:
-    """Return lengths (n,) in mm of rays to a floor; NaN where they do not meet it within 100 heights."""
+    """Return the lengths (n,) in mm of rays to the floor; NaN beyond 100 heights."""
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
         return np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height_mm)), along, np.nan)
 
 
 class _Known(NamedTuple):
-    """A model, the covariance of its parameters, and the field in which it holds."""
+    """Camera model with the covariance of its parameters and its field of validity."""
 
     model: CameraModel
     covariance: Array
@@ -250,7 +255,7 @@ class _Known(NamedTuple):
 
 
 def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None) -> _Known:
-    """Return the model, the covariance of its parameters, and the field: the given one, or the calibrated field."""
+    """Return the model, its covariance, and the given or calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
     given = camera.uncertainty if covariance is None else covariance

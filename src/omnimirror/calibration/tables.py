@@ -1,4 +1,4 @@
-"""Lines of tables that people write, with errors that name file and line."""
+"""Lines of user-written tables, with errors that name file and line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..base.errors import InvalidParameter
 
 
 def cells_of(line: str, place: str) -> list[str]:
-    """The cells of a line."""
+    """Return the cells of a line."""
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as e:
@@ -19,7 +19,7 @@ def cells_of(line: str, place: str) -> list[str]:
 
 
 def number_of(entries: dict[str, str], name: str, place: str) -> float:
-    """A cell that holds a number."""
+    """Return the number in a cell."""
     try:
         value = float_of(entries[name])
     except ValueError:

@@ -1,4 +1,4 @@
-"""From one program's camera file to another's."""
+"""Conversion of camera models between the file formats of different programs."""
 
 from .converter import DISTANCES_MM, Conversion, convert
 from .fitting import Cost

@@ -1,4 +1,4 @@
-"""One call takes a camera from one program's file to another's, and says what that costs."""
+"""Conversion of a camera to another file format, with the error of the conversion."""
 
 from __future__ import annotations
 
@@ -28,32 +28,42 @@ from .flipping import flipped
 from .sampling import Sample, sample
 from .starts import STARTS, round_picture, start
 
-PIXELS = 20_000  # of a lattice over the picture, that costs are counted over
-FITTED = 8  # times fewer enter a fit
-ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
+PIXELS = 20_000  # pixels of the grid for the evaluation of errors
+FITTED = 8  # thinning factor of the grid for the fit
+ENOUGH_PX = 0.02  # a simpler model within this error is preferred to a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 REACH_REMEDY = (
     "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
     "(--rim-radius-px) where the field of the camera ends"
 )
-_Field: TypeAlias = tuple[float | None, float | None]  # of field angles, deg: the largest and the least
+_Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """A camera file that was written, and how true it is.
+    """Written camera file and the error of the conversion.
 
     Attributes
     ----------
     path
-    source : the format that was read; "" where the source was a camera
-    target : what was written, a layout of a format
-    camera : the camera as the file holds it
-    exact : whether the file has the very numbers of the source
-    costs : how far its picture lies from the source's, for points at each distance; of a central camera one row
-    viewpoint_mm : where the origin of the file's frame lies in the camera frame of the source
-    notes : assumptions and contradictions in the source, what the file does not hold, and the direction of its frame
+        Written file.
+    source
+        Format of the source; "" for a camera object.
+    target
+        Written layout of a format.
+    camera
+        Camera as stored in the file.
+    exact
+        Whether the file contains the exact parameters of the source.
+    costs
+        Reprojection error relative to the source for object points at each distance; one entry for
+        a central camera.
+    viewpoint_mm
+        Origin of the file's frame in the camera frame of the source.
+    notes
+        Assumptions and contradictions in the source, information not stored in the file, and the
+        direction of its frame.
     """
 
     path: Path
@@ -67,23 +77,23 @@ class Conversion:
 
     @property
     def rms_px(self) -> float:
-        """Over the field and all distances."""
+        """RMS error over the field and all distances."""
         return float(np.sqrt(np.mean([c.rms_px**2 for c in self.costs]))) if self.costs else 0.0
 
     @property
     def largest_px(self) -> float:
-        """Over the field and all distances."""
+        """Maximum error over the field and all distances."""
         return max((c.largest_px for c in self.costs), default=0.0)
 
 
 class _Made(NamedTuple):
-    """What a target can hold of a camera."""
+    """Camera as a target format stores it."""
 
     target: Target
     found: Fitted
     costs: tuple[Cost, ...]
     is_restricted: bool = False
-    """whether the camera sees more than the field of the fit"""
+    """Whether the camera sees more than the field of the fit."""
 
     @property
     def largest_px(self) -> float:
@@ -107,54 +117,59 @@ def convert(
     field_deg: float | None = None,
     inner_deg: float | None = None,
 ) -> Conversion:
-    """Write a camera as another program's file.
+    """Convert a camera to the file format of another program.
 
-    Where the format holds the camera's model, its numbers are written as they are. Otherwise another model is fitted
-    within the calibrated field, if ``tolerance_px`` allows the error, and the conversion is refused if it does not.
+    If the format supports the camera's model, its parameters are written unchanged. Otherwise
+    another model is fitted within the calibrated field. The conversion fails if the error exceeds
+    ``tolerance_px``.
 
     Parameters
     ----------
     source
-        A camera file of any format, or a camera or sensor.
+        Camera file of any format, or a camera or sensor.
     target
-        The file to write; its name says the format where ``to`` does not: cameras.txt is COLMAP's.
+        Output file; its name selects the format unless ``to`` does (cameras.txt: COLMAP).
     to : optional
-        A format, of ``omnimirror.calibration.formats.FORMATS``, or one of the models that it holds, such as
-        ``"kalibr-ds"``; of a format alone the model that holds the camera, else the one that fits best.
+        Format from ``omnimirror.calibration.formats.FORMATS``, or one of its models, such as
+        ``"kalibr-ds"``. For a format, the model that represents the camera exactly, otherwise the
+        best fit.
     from_ : optional
-        The format of the source where its content does not say.
+        Format of the source, if its content is ambiguous.
     camera
-        Which camera of a rig: its number in the file from 0, or its name.
+        Camera of a rig: its number in the file from 0, or its name.
     optics, mount, rim_radius_px, image_size
-        What files of other programs do not say: whether the camera looks at a mirror, how it stands, where its field
-        ends (px), and, of some, how large the picture is (px).
+        Information that files of other programs do not contain: type of optics, orientation of the
+        camera, boundary of its field (px), and for some the image size (px).
     flip
-        Write the camera of the picture reversed left to right. A mirror's frame in the file is right-handed then.
+        Write the camera of the image flipped left to right; the frame of a mirror is then
+        right-handed.
     tolerance_px : px, optional
-        The largest distance between the pixels of one point, over the whole field, that a fitted model may cost.
+        Maximum reprojection error of a fitted model over the whole field.
     distance_mm
-        Where the points of a camera without a single viewpoint are, from its origin; each counts the same.
+        Distances of object points from the origin of a camera without a single viewpoint, with
+        equal weights.
     field_deg : deg, optional
-        Largest field angle of the fit, from what the centre of the image sees; by default the calibrated field that
-        the camera's file gives (:attr:`omnimirror.base.parameters.Uncertainty.field_deg`), otherwise all that it sees.
+        Maximum field angle of the fit from the viewing direction at the image centre. By default
+        the calibrated field in the camera's file
+        (:attr:`omnimirror.base.parameters.Uncertainty.field_deg`), otherwise the whole field.
     inner_deg : deg, optional
-        Fit no nearer to it than this: in the middle of its picture a camera sees itself, and calibration had nothing to
-        go by.
+        Minimum field angle of the fit; the image centre shows the camera itself, without
+        calibration data.
 
     Returns
     -------
     Conversion
-        The file, and what it costs.
+        Written file and the error of the conversion.
 
     Raises
     ------
     SpecError
-        The source cannot be read; the message says where, and what would be valid.
+        If the source cannot be read; the message names the location and valid values.
     InvalidParameter
-        No format of that name, or the format cannot hold the camera within the tolerance; the message says why, and
-        by how much.
+        If the format is unknown, or cannot represent the camera within the tolerance; the message
+        states the reason and the error.
     OmnimirrorError
-        The file cannot be written.
+        If the file cannot be written.
 
     Examples
     --------
@@ -195,7 +210,7 @@ def convert(
     return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
 
 
-# -- what is asked -------------------------------------------------------------------------------------
+# -- arguments --------------------------------------------------------------------------------
 
 
 def _reading(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> Reading:
@@ -248,11 +263,11 @@ def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str)
     return read, cameras[which]
 
 
-# -- what the file can hold ----------------------------------------------------------------------------
+# -- targets ----------------------------------------------------------------------------------
 
 
 def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
-    """The first target that holds the camera's own numbers."""
+    """Return the first target that stores the exact parameters of the camera."""
     for target in targets:
         if not target.layout.lacks(camera):
             found: Any = camera
@@ -261,7 +276,7 @@ def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
 
 
 def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
-    """A panorama of a camera as distant things are drawn in it: what near ones cost, from the best place for it."""
+    """Return a panorama of distant points with the parallax error of near points."""
     seen = sample(camera, getattr(camera, "mount", Mount()), PIXELS)
     found: Any = camera
     if seen.is_central:
@@ -274,7 +289,7 @@ def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
 def _fitted(
     camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: _Field
 ) -> _Made:
-    """The target whose model comes closest, if it is close enough."""
+    """Return the target with the smallest error, if within the tolerance."""
     mount = getattr(camera, "mount", Mount())
     all_of_it = sample(camera, mount, PIXELS)
     seen = all_of_it.within(*field)
@@ -300,7 +315,7 @@ def _fitted(
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda made: made.largest_px)
     whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
-    if whole_field and allowed is not None:  # what serves the whole field goes before what comes closest
+    if whole_field and allowed is not None:  # prefer a model for the whole field
         fullest = min(whole_field, key=lambda made: made.largest_px)
         best = fullest if fullest.largest_px <= allowed else best
     if allowed is None or best.largest_px > allowed:
@@ -317,7 +332,7 @@ def _fitted(
 
 
 def _calibrated_deg(camera: Camera) -> float | None:
-    """Return the calibrated field (deg) of a camera, None where its file does not give it."""
+    """Return the calibrated field (deg) of a camera; None if its file does not contain it."""
     known = getattr(camera, "uncertainty", None)
     return None if known is None else known.field_deg
 
@@ -333,7 +348,7 @@ def _rounded_up(value: float) -> float:
 
 
 def _remedies(camera: Camera, best: _Made) -> str:
-    """Return what else makes a conversion possible: a smaller field, or a calibration without certain parameters."""
+    """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
     worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
     remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
     if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unplaced(camera)):
@@ -343,7 +358,7 @@ def _remedies(camera: Camera, best: _Made) -> str:
 
 
 def _best_of(target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
-    """The model of a target that fits best, or the first that is close enough."""
+    """Return the best fit among the models of a target, or the first with negligible error."""
     layout = target.layout
     best = None
     for model in start(layout.kind, layout.places, round_picture(fitted, size)):
@@ -367,7 +382,7 @@ def _words(made: _Made, is_central: bool) -> str:
 
 
 def _field_notes(source: Camera, made: _Made, field_deg: float | None) -> Iterable[str]:
-    """Yield the field in which the file holds, where that is the calibrated field."""
+    """Yield notes on the calibrated field in which the file is valid."""
     known = _calibrated_deg(source)
     if known is None or field_deg is not None or made.target.layout.kind in (RadialModel, Sensor):
         return
@@ -383,7 +398,7 @@ def _field_notes(source: Camera, made: _Made, field_deg: float | None) -> Iterab
 
 
 def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:
-    """What somebody who uses the file has to know."""
+    """Yield notes for users of the file."""
     target = made.target
     if np.any(made.found.viewpoint_mm):
         x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)

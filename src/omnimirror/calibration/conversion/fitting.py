@@ -1,4 +1,4 @@
-"""A camera as another model says it: least squares over the field between the two pictures of the same points."""
+"""Least-squares fit of another camera model to the projection of a camera over its field."""
 
 from __future__ import annotations
 
@@ -15,47 +15,48 @@ from .sampling import Sample
 Array = NDArray[np.float64]
 
 MOST_STEPS = 80
-CLOSE = 1e-10  # of the sum of squares, by which a step that is worth another makes it smaller
-EXACT_PX = 1e-6  # off (rms), where nothing is left to be gained
-GIVE_UP = 1e12  # damping at which no step helps any more
+CLOSE = 1e-10  # relative decrease of the sum of squares that ends the iteration
+EXACT_PX = 1e-6  # rms error that ends the iteration
+GIVE_UP = 1e12  # maximum damping
 
 
 class Cost(NamedTuple):
-    """How far the other model's picture of points at one distance lies from the camera's own."""
+    """Reprojection error of a fitted model for points at one distance."""
 
     distance_mm: float
-    """From the camera's origin; infinite for distant things."""
+    """Distance from the camera's origin; infinite for distant points."""
     rms_px: float
     largest_px: float
     at_px: tuple[float, float]
-    """The pixel where it is largest."""
+    """Pixel of the maximum error."""
     at_deg: float
-    """The field angle there, deg from the axis."""
+    """Field angle there, deg from the axis."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model, and where its one viewpoint lies in the camera frame of the camera that it stands for, mm."""
+    """Fitted model, with its viewpoint in the camera frame of the original camera, mm."""
 
     model: CameraModel
     viewpoint_mm: Array
 
 
 def fit(start: CameraModel, sample: Sample, free: list[bool], distances_mm: tuple[float, ...]) -> Fitted:
-    """Move a model's parameters until its pixels are those of the sample, for points at all of some distances.
+    """Fit a model's parameters to the pixels of a sample for points at several distances.
 
-    Levenberg and Marquardt with the model's own derivatives. Where the camera has no single viewpoint, the place of
-    the model's is found too.
+    Levenberg-Marquardt iteration with the analytic derivatives of the model. For a camera without a
+    single viewpoint, the viewpoint of the model is also estimated.
 
     Parameters
     ----------
     start
-        Where to begin.
+        Initial value.
     sample
+        Pixels and rays of the camera.
     free
-        Which parameters of ``start`` may move.
+        Mask of free parameters of ``start``.
     distances_mm
-        Each counts as much as the others; of a central camera none matters.
+        Distances with equal weights; irrelevant for a central camera.
     """
     step = _Problem(start, sample, np.flatnonzero(free), distances_mm)
     x = np.zeros(step.count)
@@ -79,11 +80,11 @@ def fit(start: CameraModel, sample: Sample, free: list[bool], distances_mm: tupl
 
 
 class _Problem:
-    """The sum of squares of a fit, in steps of the parameters' typical changes.
+    """Sum of squares of a fit, in units of typical parameter changes.
 
-    After the free parameters come the place of the viewpoint, where there is none in the camera, and a turn about the
-    axis, where the model has no parameter for that: OCamCalib's e, which calibration leaves to the camera's pose. Of a
-    file without its matrix nothing turns.
+    The free parameters are followed by the viewpoint for a non-central camera, and by a rotation
+    about the axis for models without such a parameter (OCamCalib's e, which calibration assigns to
+    the camera pose). Formats without the affine matrix have no rotation.
     """
 
     def __init__(self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]) -> None:
@@ -97,7 +98,7 @@ class _Problem:
         self.count = len(free) + 3 * self.moves + self.turns
 
     def at(self, x: Array) -> Fitted:
-        """The model of a step."""
+        """Return the model after a step."""
         p = len(self.free)
         values = self.values.copy()
         values[self.free] += self.scale[self.free] * x[:p]
@@ -108,7 +109,7 @@ class _Problem:
         return Fitted(model, self.first + (x[p : p + 3] if self.moves else 0.0))
 
     def evaluate(self, x: Array) -> tuple[float, Array, Array]:
-        """Sum of squares, its gradient and its approximate Hessian; an infinite sum where there is no such camera."""
+        """Return sum of squares, gradient and Hessian; an infinite sum for invalid cameras."""
         bad = np.inf, np.zeros(self.count), np.eye(self.count)
         try:
             model, viewpoint = (found := self.at(x)).model, found.viewpoint_mm
@@ -129,7 +130,7 @@ class _Problem:
         return total, gradient, hessian
 
     def _slopes(self, image: Image, points: Array, distant: bool) -> Array:
-        """Derivatives (2 n, count) of the pixels."""
+        """Return the derivatives (2 n, count) of the pixels."""
         n, p = len(points), len(self.free)
         slopes = np.zeros((n, 2, self.count))
         slopes[:, :, :p] = image.d_parameters[:, :, self.free] * self.scale[self.free]
@@ -143,7 +144,7 @@ class _Problem:
 
 
 def _turned(affine: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
-    """OCamCalib's c, d and e of a picture turned by an angle (radians) before its matrix, but for a scale."""
+    """Return OCamCalib's c, d, e after a prior image rotation (radians), up to scale."""
     c, d, e = affine
     cos, sin = np.cos(angle), np.sin(angle)
     (a, upper), (lower, last) = np.array([[1.0, e], [d, c]]) @ [[cos, -sin], [sin, cos]]
@@ -151,7 +152,7 @@ def _turned(affine: tuple[float, float, float], angle: float) -> tuple[float, fl
 
 
 def cost(found: Fitted, sample: Sample, distance_mm: float) -> Cost:
-    """How far a model's picture of points at a distance lies from the sample's pixels; infinite where it has none."""
+    """Return the reprojection error of a model at a distance; infinite for invisible points."""
     distant = bool(np.isinf(distance_mm))
     points = sample.points(distance_mm)
     image = found.model.image(points if distant else points - found.viewpoint_mm, distant=distant)
@@ -160,7 +161,9 @@ def cost(found: Fitted, sample: Sample, distance_mm: float) -> Cost:
 
 
 def nearest_point(origins: Array, directions: Array) -> Array:
-    """The place (3,) with the least sum of squared distances from rays (n, 3), which is where a panorama is from.
+    """Return the point (3,) with the minimum sum of squared distances from rays (n, 3).
+
+    It is the viewpoint of a panorama.
 
     >>> nearest_point(np.array([[1.0, 0, 0], [0, 2.0, 0]]), np.array([[1.0, 0, 0], [0, 1.0, 0]])).round(12)
     array([0., 0., 0.])
@@ -170,7 +173,7 @@ def nearest_point(origins: Array, directions: Array) -> Array:
 
 
 def parallax(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
-    """How far near points lie from where a panorama draws them, whose directions are those of distant ones."""
+    """Return the parallax error of near points in a panorama with the directions of distant points."""
     towards = sample.points(distance_mm) - (0.0 if np.isinf(distance_mm) else viewpoint_mm)
     across = np.linalg.norm(np.cross(towards, sample.directions), axis=1)
     angle = np.arctan2(across, np.sum(towards * sample.directions, axis=1))
@@ -179,7 +182,7 @@ def parallax(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per
 
 
 def _cost_of(error: Array, sample: Sample, distance_mm: float) -> Cost:
-    """Errors (n,) px in a few numbers."""
+    """Return the summary of errors (n,) px."""
     worst = int(np.argmax(error))
     u, v = sample.pixels[worst]
     return Cost(

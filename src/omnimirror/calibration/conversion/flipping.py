@@ -1,4 +1,4 @@
-"""The same camera, of the picture reversed left to right."""
+"""Camera models of images flipped left to right."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from ...cameras.models import CameraModel
 Model = TypeVar("Model", bound=CameraModel)
 
 TURNED = {"cx", "skew", "shear", "d", "p2", "s1", "s2"}
-"""Parameters that change their sign with the columns, the centre's but for a constant."""
-ODD = ("skew_px", "shear", "p2", "s1", "s2")  # fields that do
+"""Parameters that change sign under a horizontal flip, for the centre up to a constant."""
+ODD = ("skew_px", "shear", "p2", "s1", "s2")  # fields that change sign
 
 
 def flipped(camera: Model) -> Model:
-    """The camera of the picture reversed left to right: column u becomes width - 1 - u.
+    """Return the camera of the image flipped left to right: column u becomes width - 1 - u.
 
     Parameters
     ----------
     camera
-        With a centre, and a matrix of two focal lengths and skew or of OCamCalib's c, d and e.
+        Camera with a centre, and a matrix of two focal lengths and skew or of OCamCalib's c, d and
+        e.
 
     Returns
     -------
     CameraModel
-        Of the same class; its mount says that the picture is flipped, or no longer so.
+        Camera of the same class, with the flip recorded in its mount.
 
     Raises
     ------
     InvalidParameter
-        It has no centre.
+        If the camera has no centre.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a camera sees in a lattice of its pixels, in the frame that files know."""
+"""Rays of a camera on a grid of pixels, in the frame of camera files."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ...cameras.frames import Mount, turned
 
 Array = NDArray[np.float64]
 
-OUTERMOST = 60  # pixels, and those as far out as the innermost of them
+OUTERMOST = 60  # number of pixels at the maximum field angle
 SAME = 1e-9  # radians
-LEAST_PIXELS = 20  # of a part of the field, to fit a model to
-CENTRAL_MM = 1e-9  # rays that start this close to the origin start there
+LEAST_PIXELS = 20  # minimum number of pixels in a part of the field, for a fit
+CENTRAL_MM = 1e-9  # maximum distance of rays from the origin for a central camera
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,15 @@ class Sample:
     Attributes
     ----------
     pixels : (n, 2) px
+        Pixels.
     origins : (n, 3) mm
+        Ray origins.
     directions : (n, 3) unit vectors
+        Ray directions.
     looks_back
-        Whether the centre of the picture looks to -Z.
+        Whether the image centre looks towards -Z.
     mount
+        Orientation of the camera.
     """
 
     pixels: Array
@@ -41,29 +45,32 @@ class Sample:
 
     @property
     def is_central(self) -> bool:
-        """Whether all rays start at the origin."""
+        """True if all rays start at the origin."""
         return not np.abs(self.origins).max() > CENTRAL_MM
 
     @property
     def omega(self) -> Array:
-        """Field angles (n,), radians from what the centre of the picture sees."""
+        """Field angles (n,), radians from the viewing direction at the image centre."""
         x, y, z = self.in_file.T
         omega: Array = np.arctan2(np.hypot(x, y), z)
         return omega
 
     @property
     def in_file(self) -> Array:
-        """Directions (n, 3) as files know them: right and down in the picture, and towards what its centre sees."""
+        """Directions (n, 3) in the frame of files: right, down, and central viewing direction."""
         in_file: Array = self.directions * self.signs
         return in_file
 
     @property
     def signs(self) -> Array:
-        """Signs (3,) of right, down and towards what the centre sees, against X, Y and Z of the camera frame."""
+        """Signs (3,) that convert directions from the camera frame to the frame of files."""
         return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
 
     def points(self, distance_mm: float) -> Array:
-        """Where the rays are at a distance from the origin (n, 3), mm; the directions themselves if it is infinite."""
+        """Return points (n, 3) mm on the rays at a distance from the origin.
+
+        Directions are returned for an infinite distance.
+        """
         if np.isinf(distance_mm):
             return self.directions
         along = np.sum(self.origins * self.directions, axis=1)
@@ -77,12 +84,12 @@ class Sample:
         return points
 
     def within(self, field_deg: float | None, inner_deg: float | None) -> Sample:
-        """Return the part between two field angles, None for no limit.
+        """Return the part between two field angles; None for no limit.
 
         Raises
         ------
         InvalidParameter
-            The camera sees nothing there.
+            If no pixel of the camera is there.
         """
         given = {"inner_deg": inner_deg, "field_deg": field_deg}
         limits = [f"{name} = {value:g}" for name, value in given.items() if value is not None]
@@ -100,7 +107,7 @@ class Sample:
         )
 
     def with_rim_of(self, other: Sample) -> Sample:
-        """This sample with the outermost pixels of a denser one, so that a fit reaches over the field."""
+        """Return this sample with the outermost pixels of a denser one, to cover the whole field."""
         outermost = np.sort(other.omega)[-OUTERMOST:][0] - SAME
         kept = other.omega >= outermost
         return replace(
@@ -112,12 +119,12 @@ class Sample:
 
 
 def sample(camera: Camera, mount: Mount, count: int) -> Sample:
-    """Sample about ``count`` pixels of a camera (of a square image) that see something, over the whole image.
+    """Sample about ``count`` visible pixels over the whole image.
 
     Raises
     ------
     InvalidParameter
-        It sees nothing.
+        If no pixel is visible.
     """
     width, height = camera.image_size
     step = np.sqrt(width * height / count)
@@ -134,7 +141,7 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
 
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
-    """Whether the centre looks to -Z: as the camera says, or as the pixels next to its centre do."""
+    """Return whether the image centre looks towards -Z, from the camera or from its central pixels."""
     said = getattr(camera, "looks_back", None)
     if isinstance(said, bool):
         return said

@@ -1,4 +1,4 @@
-"""Where a fit begins: a model of each kind from linear least squares over the field, without a guess from the user."""
+"""Initial values of a fit: models of each kind from linear least squares over the field."""
 
 from __future__ import annotations
 
@@ -26,31 +26,34 @@ from .sampling import Sample
 Array = NDArray[np.float64]
 
 PINHOLE_END = np.radians(89.9)
-ODD = (1, 3, 5, 7)  # powers of the field angle that a smooth round picture is made of
+ODD = (1, 3, 5, 7)  # powers of the field angle in a smooth rotationally symmetric projection
 
 
 @dataclass(frozen=True)
 class RoundPicture:
-    """The picture as a matrix, a centre, and a radius for every field angle."""
+    """Projection as matrix, centre, and radius as a function of the field angle."""
 
     centre_px: tuple[float, float]
     matrix: Array
-    """(2, 2), from the round picture to the real one, both (right, down), near 1."""
+    """Matrix (2, 2) from the symmetric image to the real one, both (right, down), near identity."""
     omega: Array
-    """(n,) field angles, radians."""
+    """Field angles (n,), radians."""
     radius: Array
-    """(n,) px in the round picture."""
+    """Radii (n,) px in the symmetric image."""
     common: dict[str, Any]
-    """What every model is made with: size, optics, mount."""
+    """Common arguments of all models: size, optics, mount."""
 
     def least_squares(self, law: Array) -> tuple[float, float]:
-        """The focal length that fits radii ``f law(Omega)``, and what is left, px rms."""
+        """Return the focal length of ``r = f law(Omega)`` and the rms residual in px."""
         f = float(law @ self.radius / (law @ law))
         return f, float(np.sqrt(np.mean((f * law - self.radius) ** 2)))
 
 
 def round_picture(sample: Sample, image_size: tuple[int, int]) -> RoundPicture:
-    """Centre, matrix and radii of a sample: two linear least squares, first round, then with a matrix."""
+    """Estimate centre, matrix and radii of a sample by two linear least-squares fits.
+
+    The first fit is rotationally symmetric, the second includes the matrix.
+    """
     x, y, _ = sample.in_file.T
     omega = sample.omega
     length = np.maximum(np.hypot(x, y), 1e-300)
@@ -79,19 +82,21 @@ def round_picture(sample: Sample, image_size: tuple[int, int]) -> RoundPicture:
 
 
 def start(kind: type[CameraModel], places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """Models of a kind to begin with, the simplest first.
+    """Yield initial models of a kind, simplest first.
 
     Parameters
     ----------
     kind
+        Class of the camera model.
     places
-        The parameters that may differ from 0, None for all.
+        Names of parameters that may differ from 0; None for all.
     picture
+        Projection to approximate.
 
     Raises
     ------
     InvalidParameter
-        The kind cannot reach over the field; the sentence says why.
+        If the kind cannot cover the field; the message states the reason.
     """
     yield from STARTS[kind](places, picture)
 
@@ -105,7 +110,7 @@ def _focal(f: float, places: frozenset[str] | None, picture: RoundPicture) -> di
 
 
 def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """``r = f (Omega + k1 Omega^3 + ..)`` is linear in f and f k."""
+    """Yield the fit of ``r = f (Omega + k1 Omega^3 + ...)``, which is linear in f and f k."""
     scale = picture.omega.max()
     powers = 2 * np.arange(5) + 1
     found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
@@ -116,7 +121,7 @@ def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Ite
 
 
 def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """The best xi without distortion, up to 1 and from 1 on; a pinhole where there is no place for xi."""
+    """Yield models with the best xi below and above 1, or a pinhole if xi is fixed."""
     if places is not None and "xi" not in places:
         yield from _pinhole(Unified, {"xi": 0.0}, places, picture)
         return
@@ -135,7 +140,10 @@ def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[C
 def _pinhole(
     kind: Any, fixed: dict[str, float], places: frozenset[str] | None, picture: RoundPicture
 ) -> Iterator[CameraModel]:
-    """``r = f (t + k1 t^3 + k2 t^5 + k3 t^7)`` of ``t = tan(Omega)``, with as many terms as do not fold the field."""
+    """Yield the fit of ``r = f (t + k1 t^3 + k2 t^5 + k3 t^7)`` with ``t = tan(Omega)``.
+
+    The number of terms is the maximum for which the projection does not fold within the field.
+    """
     if not picture.omega.max() < PINHOLE_END:
         raise InvalidParameter(
             f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis: a pinhole's "
@@ -155,7 +163,7 @@ def _pinhole(
 
 
 def _edge(picture: RoundPicture) -> Array:
-    """Directions (n, 3) around the end of the field, in the camera frame."""
+    """Return directions (n, 3) around the boundary of the field, in the camera frame."""
     phi = np.linspace(0, 2 * np.pi, 16)
     ahead = -1.0 if picture.common["optics"] == "mirror" else 1.0
     omega = picture.omega.max()
@@ -167,7 +175,7 @@ def _unified_law(omega: Array, xi: float) -> Array:
 
 
 def _rational(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """Without a denominator."""
+    """Yield a pinhole model without denominator."""
     yield from _pinhole(RationalPinhole, {}, places, picture)
 
 
@@ -195,7 +203,7 @@ def _best(
     depth: Callable[..., Array],
     grid: dict[str, Array],
 ) -> dict[str, Any]:
-    """The arguments of the model whose law fits best, of those that reach over the field with a growing radius."""
+    """Return the arguments of the best fit among models with increasing radius over the field."""
     omega = np.linspace(0.0, picture.omega.max(), 200)
     best, arguments = np.inf, None
     for values in product(*grid.values()):
@@ -214,7 +222,7 @@ def _best(
 
 
 def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """``f(rho) sin(Omega) = -rho cos(Omega)`` is linear in the coefficients of f."""
+    """Yield fits of ``f(rho) sin(Omega) = -rho cos(Omega)``, linear in the coefficients."""
     (a, e), (d, c) = picture.matrix
     rho = a * picture.radius
     scale = rho.max()

@@ -1,4 +1,4 @@
-"""A camera model, the poses of its targets and their shape, estimated from what was seen in pictures."""
+"""Camera calibration: estimation of a camera model, target poses and target shape from images."""
 
 from .bundle.adjustment import Adjustment, Prior, adjust
 from .bundle.edges import StraightEdges

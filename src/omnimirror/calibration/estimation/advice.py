@@ -1,4 +1,4 @@
-"""Which picture to take next: where no corner lies, and how boards were not yet held."""
+"""Recommendations for further calibration images."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from .bundle.observations import Sighting
 Array = NDArray[np.float64]
 
 RINGS, SECTORS = 4, 8
-ENOUGH = 5  # corners in a cell
-LEAST_TILT_DEG = 25.0  # between the directions that boards face
+ENOUGH = 5  # minimum number of corners in a cell
+LEAST_TILT_DEG = 25.0  # minimum angle between board normals
 ENOUGH_PICTURES = 10
 SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
 
 
 class Coverage(NamedTuple):
-    """How corners are spread over the picture."""
+    """Distribution of corners over the image."""
 
     centre_px: tuple[float, float]
     radii_px: Array
-    """(rings + 1,) edges of the rings"""
+    """Radii of the ring boundaries (rings + 1,), px."""
     counts: NDArray[np.int64]
-    """(rings, sectors) corners, sectors from the right over the bottom"""
+    """Number of corners (rings, sectors); sectors run from the right over the bottom."""
     tilts_deg: Array
-    """(m,) between each board's normal and the line of sight to its middle"""
+    """Angles (m,) between each board's normal and the line of sight to its centre."""
     facing_deg: float
-    """the largest angle between the directions that two boards face; NaN where none is known"""
+    """Largest angle between the normals of two boards; NaN if no pose is known."""
 
 
 def coverage(
     sightings: Sequence[Sighting], centre_px: tuple[float, float], outer_radius_px: float | None = None
 ) -> Coverage:
-    """How corners are spread; out to the rim, or to the farthest corner where it is not known.
+    """Return the distribution of corners, up to the rim or to the farthest corner if it is unknown.
 
-    Boards whose place is not known yet count with their corners alone.
+    Boards without a pose contribute their corners only.
     """
     offsets = np.concatenate([s.pixels for s in sightings]) - centre_px
     radius, azimuth = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
@@ -58,7 +58,7 @@ def coverage(
 
 
 def advised(found: Coverage, pictures: int) -> tuple[str, ...]:
-    """What to photograph next, most important first, after so many pictures; nothing where they are enough."""
+    """Return recommendations for further images, most important first; empty if coverage suffices."""
     sentences = []
     if pictures < ENOUGH_PICTURES:
         sentences.append(

@@ -1,4 +1,4 @@
-"""From boards and surveyed points to a camera: all of a calibration, from no guess to what is handed over."""
+"""Camera calibration from images of boards and surveyed points, without an initial value."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 FEW_PICTURES = 6
-OVERFIT = 1.25  # held-out error over that of the fit
-COSTLY = 2.0  # of the noise of corners; what one viewpoint costs below that is not told
+OVERFIT = 1.25  # ratio of held-out error to fit error that indicates overfitting
+COSTLY = 2.0  # ratio to the corner noise; smaller single-viewpoint errors are not reported
 TOGETHER = (
     "Such numbers are not to be used one by one: they are those of one of many cameras that show the same. What is "
     "well known is which way each pixel looks. A ruler or a drawing tells them apart: --prior NAME=VALUE+-SIGMA."
@@ -71,69 +71,72 @@ def calibrate_camera(
     progress: Callable[[str, float], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Calibration:
-    """Find out what camera took pictures of a board, or of points and directions that are known, or of both.
+    """Calibrate a camera from images of a target, surveyed points and directions, or both.
 
-    Nothing needs to be known of the camera. Boards and surveys are placed with a stereographic camera whose focal
-    length is searched, a unified model is fitted robustly, and richer models from there. Corners that the best model
-    cannot explain are left out and named, 1 % at most and gross errors up to 5 %; corners that remain beyond the noise
-    are reported in a note. The models are then compared by their error in pictures that were left out of the fit.
+    No initial value is required. Boards and surveys are placed with a stereographic camera, whose
+    focal length is searched. A unified model is fitted robustly, and its result is the initial
+    value of richer models. Outliers of the best model are rejected and listed: at most 1 % of the
+    corners, and gross errors up to 5 %. A note reports remaining corners with residuals beyond the
+    noise. The models are then compared by cross-validation.
 
     Parameters
     ----------
     pictures
-        Files, pictures (height, width, 3), or what was found in them (:func:`omnimirror.find_boards`), those without a
-        board among it.
+        Files, images (height, width, 3), or detections in them (:func:`omnimirror.find_boards`),
+        including those without a board.
     board
-        That they show; None where there are none.
+        Calibration target; None if there is none.
     surveys
-        Points of a room and directions of stars, each with its pixel, picture by picture
-        (:func:`omnimirror.read_surveys`); where the camera stood among them is found.
+        Surveyed points and directions of stars with their pixels, per image
+        (:func:`omnimirror.read_surveys`). The camera poses are estimated.
     lines
-        Of some pictures of the camera, by name, straight edges that were marked in them: points (n, 2) px
-        (:func:`omnimirror.read_lines`). They count beside boards and points, and reach where no board is held.
+        Marked straight edges (n, 2) px by image name (:func:`omnimirror.read_lines`). They
+        complement boards and points in image regions without a board.
     lines_distance_mm
-        How far away the edges are, which matters to mirrors of several viewpoints.
+        Distance of the edges; relevant for mirrors with several viewpoints.
     image_size : (width, height), px
-        Of the pictures, where no board is in them to tell it.
+        Image size; required if no board determines it.
     model
-        ``"auto"``, the name of a kind of model, a model of the kind to begin with, or a sensor as designed.
+        ``"auto"``, the name of a model, a camera model as the initial value, or a nominal sensor.
     optics
-        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back past the lens or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre looks back past the lens or ahead.
     mount
-        How the camera stands, and whether its pictures are flipped; looking up, not flipped by default.
+        Orientation of the camera, and whether its images are flipped; by default looking up and not
+        flipped.
     centre_px : (u, v), optional
-        Where the search for the axis begins, such as a rim's centre; the middle of the picture by default.
+        Initial value of the axis position, such as the centre of the rim; by default the image
+        centre.
     fixed
-        Names of parameters that keep the value with which the model begins.
+        Names of parameters held at their initial values.
     priors
-        What is known of parameters beforehand: name, value, standard deviation (0: fixed).
+        Prior knowledge of parameters: name, value, standard deviation (0: fixed).
     board_shape
         Whether bulge, twist, aspect and shear of the board are estimated.
     rim_radius_px : px, optional
-        Where the camera's field ends, about its centre; by default where the picture or the model does. A physical
-        mirror has its own rim.
+        Radius of the image field about its centre; by default limited by the image or the model. A
+        physical mirror has its own rim.
     seed
-        Of the groups in which more than 20 pictures are left out.
+        Random seed of the cross-validation groups for more than 20 images.
     stored_orientation
-        Take the pixels of files as stored, without the orientation in their EXIF data.
+        Use the pixels of files as stored, without the orientation in their EXIF data.
     progress
-        Called with a word and a share from 0 to 1.
+        Callback with the name of the current step and the completed fraction from 0 to 1.
     stop
-        Asked now and then whether to stop; what was found so far is returned then.
+        Callback; if it returns True, the calibration stops and returns the best result so far.
 
     Returns
     -------
     Calibration
-        Camera, errors, uncertainty, and what became of every picture.
+        Camera, residuals, uncertainty, and the result for each image.
 
     Raises
     ------
     InvalidParameter
-        The pictures do not allow a calibration: the message says which, and why.
+        If the images do not allow a calibration; the message names the images and the reason.
 
     Examples
     --------
-    Boards as a unified camera would see them:
+    Simulated boards in images of a unified camera:
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
@@ -189,7 +192,7 @@ def calibrate_camera(
 
 
 def _found(pictures: Sequence[Any], board: Board | None, stored_orientation: bool) -> Sequence[Detection]:
-    """Boards in pictures, unless they were looked for already."""
+    """Return the given detections, or detect boards in images."""
     given = list(pictures)
     if board is None:
         if given:
@@ -201,7 +204,7 @@ def _found(pictures: Sequence[Any], board: Board | None, stored_orientation: boo
 
 
 def _surveyed(surveys: Sequence[Sighting]) -> tuple[Sighting, ...]:
-    """Surveys as such, whose camera is placed anew."""
+    """Return the surveys marked as surveyed, with poses still to be estimated."""
     given = tuple(surveys)
     for number, survey in enumerate(given):
         instance(f"surveys[{number}]", survey, Sighting, "a Sighting")
@@ -221,7 +224,7 @@ def _size(
     *,
     is_reversed: bool,
 ) -> tuple[int, int]:
-    """The pictures' size, by the boards in them or as it is said."""
+    """Return the image size, from the detections or as specified."""
     size = said
     if detections or not surveys:
         fewest = 1 if surveys else FEWEST_PICTURES
@@ -244,7 +247,7 @@ def _size(
 
 
 def _with_names(detections: Sequence[Detection]) -> list[Detection]:
-    """Detections whose names differ: pictures of two folders may have the same."""
+    """Return detections with unique names; images in different folders may share a name."""
     names: dict[str, int] = {}
     renamed = []
     for detection in detections:
@@ -267,7 +270,10 @@ def _sighting(detection: Detection, board: Board) -> Sighting:
 def _wanted(
     model: str | CameraModel, size: tuple[int, int], optics: str, *, is_near: bool
 ) -> tuple[str | CameraModel, ...]:
-    """The kinds that are asked for, or a model to begin with; what is far away shows nothing of several viewpoints."""
+    """Return the models to fit.
+
+    Distant points contain no parallax, so they do not determine models of several viewpoints.
+    """
     if model == "auto":
         left = set() if is_near else {SensorModel.KIND, ViewpointSpline.KIND}
         if optics != "mirror":
@@ -287,7 +293,7 @@ def _wanted(
 
 
 def _with_edges(told: Calibration, edges: StraightEdges) -> Calibration:
-    """With what became of each edge."""
+    """Return the calibration with the result for each marked edge."""
     kept = told.adjustment.edges
     straight = {edge.name for edge in kept.edges} if kept else set()
     errors = edges.rms_px(told.model)
@@ -306,7 +312,7 @@ def _off(rms_px: float) -> str:
     return f"{rms_px:.2g} px off a straight line" if np.isfinite(rms_px) else "not seen"
 
 
-# -- what is handed over -------------------------------------------------------------------------------
+# -- result -----------------------------------------------------------------------------------
 
 
 def _told(
@@ -350,7 +356,7 @@ def _told(
 
 
 def _centre(fit: Adjustment) -> tuple[float, float]:
-    """Where the axis is seen."""
+    """Return the pixel of the optical axis."""
     forward = -1.0 if fit.model.optics == "mirror" else 1.0
     image = fit.model.image(np.array([[1e-6, 0.0, forward]]), distant=True)
     if image.valid[0]:
@@ -377,14 +383,14 @@ def _pictures(
 
 
 def _pose_told(sighting: Sighting) -> tuple[Array | None, Array | None]:
-    """Rotation and shift of what was seen; of stars alone it has no place."""
+    """Return rotation and translation of a target; directions alone have no translation."""
     if sighting.motion is None:
         return None, None
     return sighting.motion.rotation, None if sighting.distant.all() else sighting.motion.shift_mm
 
 
 def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_complete: bool) -> tuple[str, ...]:
-    """What whoever uses the camera should know."""
+    """Return notes for users of the camera."""
     notes = []
     if not is_complete:
         notes.append("It was stopped before the end: this is the best camera found until then.")
@@ -416,7 +422,7 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
 
 
 def _remaining_notes(remaining: tuple[Outlier, ...], fit: Adjustment) -> list[str]:
-    """Return a note about corners beyond the noise that were not rejected."""
+    """Return a note about corners with residuals beyond the noise that were not rejected."""
     if not remaining:
         return []
     counts = Counter(o.picture for o in remaining)
@@ -430,7 +436,7 @@ def _remaining_notes(remaining: tuple[Outlier, ...], fit: Adjustment) -> list[st
 
 
 def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]:
-    """What is lost at other distances by a camera that has one viewpoint, where the mirror has not."""
+    """Return a note on the parallax error of a single-viewpoint model at other object distances."""
     if wandering is None or not is_central(fit.model) or not has_several(fit, wandering):
         return []
     (nearest, farthest), near, far = viewpoint_costs(fit, wandering)

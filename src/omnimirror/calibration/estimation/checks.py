@@ -1,4 +1,4 @@
-"""Sets of pictures that cannot be calibrated, and why: one sentence each, with the names of the pictures."""
+"""Checks of calibration images, with error messages that name the affected images."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .bundle.observations import Sighting
 Array = NDArray[np.float64]
 
 FEWEST_PICTURES = 3
-FEWEST_POINTS = 12  # of a picture
+FEWEST_POINTS = 12  # per image
 MOST_NAMED = 6
 SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
-"""Boards that face directions so close, at places that differ by so much of their distance, are at the same pose."""
+"""Maximum tilt and relative position difference of boards that count as one pose."""
 BOARD_REMEDY = "see whether the board is the one that was named, and flat"
 SURVEY_REMEDY = (
     "see whether their axes are right-handed and their units those of the file, whether all of a picture were seen "
     "from one place, and whether the pictures are mirror images, as --optics and --flipped say"
 )
-WORST_MEDIAN = 0.01  # of the picture's larger side; a start that leaves more is none
+WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names as a sentence has them, the first few of many.
+    """Return names joined for a sentence; a long list is truncated.
 
     >>> listed(["a", "b", "c"]), listed([str(i) for i in range(9)])
     ('a, b and c', '0, 1, 2, 3, 4, 5 and 3 more')
@@ -41,18 +41,18 @@ def listed(names: Sequence[str]) -> str:
 
 
 def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool, fewest: int) -> tuple[int, int]:
-    """The pictures' size, if there are enough of them that belong together.
+    """Return the common image size if enough images show the board.
 
     Parameters
     ----------
     detections
-        Of all pictures.
+        Detections in all images.
     board
-        That was looked for.
+        Calibration target.
     is_reversed
-        Whether a camera such as this delivers mirror images.
+        Whether this type of camera delivers mirror images.
     fewest
-        Of pictures that show the board.
+        Minimum number of images that show the board.
     """
     sizes = Counter(tuple(d.image_size) for d in detections if is_used(d))
     if len(sizes) > 1:
@@ -91,19 +91,19 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
 
 
 def is_used(detection: Any) -> bool:
-    """Whether enough of a board was found, and nothing speaks against it."""
+    """Return whether a detection has enough corners and no reason against its use."""
     return detection.reason is None and len(detection.ids) >= FEWEST_POINTS
 
 
 def reason_of(detection: Any) -> str:
-    """Why a picture is not used, with its name."""
+    """Return the reason for which an image is not used, with its name."""
     if detection.reason is None:
         return f"{detection.name}: {len(detection.ids)} corners were found, and {FEWEST_POINTS} are the fewest"
     return detection.reason if detection.name in detection.reason else f"{detection.name}: {detection.reason}"
 
 
 def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool = True) -> None:
-    """Whether any camera explains the corners of boards, or surveyed points."""
+    """Check that a camera explains the corners of boards, or surveyed points."""
     if not median_px < WORST_MEDIAN * max(image_size):
         what, remedy = ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
         raise InvalidParameter(
@@ -113,7 +113,7 @@ def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool =
 
 
 def check_poses(sightings: Sequence[Sighting]) -> None:
-    """Whether boards were held differently at all, where nothing else is known."""
+    """Check that the board poses differ, unless there are surveyed points."""
     if any(s.is_surveyed for s in sightings):
         return
     motions = [s.motion for s in sightings if s.motion is not None]
@@ -130,7 +130,7 @@ def check_poses(sightings: Sequence[Sighting]) -> None:
 
 
 def without_strangers(adjustment: Adjustment) -> dict[str, str]:
-    """Pictures that no pose of the board explains, with the reason: name to sentence."""
+    """Return images without a consistent board pose, as a mapping of name to reason."""
     medians = np.array([np.median(np.hypot(*adjustment.residuals_of(i).T)) for i in range(len(adjustment.sightings))])
     unseen = np.array([1 - adjustment.seen[where].mean() for where in adjustment.question.stack.slices])
     usual = max(float(np.median(medians)), 0.05)

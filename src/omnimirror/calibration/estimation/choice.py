@@ -1,4 +1,4 @@
-"""Models to choose from, simple ones first, and the choice by error in pictures that were held out."""
+"""Model selection by cross-validation among camera models of increasing complexity."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from .bundle.adjustment import Adjustment
 from .bundle.board_shape import NAMES
 from .leaving_out import HeldOut
 
-GAIN = 0.02  # relative; a richer model has to be better by more
+GAIN = 0.02  # minimum relative improvement by a richer model
 
 
 class TriedModel(NamedTuple):
-    """A model that was tried."""
+    """Candidate of the model selection."""
 
     kind: str
     parameters: int
     rms_px: float
     held_out_rms_px: float
     why: str
-    """why it was chosen, or was not"""
+    """Reason for the selection or rejection."""
 
 
 def chosen(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int, tuple[TriedModel, ...]]:
-    """The number of the model with the least held-out error, and why each was chosen or not.
+    """Return the index of the selected model and the reason for each decision.
 
-    Of those that are no more than 2 % worse than the best the mirror itself is taken, which is right at all distances;
-    else the simplest: less does not show in other pictures.
+    Among models within 2 % of the smallest held-out error, the mirror model is preferred because it
+    is valid at all object distances; otherwise the model with the fewest parameters. Smaller
+    differences are not significant in other images.
     """
     errors = [np.inf if held is None else held.rms_px for _, held in fits]
     counts = [_count(fit) for fit, _ in fits]
@@ -61,5 +62,5 @@ def chosen(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int, tupl
 
 
 def _count(fit: Adjustment) -> int:
-    """Free parameters of the camera itself."""
+    """Return the number of free parameters of the camera itself."""
     return int(fit.question.free.sum()) - (len(NAMES) if fit.shape is not None else 0)

@@ -1,12 +1,13 @@
-"""Uncertainty of the parameters: covariance, standard deviations along curved valleys, weakly determined combinations.
+"""Parameter uncertainty: covariance, standard deviations, weakly determined combinations.
 
-The inverse of the normal equations describes a paraboloid around the estimate. Where a combination of parameters is
-weakly determined (xi, focal length and distortion of a unified model), the sum of squares is a curved valley with a
-flat floor and steep walls, or several of them. The curvature at the estimate is then that of one place along the floor,
-and standard deviations that follow from it are too small or too large by factors of up to 10, depending on where the
-noise has moved the estimate. Directions are not affected, since they hardly change along the floor. So the valleys are
-followed, and their extent gives the standard deviations of single parameters; the covariance, from which those of
-directions follow, remains that of the paraboloid.
+The inverse of the normal equations describes a paraboloid around the estimate. If a combination
+of parameters is weakly determined (xi, focal length and distortion of a unified model), the sum
+of squares has one or several curved valleys with a flat floor and steep walls. The curvature at
+the estimate is then local: standard deviations derived from it are wrong by factors of up to 10,
+depending on the position of the estimate along the floor. Directions are not affected because
+they are nearly constant along the floor. Therefore the standard deviations of single parameters
+follow from the extent of the valleys (profile likelihood), whereas the covariance, and the
+uncertainty of directions derived from it, remains that of the paraboloid.
 """
 
 from __future__ import annotations
@@ -30,34 +31,38 @@ from .bundle.steps import shared_values
 Array = NDArray[np.float64]
 
 FREE_ABOVE = 0.02
-"""Of the image's larger side: parameters that may move it by so much, each alone, and together do not, are free."""
-FOLLOWED_PX = 1.0  # such motion of the image by the weakest combination, from which on its valley is followed
-FOLLOWED_TO = 9.0  # chi-square over that of the estimate, at the end of a valley
+"""Fraction of the larger image side.
+
+Parameters are free if each may move the image by more than this, but not all of them together.
+"""
+FOLLOWED_PX = 1.0  # image motion by the weakest combination above which its valley is followed
+FOLLOWED_TO = 9.0  # chi-square above that of the estimate at the end of a valley
 MOST_FITS = 14  # in each direction of a valley
-FIT_STEPS, FIT_SETTLED = 12, 1e-6  # of each of these fits
-GROWTH, SHRINKAGE = 1.6, 0.4  # of steps along a valley
-OTHER_XIS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.8)  # at which other minima are looked for
+FIT_STEPS, FIT_SETTLED = 12, 1e-6  # per fit along a valley
+GROWTH, SHRINKAGE = 1.6, 0.4  # factors of the step along a valley
+OTHER_XIS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.8)  # initial values for other minima
 SAME_XI = 0.02
-HELD_STEPS, FREE_STEPS, ROUGHLY = 8, 20, 1e-4  # of fits from there, with xi held and free, and when they end
-HOPELESS = 500.0  # chi-square over that of the estimate, with xi held
-GRID = 400  # values at which the likelihood along a valley is integrated
-NAMED_ABOVE = 0.25  # of the largest part of a combination
-LEAST_EIGENVALUE = 1e-13  # of the largest; below it rounding is all there is
+HELD_STEPS, FREE_STEPS, ROUGHLY = 8, 20, 1e-4  # steps of these fits, xi held and free; tolerance
+HOPELESS = 500.0  # chi-square above that of the estimate, with xi held
+GRID = 400  # samples of the likelihood along a valley
+NAMED_ABOVE = 0.25  # fraction of the largest component of a combination
+LEAST_EIGENVALUE = 1e-13  # relative to the largest; smaller eigenvalues are rounding errors
 
 
 class FreeCombination(NamedTuple):
-    """A combination of parameters that the pictures do not determine."""
+    """Combination of parameters that the images do not determine."""
 
     names: tuple[str, ...]
-    """largest part first"""
+    """Parameter names, largest component first."""
     parts: tuple[float, ...]
-    """by how much they may be off together, each in its own unit: one sigma"""
+    """Joint deviations (1 sigma) of the parameters, each in its own unit."""
     sigma_px: float
-    """by how much the first might move the picture, were the others not to move it back"""
+    """Image motion by the first parameter if the others did not compensate for it."""
     units: tuple[str, ...]
 
     def __str__(self) -> str:
-        """
+        """Return the combination in words.
+
         >>> str(FreeCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
         'lens.focal_length_mm larger by 3.8 mm with xi smaller by 1200'
         """
@@ -65,7 +70,7 @@ class FreeCombination(NamedTuple):
 
 
 def _said(name: str, part: float, unit: str) -> str:
-    """A change of a parameter in words, of two digits."""
+    """Return the change of a parameter in words, with two digits."""
     size = f"{float(f'{abs(part):.2g}'):g}"
     return f"{name} {'larger' if part > 0 else 'smaller'} by {size} {unit if unit != '1' else ''}".rstrip()
 
@@ -77,14 +82,14 @@ class ParameterCovariance:
     Parameters
     ----------
     names
-        Of all shared parameters.
+        Names of all shared parameters.
     covariance : (g, g)
-        In their units; 0 for those that are fixed.
+        Covariance in parameter units; 0 for fixed parameters.
     free
-        Combinations that are weakly determined.
+        Weakly determined combinations.
     sigmas : (g,)
-        Standard deviations of the parameters, each alone. Along a curved valley they differ from the square roots of
-        the diagonal of the covariance, which is that of directions.
+        Standard deviations of single parameters. Along a curved valley they differ from the square
+        roots of the diagonal of the covariance, which applies to directions.
     """
 
     names: tuple[str, ...]
@@ -94,16 +99,18 @@ class ParameterCovariance:
 
     @property
     def correlations(self) -> Array:
-        """(g, g), 0 for what is fixed."""
+        """Correlation matrix (g, g); 0 for fixed parameters."""
         sigmas = np.sqrt(np.diag(self.covariance))
         inverse = np.divide(1.0, sigmas, out=np.zeros_like(sigmas), where=sigmas > 0)
         return np.asarray(self.covariance * inverse[:, None] * inverse)
 
 
 def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
-    """Estimate the covariance of the parameters, and their standard deviations along a weakly determined combination.
+    """Estimate the covariance and the standard deviations of the parameters.
 
-    The covariance is the inverse of the reduced normal equations, motions eliminated, times the squared noise.
+    The covariance is the inverse of the reduced normal equations, after elimination of the poses,
+    times the noise variance. Standard deviations along a weakly determined combination follow from
+    its valley.
     """
     names, free = adjustment.names, adjustment.question.free
     covariance, scales, extents, vectors = _paraboloid(adjustment)
@@ -124,16 +131,16 @@ def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
 
 
 class _Paraboloid(NamedTuple):
-    """Sum of squares about an estimate, to second order."""
+    """Second-order expansion of the sum of squares around an estimate."""
 
     covariance: Array
-    """(g, g), 0 for what is fixed"""
+    """Covariance (g, g); 0 for fixed parameters."""
     scales: Array
-    """(f,) changes of the free parameters that move the image by 1 px rms each alone"""
+    """Changes (f,) of single free parameters that move the image by 1 px rms."""
     extents: Array
-    """(f,) standard deviations along the axes, the largest first, in these scales"""
+    """Standard deviations (f,) along the axes in these scales, largest first."""
     vectors: Array
-    """(f, f) the axes, as columns"""
+    """Axes (f, f) as columns."""
 
 
 def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
@@ -155,11 +162,11 @@ def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
 
 
 def _valleys(adjustment: Adjustment, number: int, sigma: float) -> Array | None:
-    """Return second moments (g, g) of the parameters about the estimate, along the valleys of a parameter.
+    """Return second moments (g, g) of the parameters along valleys of one parameter.
 
-    For values of the parameter on both sides all others are fitted; the moments are those of the likelihood
-    ``exp(-chi^2 / 2)`` over these fits, and over those about other minima nearly as deep. None where no fit
-    succeeds.
+    All other parameters are fitted at values of this parameter on both sides of the estimate. The
+    moments are those of the likelihood ``exp(-chi^2 / 2)`` over these fits and over those around
+    other minima of similar depth. None if no fit succeeds.
     """
     start = _State(0.0, shared_values(adjustment.estimate), adjustment, _chi_square(adjustment, adjustment.noise_px))
     minima = [start, *_other_minima(start, number)]
@@ -181,10 +188,10 @@ def _valleys(adjustment: Adjustment, number: int, sigma: float) -> Array | None:
 
 
 def _other_minima(start: _State, number: int) -> list[_State]:
-    """Return fits of a unified model at other minima, as deep as the estimate but for chance.
+    """Return fits of a unified model at other minima that are not significantly worse.
 
-    With three radial terms a unified camera of another xi may show the same picture, behind a barrier along which no
-    fit passes.
+    With three radial terms, unified cameras with different xi may produce nearly the same image. A
+    barrier separates these minima, and no sequence of fits passes it.
     """
     fit = start.fit
     if not isinstance(fit.model, Unified) or "xi" in fit.fixed or "k1" in fit.fixed:
@@ -218,7 +225,7 @@ def _other_minima(start: _State, number: int) -> list[_State]:
 
 
 def _is_known(model: CameraModel, minima: list[_State]) -> bool:
-    """Return whether a unified model is that of a known minimum."""
+    """Return whether a unified model belongs to a known minimum."""
     xis = [m.fit.model.xi for m in minima if isinstance(m.fit.model, Unified)]
     return isinstance(model, Unified) and any(abs(model.xi - xi) < SAME_XI for xi in xis)
 
@@ -227,15 +234,15 @@ class _State(NamedTuple):
     """Fit with one parameter held."""
 
     at: float
-    """of the parameter, from the estimate"""
+    """Offset of the parameter from the estimate."""
     values: Array
-    """(g,) of all shared parameters"""
+    """Values (g,) of all shared parameters."""
     fit: Adjustment
     chi_square: float
 
 
 def _followed(start: _State, number: int, step: float) -> list[_State]:
-    """Return fits along a valley in one direction, to where chi-square exceeds that of the estimate by far."""
+    """Return fits along a valley in one direction, up to a limit of chi-square."""
     states = [start]
     for _ in range(MOST_FITS):
         found = _held_at(states, number, step, start.fit.noise_px)
@@ -250,7 +257,10 @@ def _followed(start: _State, number: int, step: float) -> list[_State]:
 
 
 def _held_at(states: list[_State], number: int, step: float, noise_px: float) -> _State | None:
-    """Return the fit with a parameter a step farther, begun on the line of the last two; None where there is none."""
+    """Return the fit with a parameter moved by a step, None on failure.
+
+    The initial value is extrapolated linearly from the last two fits.
+    """
     last = states[-1]
     count, size = len(last.fit.model.parameters), len(last.values)
     moved = np.zeros(size)
@@ -272,14 +282,17 @@ def _held_at(states: list[_State], number: int, step: float, noise_px: float) ->
 
 
 def _chi_square(fit: Adjustment, noise_px: float) -> float:
-    """Return the sum of squares over the noise's, priors among them."""
+    """Return the sum of squared residuals over the noise variance, including priors."""
     prior = fit.question.prior(shared_values(fit.estimate)).cost
     unseen = UNSEEN_PX**2 * int((~fit.seen).sum())
     return (float(np.sum(without_slides(fit.linearised).residuals ** 2)) + unseen) / noise_px**2 + prior
 
 
 def _scales(derivatives: Array) -> Array:
-    """Changes (g,) of parameters that move the picture by 1 px rms each alone, from derivatives (n, 2, g)."""
+    """Return changes (g,) of single parameters that move the image by 1 px rms.
+
+    The input are derivatives (n, 2, g).
+    """
     size = np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
     return np.asarray(1 / np.where(size > 0, size, 1.0))
 

@@ -1,4 +1,4 @@
-"""What one viewpoint costs: a central camera is right at the distances of its boards, and elsewhere a mirror is not."""
+"""Parallax error of single-viewpoint models at object distances other than the boards'."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .bundle.observations import Motion
 Array = NDArray[np.float64]
 
 MOST_PIXELS = 1000
-CERTAIN = 5.0  # squares of the noise that each parameter more must gain; chance gains one
+CERTAIN = 5.0  # minimum gain in squared noise per additional parameter; chance gains 1
 
 
 class ViewpointCost(NamedTuple):
-    """How far off a camera of one viewpoint is at a distance."""
+    """Parallax error of a single-viewpoint camera at one object distance."""
 
     distance_mm: float
     rms_px: float
@@ -26,28 +26,29 @@ class ViewpointCost(NamedTuple):
 
 
 class ViewpointCosts(NamedTuple):
-    """At the distances of boards it was made right; not so at others."""
+    """Parallax errors at object distances other than those of the boards."""
 
     boards_mm: tuple[float, float]
-    """the nearest and the farthest corner"""
+    """Distances of the nearest and the farthest corner."""
     near: ViewpointCost
-    """at half of the least distance"""
+    """Error at 0.5 times the minimum board distance."""
     far: ViewpointCost
-    """infinitely far away"""
+    """Error at infinity."""
 
 
 def viewpoint_costs(central: Adjustment, other: Adjustment) -> ViewpointCosts:
-    """What a camera of one viewpoint costs near and far, by a model of several viewpoints fitted to the same boards.
+    """Estimate the parallax error of a single-viewpoint camera near and far.
 
-    Each pixel that saw a corner sees something else at another distance, where the other model says. Both models have
-    placed the same boards, which tells how their frames lie to each other.
+    A model with several viewpoints, fitted to the same boards, is the reference: for each pixel of
+    a corner it gives the object point at another distance. The common boards determine the rigid
+    transform between the frames of both models.
 
     Parameters
     ----------
     central
-        Of one viewpoint.
+        Fit with one viewpoint.
     other
-        Of several.
+        Fit with several viewpoints.
     """
     ours, theirs = _corners(central, central), _corners(other, central)
     move = _between(theirs, ours)
@@ -60,12 +61,12 @@ def viewpoint_costs(central: Adjustment, other: Adjustment) -> ViewpointCosts:
 
 
 def has_several(central: Adjustment, other: Adjustment) -> bool:
-    """Whether pictures show that their camera has several viewpoints: whether a model of several fits them better.
+    """Return whether a model with several viewpoints fits the images significantly better.
 
     Parameters
     ----------
     central, other
-        Of one viewpoint and of several, by least squares on the same corners.
+        Least-squares fits with one viewpoint and with several, on the same corners.
     """
     gain = float(np.sum(central.residuals**2) - np.sum(other.residuals**2)) / other.noise_px**2
     more = int(other.question.free.sum()) - int(central.question.free.sum())
@@ -73,13 +74,13 @@ def has_several(central: Adjustment, other: Adjustment) -> bool:
 
 
 def _corners(fit: Adjustment, of: Adjustment) -> Array:
-    """Corners (n, 3) of all boards of one fit, where another has them."""
+    """Return the corners (n, 3) of all boards in one fit, limited to those of another fit."""
     motions = {s.name: s.motion for s in fit.sightings}
     return np.concatenate([m(s.points[~s.distant]) for s in of.sightings if (m := motions.get(s.name)) is not None])
 
 
 def _between(points: Array, others: Array) -> Motion:
-    """The motion that takes points (n, 3) onto others, by Kabsch's method."""
+    """Return the rigid transform between point sets (n, 3) by Kabsch's method."""
     middle, other_middle = points.mean(axis=0), others.mean(axis=0)
     u, _, vt = np.linalg.svd((others - other_middle).T @ (points - middle))
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

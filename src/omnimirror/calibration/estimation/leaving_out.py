@@ -1,4 +1,4 @@
-"""Error in pictures that a model was not fitted to: what tells a good model from a flexible one."""
+"""Cross-validation: residuals in held-out images."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .bundle.observations import rms_px
 
 Array = NDArray[np.float64]
 
-EACH_UP_TO = 20  # pictures that are left out one by one; more are left out in groups
+EACH_UP_TO = 20  # maximum number of images for leave-one-out; larger sets are split into groups
 GROUPS = 10
 STEPS = 12
-SETTLED = 1e-5  # share of the sum below which a step is the last: each fit begins where all pictures agree
+SETTLED = 1e-5  # relative decrease that ends an iteration; fits start at the joint solution
 
 
 class HeldOut(NamedTuple):
-    """Residuals of pictures in fits that did not see them."""
+    """Cross-validation residuals."""
 
     rms_px: float
     residuals: Array
-    """(n, 2) px, in the order of the adjustment's"""
+    """Residuals (n, 2) px, in the order of the adjustment."""
 
 
 def folds(count: int, seed: int = 0) -> list[NDArray[np.int64]]:
-    """Which pictures are left out together: each alone, or ten groups by chance where there are many.
+    """Return the folds of a cross-validation: leave-one-out, or 10 random groups for many images.
 
     >>> [len(fold) for fold in folds(25)]
     [3, 3, 3, 3, 3, 2, 2, 2, 2, 2]
@@ -42,23 +42,23 @@ def folds(count: int, seed: int = 0) -> list[NDArray[np.int64]]:
 
 
 def held_out(adjustment: Adjustment, *, seed: int = 0, spread: Helpers | None = None) -> HeldOut:
-    """Leave pictures out, fit all others, then place the boards of those left out and nothing else.
+    """Compute residuals of held-out images: fit all others, then estimate only the held-out poses.
 
-    Of surveyed points a tenth at a time is left out, and nothing is placed anew: the others place them.
+    Surveyed points are held out in 10 groups and without a new pose, which the others determine.
 
     Parameters
     ----------
     adjustment
-        Of all pictures; each fit begins there.
+        Fit to all images; initial value of each fit.
     seed
-        Of the groups of many pictures.
+        Random seed of the groups.
     spread
-        Processes that take their part, where fits take long.
+        Worker processes for slow fits.
 
     Returns
     -------
     HeldOut
-        NaN with one board and nothing else.
+        NaN for a single board without surveyed points.
     """
     sightings = adjustment.sightings
     residuals = np.full(adjustment.residuals.shape, np.nan)
@@ -77,7 +77,7 @@ def held_out(adjustment: Adjustment, *, seed: int = 0, spread: Helpers | None = 
 
 
 def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
-    """Residuals (n, 2) of each of some boards, by a fit to all others."""
+    """Return the residuals (n, 2) of each held-out board, from a fit to all others."""
     sightings = adjustment.sightings
     others = [s for i, s in enumerate(sightings) if i not in out]
     fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=STEPS, settled=SETTLED)
@@ -87,7 +87,7 @@ def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
 
 
 def _leave_points_out(adjustment: Adjustment, seed: int, residuals: Array) -> None:
-    """Residuals (n, 2) of surveyed points, filled in, in fits to all but a tenth of them."""
+    """Compute residuals (n, 2) of surveyed points in place, from fits to 90 % of them."""
     random = np.random.default_rng(seed)
     groups = [random.permutation(len(s)) % GROUPS if s.is_surveyed else None for s in adjustment.sightings]
     for group in range(GROUPS):

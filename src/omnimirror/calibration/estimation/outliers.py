@@ -1,9 +1,10 @@
-"""Rejection of corners that no camera explains; rejected corners, and those that remain, are reported.
+"""Outlier rejection with a limit on the number of rejected corners.
 
-A rejection of all that a model does not fit makes any model look good. So at most 1 % is rejected, one corner after the
-other with an adjustment in between, by the best model there is; the set is frozen before models are compared. Gross
-errors, three times farther off than noise explains, are no question of the model: they may be up to 5 %, and are
-rejected together where several are about equally large. What remains beyond the noise is reported.
+Rejection of all corners that a model does not fit makes any model appear good. Therefore at most
+1 % are rejected, one at a time with an adjustment in between, by the best available model; the
+set is frozen before models are compared. Gross errors, 3 times beyond the noise limit, do not
+depend on the model: up to 5 % are rejected, together if several have similar size. Remaining
+corners beyond the noise are reported.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from .bundle.observations import Sighting
 
 Mask = NDArray[np.bool_]
 
-MOST_REJECTED, MOST_GROSS = 0.01, 0.05  # of all corners
-GROSS = 3.0  # times the limit of what noise explains
-ALIKE = 0.5  # of the largest gross error, from which on others are rejected with it
-MOST_TAKEN_UP = 0.75  # of the noise by what is estimated
-DOUBT = 1.44  # two standard errors of the median of Rayleigh's distribution, relative, times the root of their number
-CHANCE = 0.02  # that a set without any gross error loses a corner
-LEAST_REJECTED_PX = 0.25  # a corner that is closer is never called wrong
-FEWEST_POINTS = 6  # that a picture keeps
+MOST_REJECTED, MOST_GROSS = 0.01, 0.05  # fraction of all corners
+GROSS = 3.0  # multiple of the noise limit
+ALIKE = 0.5  # fraction of the largest gross error above which others are rejected together with it
+MOST_TAKEN_UP = 0.75  # maximum fraction of the noise absorbed by estimated parameters
+DOUBT = 1.44  # two relative standard errors of the Rayleigh median, times sqrt(n)
+CHANCE = 0.02  # probability that data without gross errors lose a corner
+LEAST_REJECTED_PX = 0.25  # corners with smaller residuals are never rejected
+FEWEST_POINTS = 6  # minimum number of corners retained per image
 
 
 class Outlier(NamedTuple):
-    """A corner that was left out."""
+    """Rejected corner."""
 
     picture: str
     corner: int
@@ -38,30 +39,30 @@ class Outlier(NamedTuple):
 
 
 def outlier_limit_px(adjustment: Adjustment) -> float:
-    """Residual above which a corner is wrong: beyond what noise, normal in both directions, shows by chance."""
+    """Return the residual above which a corner is an outlier of normally distributed noise."""
     lengths = np.hypot(*adjustment.residuals[adjustment.seen].T)
-    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MOST_TAKEN_UP)  # what is estimated hides noise
+    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MOST_TAKEN_UP)  # noise in parameters
     noise = float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(taken_up) if len(lengths) else 0.0
     noise *= 1 + DOUBT / np.sqrt(max(len(lengths), 1))
     return max(float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), LEAST_REJECTED_PX)
 
 
 def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tuple[Adjustment, tuple[Outlier, ...]]:
-    """Reject the worst corner and adjust again, until none is beyond chance or 1 % (gross errors: 5 %) is rejected.
+    """Reject the worst corner and adjust again until none is significant or the limit is reached.
 
     Parameters
     ----------
     adjustment
-        Of all corners, robust or not.
+        Robust or least-squares fit to all corners.
     most
-        Largest number of rejected corners; by default 1 %, of gross errors 5 %, and at least 1.
+        Maximum number of rejected corners; by default 1 %, of gross errors 5 %, and at least 1.
 
     Returns
     -------
     adjustment
-        Of the corners that are left, by least squares.
+        Least-squares fit to the remaining corners.
     outliers
-        What was rejected, the worst first.
+        Rejected corners, worst first.
     """
     count = len(adjustment.residuals)
     left, left_gross = ((max(1, int(s * count)) if most is None else most) for s in (MOST_REJECTED, MOST_GROSS))
@@ -88,10 +89,10 @@ def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tupl
 
 
 def remaining_outliers(adjustment: Adjustment) -> tuple[Outlier, ...]:
-    """Return corners that are farther off than noise explains in the final fit, the worst first.
+    """Return corners of the final fit with residuals beyond the noise, worst first.
 
-    They are wrong corners beyond the share that is rejected, or corners of a board or an image of which the model is
-    wrong.
+    They are outliers beyond the rejection limit, or corners of a board or an image that the model
+    does not describe.
     """
     lengths = np.where(adjustment.seen, np.hypot(*adjustment.residuals.T), UNSEEN_PX)
     beyond = np.flatnonzero(lengths > outlier_limit_px(adjustment))
@@ -99,13 +100,13 @@ def remaining_outliers(adjustment: Adjustment) -> tuple[Outlier, ...]:
 
 
 def _outlier(adjustment: Adjustment, at: int, length_px: float) -> Outlier:
-    """Return a point of an adjustment by its picture and number."""
+    """Return a point of an adjustment with its image and number."""
     stack = adjustment.question.stack
     return Outlier(adjustment.sightings[int(stack.owner[at])].name, int(stack.ids[at]), length_px)
 
 
 def _spared(adjustment: Adjustment, points: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return those of some points, in their order, that leave every picture enough."""
+    """Return the points, in order, that can be removed while each image retains the minimum."""
     owner = adjustment.question.stack.owner
     spare = np.bincount(owner) - FEWEST_POINTS
     kept = []
@@ -117,14 +118,14 @@ def _spared(adjustment: Adjustment, points: NDArray[np.int64]) -> NDArray[np.int
 
 
 def _worst(adjustment: Adjustment, lengths: NDArray[np.float64]) -> int | None:
-    """The point farthest off, of pictures that can spare one."""
+    """Return the point with the largest residual among images that can lose one."""
     counts = np.bincount(adjustment.question.stack.owner)
     spare = counts[adjustment.question.stack.owner] > FEWEST_POINTS
     return int(np.argmax(np.where(spare, lengths, -1.0))) if spare.any() else None
 
 
 def frozen(sightings: tuple[Sighting, ...], outliers: tuple[Outlier, ...]) -> tuple[Sighting, ...]:
-    """Sightings without corners that are named."""
+    """Return sightings without the given outliers."""
     named: dict[str, list[int]] = {}
     for outlier in outliers:
         named.setdefault(outlier.picture, []).append(outlier.corner)

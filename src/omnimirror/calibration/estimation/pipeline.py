@@ -1,4 +1,4 @@
-"""The steps of a calibration in their order, each leaving the best so far for whoever stops it."""
+"""Calibration pipeline: steps in order, with the best result available after each."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 from .stillness import SEVERAL, check_still, flipped_pictures, reason
 
-THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
+THINNED, TRIAL_STEPS = 3, 25  # thinning factor and steps for the comparison of initial values
 TERMS = "mirror.coefficients"
-ENOUGH = 200  # points, of which none is left out of that
+ENOUGH = 200  # minimum number of points after thinning
 AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
-HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
-FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
-FREEDOM = 0.5  # of what was measured; a model with more unknowns follows wrong points too
-FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
+HOPELESS = 1.1  # ratio to the best held-out error above which a model is not compared
+FAR = 1.5  # ratio to the noise of the best model above which full convergence is not required
+FREEDOM = 0.5  # maximum number of unknowns per measurement; more would fit outliers
+FEWEST_FOR_JUDGES = 5  # minimum number of images; with fewer, flexible models fit any data
 
 
 class Stopped(Exception):
-    """Someone asked to stop."""
+    """Cancellation by the caller."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """Tells how far it is, and asks whether to go on."""
+    """Progress reports and cancellation."""
 
     progress: Callable[[str, float], None] | None
     stop: Callable[[], bool] | None
 
     def at(self, what: str, share: float) -> None:
-        """Now ``what`` is done, after a share of all."""
+        """Report the current step and the completed fraction; raise `Stopped` if cancelled."""
         if self.stop is not None and self.stop():
             raise Stopped
         if self.progress is not None:
@@ -62,13 +62,16 @@ class Watch:
 
 @dataclass(frozen=True)
 class Foreknown:
-    """What is known of parameters beforehand, whatever the model."""
+    """Fixed parameters and priors, independent of the model."""
 
     fixed: tuple[str, ...] = ()
     priors: tuple[Prior, ...] = ()
 
     def of(self, model: CameraModel, shape: BoardShape | None) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
-        """Fixed names and priors of what a model has, its own priors among them."""
+        """Return fixed names and priors of the parameters that a model has.
+
+        The model's own priors are included.
+        """
         names = shared_names(model, shape)
         said = {p.name for p in self.priors}
         own = (Prior(*p) for p in getattr(model, "priors", ()))
@@ -76,7 +79,7 @@ class Foreknown:
         return tuple(n for n in self.fixed if n in names), tuple(p for p in priors if p.name in names)
 
     def check(self, fits: Iterable[Adjustment]) -> None:
-        """Whether some model has each of the names."""
+        """Check that each name belongs to at least one model."""
         names = dict.fromkeys(name for fit in fits for name in fit.names)
         for name in (*self.fixed, *(p.name for p in self.priors)):
             if name not in names:
@@ -85,7 +88,7 @@ class Foreknown:
 
 @dataclass
 class Course:
-    """The best so far."""
+    """State of a calibration: the best result so far."""
 
     fit: Adjustment | None = None
     held: HeldOut | None = None
@@ -93,34 +96,35 @@ class Course:
     candidates: tuple[TriedModel, ...] = ()
     strangers: dict[str, str] = field(default_factory=dict)
     wandering: Adjustment | None = None
-    """the best fit of several viewpoints"""
+    """Best fit with several viewpoints."""
     failures: dict[str, str] = field(default_factory=dict)
-    """models that could not be fitted: kind and why"""
+    """Reasons for failed fits by model."""
     edges: StraightEdges | None = None
-    """those of the edges that the best model makes straight"""
+    """Edges that the best model straightens."""
 
 
 @dataclass(frozen=True)
 class CalibrationPlan:
-    """What is to be done."""
+    """Inputs of a calibration."""
 
     sightings: tuple[Sighting, ...]
     image_size: tuple[int, int]
     centre_px: tuple[float, float] | None
     empty: Unified
-    """for optics and mount"""
+    """Empty model that holds optics and mount."""
     wanted: tuple[str | CameraModel, ...]
-    """kinds, or a model of one to begin with"""
+    """Model names, or a camera model as the initial value."""
     known: Foreknown
     shape: BoardShape | None
     is_mirrored_alike: bool
-    """whether the board looks the same from behind, so that a detector may count its corners backwards"""
+    """Whether the board equals its mirror image and a detector may number its corners in reverse.
+    """
     seed: int
     edges: StraightEdges | None = None
 
 
 def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
-    """Begin, climb to every model, reject outliers by the best, compare, and choose."""
+    """Run all steps: initial fit, model sequence, outlier rejection, comparison, selection."""
     with Helpers() as spread:
         if SensorModel.KIND in map(_kind, plan.wanted):
             spread.begin()
@@ -131,7 +135,7 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
 
 
 def _lowest_rung(plan: CalibrationPlan, course: Course) -> Adjustment:
-    """A unified model of pictures that are not all alike, their boards seen from the front."""
+    """Return a unified model fitted to images with different board poses."""
     fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
     low = begun(
         plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
@@ -142,7 +146,7 @@ def _lowest_rung(plan: CalibrationPlan, course: Course) -> Adjustment:
 
 
 def _climb_and_choose(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
-    """From the lowest rung to the model that is chosen."""
+    """Fit the model sequence, reject outliers, compare and select a model."""
     fits = _all_climbed(base, plan, watch, course, spread)
     plan.known.check(fits.values())
     judge = _judge(fits)
@@ -160,7 +164,7 @@ def _climb_and_choose(base: Adjustment, plan: CalibrationPlan, watch: Watch, cou
 
 
 def _compare(fits: dict[str, Adjustment], plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers) -> None:
-    """Leave pictures out of each model's fit, the best fits first; not of one whose fit alone is worse than that."""
+    """Cross-validate the models in order of fit error; skip those with a hopeless fit error."""
     compared: list[tuple[Adjustment, HeldOut | None]] = []
     for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
         watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
@@ -177,7 +181,7 @@ def _kind(wanted: str | CameraModel) -> str:
 def _all_climbed(
     base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course, spread: Helpers
 ) -> dict[str, Adjustment]:
-    """Robust fits of the wanted models, and of those by which outliers are told."""
+    """Return robust fits of the requested models and of the reference models for outliers."""
     ladder: list[str | CameraModel] = list(plan.wanted)
     if len(base.sightings) >= FEWEST_FOR_JUDGES:
         ladder += [kind for kind in JUDGES if kind not in map(_kind, ladder)]
@@ -202,10 +206,10 @@ def _all_climbed(
 
 
 def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
-    """Models of a kind to begin with; how large a mirror is the viewpoints that were found may tell.
+    """Return initial models of a kind, including mirror sizes estimated from fitted viewpoints.
 
-    Of an unknown mirror there are several: pictures that hardly tell its distance leave more than one valley, and only
-    one of them is the deepest.
+    An unknown mirror has several initial values: if the images determine its distance poorly, the
+    sum of squares has several valleys, and only one contains the global minimum.
     """
     usual, wandering = begun_as(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)
     if kind != SensorModel.KIND:
@@ -218,7 +222,11 @@ def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjus
 def _best_climbed(
     base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: Helpers
 ) -> Adjustment:
-    """From the start that leaves the least after some steps with some of the points, gross errors counted as such."""
+    """Return the fit from the best initial value.
+
+    Initial values are compared by their robust loss after some steps with some of the points, with
+    gross errors counted at their bounded loss.
+    """
 
     def known(into: CameraModel) -> dict[str, Any]:
         fixed, priors = plan.known.of(into, plan.shape)
@@ -246,7 +254,7 @@ def _best_climbed(
 def _trial(
     some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
 ) -> Adjustment | OmnimirrorError:
-    """Some steps from a start; or why it leads to no mirror, since another may."""
+    """Return the fit after some steps from an initial value, or the error."""
     try:
         return _some_steps(some, into, known, is_conic_first)
     except OmnimirrorError as e:
@@ -254,10 +262,10 @@ def _trial(
 
 
 def _some_steps(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
-    """Some steps from a start; with a mirror's aspheric terms free at once, or once the conic fits.
+    """Return the fit after some steps, with aspheric terms free at once or after the conic.
 
-    With its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is; with its
-    terms free, into one where they make up for a conic of the wrong size.
+    With its axis free from the start, an unknown mirror may converge to an implausible shape; with
+    free aspheric terms, these may compensate for a conic of the wrong size.
     """
     terms = tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
     fit = climbed(some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS)
@@ -273,7 +281,7 @@ def _order(wanted: str | CameraModel) -> int:
 
 
 def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
-    """The fit without pictures that even the best model does not explain."""
+    """Return the fit without images that even the best model does not explain."""
     found = without_strangers(fit)
     if not found:
         return fit
@@ -282,10 +290,13 @@ def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
 
 
 def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: Course) -> Adjustment:
-    """The fit without outliers, of pictures that agree where the mirror's centre lies; the others are named."""
+    """Return the fit without outliers, of images with a consistent mirror centre.
+
+    Inconsistent images are recorded in ``course.strangers``.
+    """
     fit, course.outliers = without_outliers(robust)
     odd: dict[str, str] = {}
-    if plan.is_mirrored_alike:  # the stiffer of two models shows more, if it explains what is seen
+    if plan.is_mirrored_alike:  # the model with fewer parameters is more sensitive
         odd = flipped_pictures(fit) or flipped_pictures(_frozen(fits.get(Unified.KIND, fit), fit, course))
     odd = odd or check_still(fit)
     if odd:
@@ -299,13 +310,13 @@ def _agreeing(robust: Adjustment, fits: dict[str, Adjustment], plan: Calibration
 
 
 def _judge(fits: dict[str, Adjustment]) -> Adjustment:
-    """The fit by which outliers are told: the best of those that the pictures determine well."""
+    """Return the reference fit for outliers: the smallest noise among well-determined models."""
     sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
     return min(sound, key=lambda fit: fit.question.noise_px) if sound else min(fits.values(), key=lambda f: f.unknowns)
 
 
 def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
-    """A model by least squares on the corners that are left for all."""
+    """Return the least-squares fit of a model to the remaining corners."""
     names = {s.name for s in judge.sightings}
     kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
     is_far = fit.question.noise_px > FAR * judge.question.noise_px

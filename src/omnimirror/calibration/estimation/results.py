@@ -1,4 +1,4 @@
-"""What a calibration hands over: the camera, how well it is known, and what became of every picture and corner."""
+"""Calibration results: camera, uncertainty, and residuals by image and corner."""
 
 from __future__ import annotations
 
@@ -33,92 +33,93 @@ Array = NDArray[np.float64]
 
 
 class PictureResult(NamedTuple):
-    """What became of a picture."""
+    """Result for an image."""
 
     name: str
     found: int
-    """corners"""
+    """Number of detected corners."""
     used: bool
     reason: str | None
-    """why it was not used"""
+    """Reason for which the image is not used."""
     rms_px: float | None
-    """of its corners but the outliers"""
+    """Reprojection error of its inliers."""
     rotation: Array | None = None
-    """(3, 3) from the frame of what it shows (board, survey) to the camera frame; None where it is not used"""
+    """Rotation (3, 3) from the target frame (board, survey) to the camera frame; None if not used.
+    """
     shift_mm: Array | None = None
-    """(3,) the same: ``X = rotation @ p + shift_mm``"""
+    """Translation (3,) of this transform: ``X = rotation @ p + shift_mm``."""
 
     @property
     def camera_at_mm(self) -> Array | None:
-        """Where (3,) the camera frame has its origin in the frame of what the picture shows."""
+        """Origin (3,) of the camera frame in the target frame."""
         return None if self.rotation is None or self.shift_mm is None else -self.rotation.T @ self.shift_mm
 
 
 class ParameterResult(NamedTuple):
-    """A parameter of the camera or of the board."""
+    """Parameter of the camera or of the board."""
 
     name: str
     value: float
     sigma: float
-    """0 where it was fixed"""
+    """Standard deviation; 0 for fixed parameters."""
     unit: str
 
 
 class EdgeResult(NamedTuple):
-    """What became of a straight edge that was marked."""
+    """Result for a marked straight edge."""
 
     picture: str
     edge: int
-    """in its picture, from 1"""
+    """Number in its image, from 1."""
     points: int
     used: bool
-    """whether the camera makes it straight"""
+    """Whether the camera straightens it."""
     rms_px: float
-    """how far its points are off the image of a straight line"""
+    """Deviation of its points from the image of a straight line."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A camera measured from its pictures.
+    """Result of a camera calibration.
 
     Attributes
     ----------
     model
-        The camera.
+        Calibrated camera model.
     board
-        That the pictures show, None where there is none.
+        Calibration target; None if there is none.
     shape
-        How the board differs from a flat one with square fields; None where it was taken as such.
+        Deviation of the board from a flat one with square fields; None if not estimated.
     rms_px
-        ``sqrt(mean |e|^2)`` over all corners but the outliers.
+        Reprojection error ``sqrt(mean |e|^2)`` over all inliers.
     corners
-        Found in the pictures that are used, outliers among them.
+        Number of corners in the used images, including outliers.
     outliers
-        Corners that were left out, the worst first.
+        Rejected corners, worst first.
     pictures
-        What became of each, in the order in which they came.
+        Result for each image, in input order.
     parameters
-        With their standard deviations.
+        Parameters with their standard deviations.
     uncertainty
-        Covariance, correlations and what is not determined.
+        Covariance, correlations and weakly determined combinations.
     candidates
-        Models that were compared, the chosen one among them.
+        Compared models, including the selected one.
     notes
-        What whoever uses this should know, in sentences.
+        Notes for users of the camera, in sentences.
     advice
-        Which pictures to take next, in sentences.
+        Recommendations for further images, in sentences.
     coverage
-        How corners are spread over the picture.
+        Distribution of corners over the image.
     adjustment
-        Residuals and all that they follow from.
+        Final fit with residuals and derivatives.
     held_out
-        Residuals of pictures in fits that did not see them; None where nothing was left out.
+        Cross-validation residuals; None without cross-validation.
     seconds
-        It took.
+        Elapsed time.
     is_complete
-        False where it was stopped before the end.
+        False if the calibration was cancelled.
     edges
-        Straight edges that were marked, and what became of each.
+        Result for each marked straight edge.
 
     Examples
     --------
@@ -152,45 +153,46 @@ class Calibration:
 
     @property
     def held_out_rms_px(self) -> float:
-        """``sqrt(mean |e|^2)`` over pictures that were left out of the fit, with only their boards placed."""
+        """Reprojection error ``sqrt(mean |e|^2)`` of held-out images; only poses are fitted."""
         return float("nan") if self.held_out is None else self.held_out.rms_px
 
     @property
     def covariance(self) -> Array:
-        """Of the camera's own parameters (p, p), 0 where they were fixed."""
+        """Covariance of the camera parameters (p, p); 0 for fixed parameters."""
         count = len(self.model.parameters)
         return self.uncertainty.covariance[:count, :count]
 
     @property
     def free(self) -> tuple[FreeCombination, ...]:
-        """Combinations of parameters that the pictures do not determine."""
+        """Combinations of parameters that the images do not determine."""
         return self.uncertainty.free
 
     def direction_sigma_deg(self, directions: ArrayLike) -> Array:
-        """Return the standard deviation of the directions that pixels see.
+        """Return the standard deviation of the directions of pixels.
 
         Parameters
         ----------
         directions : (n, 3)
-            In the camera frame (X right, Y down, Z ahead).
+            Directions in the camera frame (X right, Y down, Z ahead).
 
         Returns
         -------
         (n,) array
-            Deg, along the larger axis; NaN where the camera sees nothing, and outside of :attr:`field_deg`.
+            Standard deviation in deg along the larger axis; NaN outside the image and outside
+            :attr:`field_deg`.
         """
         return direction_sigma_deg(self.model, self.covariance, directions, self.field_deg)
 
     @property
     def remaining_outliers(self) -> tuple[Outlier, ...]:
-        """Corners that were used and are farther off than noise explains, the worst first."""
+        """Used corners with residuals beyond the noise, worst first."""
         return remaining_outliers(self.adjustment)
 
     @cached_property
     def field_deg(self) -> float | None:
-        """Calibrated field: the largest field angle (deg) of anything that the fit used; None where nothing is seen.
+        """Calibrated field: largest field angle (deg) of the used measurements; None without any.
 
-        Beyond it the camera is an extrapolation: its errors there are not known.
+        Beyond it the camera is an extrapolation with unknown errors.
         """
         edges = self.adjustment.edges
         measured = [s.pixels for s in self.adjustment.sightings] + [e.pixels for e in (edges.edges if edges else ())]
@@ -198,7 +200,7 @@ class Calibration:
 
     @property
     def camera(self) -> Sensor | CameraModel:
-        """The camera as it is used and saved: the sensor itself, or the model with its uncertainty."""
+        """Camera for use and storage: the sensor itself, or the model with its uncertainty."""
         names = tuple(p.name for p in self.model.parameters)
         sigmas = self.uncertainty.sigmas[: len(names)]
         is_linear = np.allclose(sigmas**2, np.diag(self.covariance), rtol=1e-9, atol=0)
@@ -209,33 +211,33 @@ class Calibration:
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
-            return replace(self.model, uncertainty=known)  # type: ignore[type-var]  # every model is a dataclass
+            return replace(self.model, uncertainty=known)  # every model is a dataclass
         return self.model
 
     def save(self, path: str | Path) -> None:
-        """Write the camera's file: a sensor file, or a camera file with its uncertainty.
+        """Write the camera to a sensor file, or to a camera file with its uncertainty.
 
         Parameters
         ----------
         path
-            Of the file, TOML.
+            TOML file.
 
         Raises
         ------
         OmnimirrorError
-            The file cannot be written.
+            If the file cannot be written.
         """
         save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
 
     @property
     def seen(self) -> str:
-        """What was seen, as a word: corners, points, or both."""
+        """Kind of measurements: "corners", "points", or both."""
         kinds = {"points" if s.is_surveyed else "corners" for s in self.adjustment.sightings}
         return " and ".join(sorted(kinds))
 
     @property
     def summary(self) -> str:
-        """A line about it."""
+        """Summary in one line."""
         used = sum(p.used for p in self.pictures)
         held = f", {self.held_out_rms_px:.3f} px in pictures left out" if self.held_out else ""
         return (
@@ -245,12 +247,12 @@ class Calibration:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers, as the file of ``--json`` has them.
+        """Convert to the dictionary written by ``--json``.
 
         Returns
         -------
         dict
-            Of texts, numbers and lists.
+            Texts, numbers and lists.
         """
         return {
             "rms_px": self.rms_px,
@@ -276,17 +278,17 @@ class Calibration:
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """All numbers as JSON; what is not a number, such as the held-out error of one picture, is null.
+        """Convert to JSON; NaN, such as the held-out error of a single image, becomes null.
 
         Parameters
         ----------
         path
-            A file to write, too.
+            Output file, optional.
 
         Returns
         -------
         str
-            The text.
+            JSON text.
         """
         text = json.dumps(json_plain(self.to_dict()), indent=1) + "\n"
         if path is not None:

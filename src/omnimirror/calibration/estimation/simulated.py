@@ -1,4 +1,4 @@
-"""Corners of a board as a camera would see them, without rendering: to try a calibration against a known truth."""
+"""Simulated board corners without rendering, to test a calibration against a known camera."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .bundle.observations import rotation_of
 Array = NDArray[np.float64]
 
 MOST_PICTURES = 10_000
-TRIES = 200  # of a pose, before it is said that the camera sees no board
-SEEN = 0.8  # of the corners
+TRIES = 200  # attempts per pose before an error is raised
+SEEN = 0.8  # minimum fraction of visible corners
 MOST_TILT = np.radians(45.0)
-DISTANCES = (0.9, 2.5)  # of the board's diagonal
+DISTANCES = (0.9, 2.5)  # multiples of the board's diagonal
 
 
 @checked
@@ -30,32 +30,32 @@ def simulate_detections(
     seed: int = 0,
     points_mm: Array | None = None,
 ) -> list[Detection]:
-    """Corners of a board held all around a camera, with normal noise.
+    """Simulate corners of a board at random poses around a camera, with normal noise.
 
     Parameters
     ----------
     camera
-        Of any kind.
+        Camera of any type.
     board
-        That is held at one to three times its diagonal from the camera, facing it within 45 deg.
+        Target, placed 0.9 to 2.5 times its diagonal from the camera and tilted by up to 45 deg.
     count
-        Of pictures.
+        Number of images.
     noise_px
-        Standard deviation of a coordinate.
+        Standard deviation of each coordinate.
     seed
-        Of places and noise.
+        Random seed of poses and noise.
     points_mm : (n, 3), optional
-        Where the board's corners really are, if it is not flat.
+        True positions of the board's corners, for a board that is not flat.
 
     Returns
     -------
     list of Detection
-        As a detector would find them.
+        Simulated detections.
 
     Raises
     ------
     InvalidParameter
-        The camera sees no such board, anywhere.
+        If the camera sees the board at no pose.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def simulate_detections(
 
 
 def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
-    """Corners (n, 3) of a board, in the world, where a random pixel of the camera looks."""
+    """Return the corners (n, 3) of a board at a random pose in the world frame."""
     size = np.array(camera.image_size)
     while True:
         rays = camera.backproject(random.uniform(0, 1, (1, 2)) * size - 0.5)
@@ -94,7 +94,7 @@ def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     across = np.cross(ahead, random.normal(size=3))
     x = across / np.linalg.norm(across)
-    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z of a board points away from who reads it
+    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z points away from the viewer
     tilt = random.normal(size=3)
     rotation = rotation_of(random.uniform(0, MOST_TILT) * tilt / np.linalg.norm(tilt)) @ facing
     place = rays.origins[0] + random.uniform(*DISTANCES) * diagonal * ahead

@@ -1,4 +1,4 @@
-"""Whether the mirror stayed where it was, and the pictures as they were: whether all agree where its centre lies."""
+"""Mount stability: consistency of the mirror centre over all images."""
 
 from __future__ import annotations
 
@@ -20,21 +20,27 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOVED_PX = 1.5
-"""A centre that lies nearer to the others' is called the same."""
+"""Maximum distance of centres that count as equal."""
 CHANCE = 1e-3
-"""That pictures in which nothing moved are said to fall into two groups."""
+"""Probability that images without motion are split into two groups."""
 PLAUSIBLE = 0.05
-"""The same, above which it is not looked at more closely."""
+"""Probability above which no further test is made."""
 MOVED_GAIN = 100.0
-"""Least gain of two centres, in the sum of squares over the noise's."""
+"""Minimum gain of two centres in the sum of squares over the noise variance."""
 FLIPPED_GAIN, CLEAN = 25.0, 2.0
-"""The same of a picture that is flipped, with nothing more to adjust; and what centres may explain after all flips, a
-number, for these to be believed."""
+"""Minimum gain of a flip, and maximum remaining gain of separate centres.
+
+A flip adds no parameters. The remaining gain is per parameter, after all flips.
+"""
 WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
-"""Least gain of one picture's centre from side to side, to the first order; how many pictures are tried at once; and
-the least share that two centres explain of what all do, where flips are to explain the rest."""
+"""Limits of the search for flipped images.
+
+They are the minimum first-order gain of one image's horizontal centre offset, the number of
+images tried at once, and the minimum fraction of the gain of all centres that two centres
+explain.
+"""
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
-ROUNDING = 1e-9  # of the largest eigenvalue
+ROUNDING = 1e-9  # relative to the largest eigenvalue
 CENTRE = {"mirror": "the mirror's centre", "fisheye": "the optical centre"}
 MOVED = {
     "mirror": "the mirror moved against the camera",
@@ -57,19 +63,20 @@ HALF_FLIPPED = (
 
 
 def check_still(adjustment: Adjustment) -> dict[str, str]:
-    """Whether all pictures agree where the mirror's centre lies.
+    """Check that the mirror centre is the same in all images.
 
-    One picture that does not agree with the others is returned, name to reason; if there are more, nobody knows which
-    are right.
+    A single inconsistent image is returned as name and reason; with larger groups it is ambiguous
+    which images are correct.
 
-    Each picture is given a centre of its own, while camera, board and poses may follow. If two centres, of two groups
-    of pictures, explain far more than what the others of these centres still explain then, something moved, or some
-    pictures are flipped. How far centres scatter by errors of the model is part of that comparison.
+    Each image obtains its own centre, while camera, board and poses adapt. If two centres, of two
+    groups of images, explain much more than separate centres within the groups, the mirror moved or
+    images are flipped. The comparison (an F test) accounts for the scatter of centres caused by
+    model errors.
 
     Raises
     ------
     InvalidParameter
-        Two groups or more: the message names the smaller.
+        If there are two or more groups; the message names the smaller.
     """
     if len(adjustment.sightings) <= FEWEST_PICTURES:
         return {}
@@ -85,22 +92,22 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
 
 
 def reason(sentence: str, adjustment: Adjustment, *values: object) -> str:
-    """Fill in a sentence about centres that differ, for a mirror or for a fisheye."""
+    """Return a sentence about different centres, for a mirror or for a fisheye."""
     optics = getattr(adjustment.model, "optics", "mirror")
     return sentence.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
 
 
 def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
-    """Pictures that fit the others when they are flipped left to right: name to reason.
+    """Return images that fit the others only when flipped left to right, as name and reason.
 
-    Of boards whose mirror image is such a board too nothing else shows it. Pictures are flipped one after the other as
-    long as much is gained, and believed if all pictures agree then, as far as the noise lets them, and begun with no
-    other picture it ends as well.
+    For boards that equal their mirror image no other evidence exists. Images are flipped one at a
+    time while the gain is significant. The result is accepted if all images then agree within the
+    noise and no other initial image leads to a similar fit.
 
     Raises
     ------
     InvalidParameter
-        Half of the pictures: nobody knows which half.
+        If half of the images are flipped, since the correct half is ambiguous.
     """
     count = len(adjustment.sightings)
     if count <= FEWEST_PICTURES:
@@ -125,14 +132,14 @@ def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class OwnCentres:
-    """What the residuals say of a centre of its own for each of m pictures, when everything else may follow.
+    """First-order estimate of a separate centre for each of m images, while all else adapts.
 
     Parameters
     ----------
     information : (m, 2, m, 2)
-        Of the offsets of the pictures' centres, 1/px^2.
+        Information matrix of the centre offsets, 1/px^2.
     pull : (m, 2)
-        Gradient of half of the sum of squares over the noise's, 1/px.
+        Gradient of 0.5 times the sum of squares over the noise variance, 1/px.
     """
 
     information: Array
@@ -140,7 +147,7 @@ class OwnCentres:
 
     @classmethod
     def of(cls, adjustment: Adjustment, applied: Array) -> OwnCentres:
-        """By the derivatives of a fit in which centres (m, 2) px are moved already."""
+        """Compute from the derivatives of a fit with applied centre offsets (m, 2) px."""
         question, found = adjustment.question, without_slides(adjustment.linearised)
         count, points, free = len(question.stack.slices), len(question.stack.owner), int(question.free.sum())
         own = np.zeros((points, 2, count, 2))
@@ -159,13 +166,13 @@ class OwnCentres:
 
     @property
     def explained(self) -> tuple[float, int]:
-        """What all centres together gain, in the sum of squares over the noise's, and how many numbers that takes."""
+        """Gain of all centres in the normalised sum of squares, and number of parameters."""
         values, vectors = self._eigen()
         return float(np.sum((vectors.T @ self.pull.ravel()) ** 2 / values)), len(values)
 
     @property
     def offsets(self) -> Array:
-        """Of the centres (m, 2), px, as far as they are determined."""
+        """Offsets of the centres (m, 2) px, as far as they are determined."""
         values, vectors = self._eigen()
         return np.asarray(-(vectors / values) @ (vectors.T @ self.pull.ravel())).reshape(-1, 2)
 
@@ -175,7 +182,7 @@ class OwnCentres:
         return values[known], vectors[:, known]
 
     def of_groups(self, groups: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """What one offset for all of a group gains (k,), and the offset (k, 2), px, of groups (k, m)."""
+        """Return the gain (k,) of a common offset of groups (k, m), and the offsets (k, 2) px."""
         part = groups.astype(float)
         information = np.einsum("km,minj,kn->kij", part, self.information, part, optimize=True)
         information += ROUNDING * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
@@ -184,10 +191,11 @@ class OwnCentres:
         return -np.sum(pull * offsets, axis=1), offsets
 
     def split(self) -> Mask:
-        """The group of pictures (m,) of which one offset gains the most.
+        """Return the group of images (m,) with the largest gain by a common offset.
 
-        Begun with what came after one of the pictures, each picture alone, and what lies beyond each along the line on
-        which the centres scatter most; then one picture at a time changes sides.
+        Initial groups are all images after one image, each image alone, and the images beyond each
+        along the principal axis of the scatter of centres. Single images are then moved between the
+        groups while the gain increases.
         """
         count = len(self.pull)
         scattered = self.offsets - np.median(self.offsets, axis=0)
@@ -208,20 +216,20 @@ class OwnCentres:
 
 
 def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
-    """The fit after flips of one picture after the other, and the smaller group (m,) of pictures that differ."""
+    """Return the fit after successive flips and the smaller group (m,) of flipped images."""
     while True:
         better = min(_with_one_flipped(fit, turned), key=lambda one: float(np.sum(one[0].residuals ** 2)), default=None)
         if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
             break
         fit, turned = better
-    is_first = 2 * turned.sum() == len(turned) and turned[0]  # of two halves that which lacks the first
+    is_first = 2 * turned.sum() == len(turned) and turned[0]  # half without the first image
     return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(turned) or is_first else turned
 
 
 def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, Mask]]:
-    """Fits with one more picture flipped, and which are.
+    """Return fits with one more image flipped, and the flipped images.
 
-    A flip shifts the centre from side to side: pictures are tried that gain the most if they alone may shift so.
+    A flip shifts the centre horizontally: images with the largest gain by such a shift are tried.
     """
     count, ends_mm, width = len(fit.sightings), ends_of(fit.sightings), fit.model.image_size[0]
     own = OwnCentres.of(fit, np.zeros((count, 2)))
@@ -232,18 +240,18 @@ def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, M
         if across[number] < WORTH_A_FLIP:
             break
         other = [flipped(s, ends_mm, width) if i == number else s for i, s in enumerate(fit.sightings)]
-        with suppress(OmnimirrorError):  # where the flip leads to no camera at all
+        with suppress(OmnimirrorError):  # the flip may lead to no valid camera
             tried.append((fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number)))
     return tried
 
 
 def _gain(before: Adjustment, after: Adjustment) -> float:
-    """What an adjustment is better than another, in the sum of squares over the noise's."""
+    """Return the decrease of the sum of squares between two fits over the noise variance."""
     return float(np.sum(before.residuals**2) - np.sum(after.residuals**2)) / after.noise_px**2
 
 
 def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
-    """The smaller of two groups of pictures, and how far its centre lies from that of the others, px."""
+    """Return the smaller of two groups of images and the distance of their centres in px."""
     count = len(adjustment.sightings)
     fit, applied = adjustment, np.zeros((count, 2))
     for number in range(ROUNDS):
@@ -267,10 +275,13 @@ def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
 
 
 def _chance(gain: float, left: float, count: int, numbers: int) -> float:
-    """How probable it is that the best of all splits gains so much where centres scatter as they do within groups.
+    """Return the probability that the best split gains as much by chance.
 
-    Fisher's F with 2 degrees of freedom above is beyond x by chance ``(1 + 2 x / d)^(-d / 2)``. Pictures whose centres
-    lie in a plane can be parted by a line in some ``count^2 / 2`` ways.
+    The scatter of centres within groups is taken into account.
+
+    Fisher's F distribution with 2 and d degrees of freedom exceeds x with probability
+    ``(1 + 2 x / d)^(-d / 2)``. There are about ``count^2 / 2`` splits of points in a plane by a
+    line.
     """
     others = max(numbers - 2, 1)
     beyond = (1 + gain / others / max(left / others, 1.0)) ** (-others / 2)

@@ -1,4 +1,4 @@
-"""Camera files of other programs, a format to each file."""
+"""Camera file formats of other programs."""
 
 from .base import CameraFile, CameraFormat, Layout, Reading, Stored
 from .registry import FORMATS, read_cameras, register_camera_format, targets_of

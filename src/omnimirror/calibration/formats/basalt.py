@@ -1,7 +1,7 @@
-"""Basalt's calibration JSON: cameras of a rig, each of one of the models of ``basalt-headers``.
+"""Basalt calibration JSON: cameras of a rig with the models of ``basalt-headers``.
 
-Written are ``ds``, ``eucm`` and ``kb4``; ``ucm``, ``pinhole`` and ``pinhole-radtan8`` are read too. No model has skew.
-Unlike OpenCV's fisheye, ``kb4`` serves field angles of 90 deg and more.
+Writes ``ds``, ``eucm`` and ``kb4``; reads also ``ucm``, ``pinhole`` and ``pinhole-radtan8``. No
+model has skew. Unlike OpenCV's fisheye, ``kb4`` supports field angles of 90 deg and more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MODELS: dict[str, tuple[Any, tuple[str, ...], dict[str, float]]] = {
     "pinhole": (Unified, (), {"xi": 0.0}),
     "pinhole-radtan8": (RationalPinhole, RADTAN8, {}),
 }
-"""Our model, its parameters in the file, and those that the file does not have, by Basalt's name."""
+"""Camera model, its parameters in the file, and constants for missing ones, by Basalt's name."""
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:

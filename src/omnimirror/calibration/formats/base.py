@@ -1,11 +1,13 @@
-"""What every format says of itself: how a file is recognised, read and written, and which camera models it holds.
+"""Interface of camera file formats: recognition, reading, writing, and supported camera models.
 
-The numbers of a file belong to the picture that was calibrated, and so do those of our models. What files do not say is
-told when one is read (:class:`Reading`): whether the camera looks at a mirror, and whether the picture is reversed.
+The parameters of a file apply to the calibrated image, as do those of the camera models here.
+Information that files lack is given for reading (:class:`Reading`): the type of optics and
+whether the image is flipped.
 
-Files know one frame: right and down in the picture, and a third axis towards what the centre of the picture sees. In
-our camera frame (X right, Y down, Z ahead of the lens) a fisheye's is (X, Y, Z), and a mirror's (X, Y, -Z), which is
-left-handed since a mirror's picture is reversed; of a picture that was flipped it is (-X, Y, -Z), right-handed again.
+Files use one frame: right and down in the image, and a third axis along the viewing direction at
+the image centre. In the camera frame here (X right, Y down, Z ahead of the lens), it is (X, Y, Z)
+for a fisheye and (X, Y, -Z) for a mirror, which is left-handed because the image of a mirror is
+reversed. For a flipped mirror image it is (-X, Y, -Z), right-handed again.
 """
 
 from __future__ import annotations
@@ -27,25 +29,26 @@ from .entries import Node, read_json, read_xml, read_yaml
 Content = str | bytes
 GZIP = b"\x1f\x8b"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-NOTHING = 1e-9  # of a parameter's typical change: the rounding of a fit
-ALIKE = {"c": 1.0}  # of what does nothing at another value than 0: OCamCalib's stretch
+NOTHING = 1e-9  # relative to a typical parameter change: rounding of a fit
+ALIKE = {"c": 1.0}  # neutral values other than 0: OCamCalib's stretch
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What files of other programs do not say.
+    """Information that files of other programs do not contain.
 
     Attributes
     ----------
     source
-        The file's name, for errors.
+        File name, for error messages.
     optics : "mirror" or "fisheye"
+        Type of optics.
     mount
-        How the camera stands; its ``image_flipped`` says that the picture which was calibrated had been flipped.
+        Orientation of the camera; ``image_flipped`` states that the calibrated image was flipped.
     rim_radius_px : px, optional
-        Where the field ends.
+        Boundary of the field.
     image_size : (width, height), optional
-        For files that do not tell it.
+        Image size, for files without it.
     """
 
     source: str
@@ -56,16 +59,16 @@ class Reading:
 
     @property
     def told(self) -> dict[str, Any]:
-        """What every model of ours takes that no file says."""
+        """Arguments of all camera models that files do not contain."""
         return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
 
     def size_in(self, table: Node, name: str) -> tuple[int, int]:
-        """Return the size that a table gives as two numbers, width and height, or the one that was given.
+        """Return the image size from a table entry of width and height, or the given size.
 
         Raises
         ------
         SpecError
-            Neither gives it, or the table's is not valid.
+            If there is no size, or the entry is invalid.
         """
         if name not in table:
             return self.size()
@@ -75,12 +78,12 @@ class Reading:
         return entries[0].whole(), entries[1].whole()
 
     def size(self) -> tuple[int, int]:
-        """The size of the picture, of a file that does not tell it.
+        """Return the given image size, for a file without it.
 
         Raises
         ------
         SpecError
-            It was not given.
+            If no size was given.
         """
         if self.image_size is None:
             raise SpecError(
@@ -91,13 +94,13 @@ class Reading:
 
 
 class Stored(NamedTuple):
-    """A camera of a file."""
+    """Camera in a file."""
 
     name: str
-    """What the file calls it: "cam0", "1"; "" where it has no name."""
+    """Name in the file: "cam0", "1"; "" without a name."""
     camera: Camera
     notes: tuple[str, ...] = ()
-    """Assumptions that were made to read it, and contradictions in the file."""
+    """Assumptions made while reading, and contradictions in the file."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +110,9 @@ class CameraFile:
     Attributes
     ----------
     source
-        The file's name, for errors.
+        File name, for error messages.
     data
-        Its content; that of a gzip file is decompressed (:meth:`of`).
+        Content; gzip files are decompressed (:meth:`of`).
     """
 
     source: str
@@ -117,12 +120,12 @@ class CameraFile:
 
     @classmethod
     def of(cls, source: str, data: bytes) -> CameraFile:
-        """Take a file's content, decompressed where it is a gzip file, such as OpenCV's ``.yml.gz``.
+        """Create from the content of a file, decompressing gzip files such as OpenCV's ``.yml.gz``.
 
         Raises
         ------
         SpecError
-            The compressed content is damaged or too large.
+            If the compressed content is damaged or too large.
         """
         if data.startswith(GZIP):
             try:
@@ -138,17 +141,17 @@ class CameraFile:
 
     @property
     def is_binary(self) -> bool:
-        """Whether the content is not text."""
+        """True if the content is binary."""
         return b"\0" in self.data
 
     @cached_property
     def text(self) -> str:
-        """The text.
+        """Text of the file.
 
         Raises
         ------
         SpecError
-            It is none.
+            If the content is not text.
         """
         try:
             return self.data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -157,7 +160,7 @@ class CameraFile:
 
     @cached_property
     def _parsed(self) -> Node | SpecError:
-        """The entries of JSON, XML or YAML, whichever it is, or the reason why there are none."""
+        """Entries of JSON, XML or YAML content, or the parsing error."""
         if self.is_binary:
             return SpecError(f"cannot read {self.source}: it is not a text file")
         problem: SpecError | None = None
@@ -171,7 +174,7 @@ class CameraFile:
 
     @property
     def _parsers(self) -> list[Callable[[], Node]]:
-        """Parsers by the first character, in this order; YAML's tables may begin as those of JSON do."""
+        """Parsers by the first character, in order; YAML mappings may start like JSON."""
 
         def yaml() -> Node:
             return read_yaml(self._documents[0], self.source)
@@ -185,7 +188,7 @@ class CameraFile:
 
     @cached_property
     def _documents(self) -> list[str]:
-        """Documents of a YAML text, which lines ``---`` separate, as after each message of ``ros2 topic echo``."""
+        """Documents of a YAML text separated by ``---``, as by ``ros2 topic echo``."""
         documents: list[list[str]] = [[]]
         has_begun = False
         for line in self.text.splitlines():
@@ -202,12 +205,12 @@ class CameraFile:
 
     @property
     def entries(self) -> Node:
-        """The entries of the file.
+        """Entries of the file.
 
         Raises
         ------
         SpecError
-            It is not valid JSON, XML or YAML.
+            If the file is not valid JSON, XML or YAML.
         """
         if isinstance(self._parsed, SpecError):
             raise self._parsed
@@ -215,23 +218,23 @@ class CameraFile:
 
     @property
     def table(self) -> Node | None:
-        """The entries, if they have names; None of other content."""
+        """Entries, if the content is a mapping; otherwise None."""
         is_table = isinstance(self._parsed, Node) and isinstance(self._parsed.value, dict)
         return self.entries if is_table else None
 
     def has(self, *names: str) -> bool:
-        """Whether the file is a table with these names."""
+        """Return whether the file is a mapping with these names."""
         return self.table is not None and all(name in self.table for name in names)
 
     @property
     def problem(self) -> SpecError | None:
-        """Why a file that is JSON, XML or YAML by its beginning or by its name cannot be parsed."""
+        """Parsing error of a file that is JSON, XML or YAML according to its start or its name."""
         claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
         return self._parsed if isinstance(self._parsed, SpecError) and claims else None
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was passed over."""
+        """Notes on ignored content."""
         several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
         count = len(self._documents) if several else 1
         return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
@@ -239,27 +242,30 @@ class CameraFile:
 
 @dataclass(frozen=True)
 class Layout:
-    """One camera model of a format.
+    """Camera model of a format.
 
     Attributes
     ----------
     kind
-        The model of ours with the same formula.
+        Camera model with the same formula.
     write
-        The content of a file, of a camera and its name.
+        Function that returns the content of a file for a camera and its name.
     places : optional
-        Names of the parameters that there is a place for; the others have to do nothing, as 0 does but for a stretch
-        (:data:`ALIKE`), apart from rounding. None: for all.
+        Names of supported parameters; None: all. The others must have no effect, which is the value
+        0 except for a stretch (:data:`ALIKE`) except for rounding.
     reach_deg : deg
-        Field angle below which programs that read the file project points, whatever the formula says.
+        Field angle below which programs that read the file project points, independent of the
+        formula.
     refuses
-        What else it cannot hold of a camera of this kind, in words that follow "it"; "" for nothing.
+        Further reason for which it cannot store a camera of this kind, in words that follow "it";
+        "" for none.
     is_panorama
-        Whether it is of a panorama that has to be made of the camera's pictures first; taken by its own name alone.
+        Whether it describes a panorama that must be rendered from the images first; selected by its
+        own name only.
     suffixes
-        Of file names, where the same is written in several ways; empty for any.
+        File suffixes, if the same model has several encodings; empty for any.
     words
-        The model, as its program calls it.
+        Name of the model in its program.
     """
 
     kind: type[Any]
@@ -272,7 +278,10 @@ class Layout:
     refuses: Callable[[Any], str] = lambda camera: ""
 
     def lacks(self, camera: Camera) -> str:
-        """Why it cannot hold a camera exactly, in words that follow "it"; "" where it can."""
+        """Return the reason for which it cannot store a camera exactly, in words that follow "it".
+
+        Empty if it can.
+        """
         if self.is_panorama:
             return ""
         if not isinstance(camera, self.kind):
@@ -284,7 +293,7 @@ class Layout:
         return self.refuses(camera)
 
     def unplaced(self, camera: Any) -> tuple[str, ...]:
-        """Return the names of a camera's parameters that have an effect and no place in the file."""
+        """Return the names of a camera's parameters that have an effect but are not supported."""
         if self.places is None or not isinstance(camera, self.kind):
             return ()
         return tuple(
@@ -296,20 +305,21 @@ class Layout:
 
 @dataclass(frozen=True)
 class CameraFormat:
-    """A file of cameras, of one program.
+    """Camera file format of a program.
 
     Attributes
     ----------
     title
-        In words: "Kalibr camchain YAML".
+        Name in words: "Kalibr camchain YAML".
     recognises
-        Whether a file is one of these, by its parsed content; a file that several formats recognise is rejected.
+        Whether a file has this format, from its parsed content; a file recognised by several
+        formats is rejected.
     read
         Read the cameras of a file; raises :class:`SpecError` with the line.
     layouts
-        What can be written, the one that is preferred first, by the name that is asked for.
+        Writable layouts by name, preferred first.
     names
-        Patterns of file names that stand for this format where nothing else says which to write.
+        Patterns of file names that select this format by default.
     """
 
     title: str
@@ -320,14 +330,14 @@ class CameraFormat:
 
 
 def named(names: Iterable[str], numbers: Iterable[float]) -> dict[str, Any]:
-    """Numbers by their names, as a model takes them; numbers that are left out are 0."""
+    """Return numbers by name as arguments of a model; missing numbers are 0."""
     return dict(zip(names, numbers, strict=False))
 
 
 def row(numbers: Any, separator: str = ", ") -> str:
-    """Numbers as files hold them: the shortest words that read as the same numbers, for YAML 1.1 too.
+    """Format numbers for files: the shortest text that reads back exactly, also in YAML 1.1.
 
-    There ``1e-05`` is a word and no number, since it has no point.
+    In YAML 1.1 ``1e-05`` is a string because it has no decimal point.
 
     >>> row([0.1, 2, 1e-5])
     '0.1, 2.0, 1.0e-05'

@@ -1,8 +1,9 @@
-"""camodocal's camera YAML, which VINS, KITTI-360 and LF-VIO use: MEI, KANNALA_BRANDT, SCARAMUZZA and PINHOLE.
+"""camodocal camera YAML (VINS, KITTI-360, LF-VIO): MEI, KANNALA_BRANDT, SCARAMUZZA, PINHOLE.
 
 MEI is the unified sphere with ``gamma1``, ``gamma2`` as focal lengths; KANNALA_BRANDT is
-``theta + k2 theta^3 + ... + k5 theta^9`` with ``mu``, ``mv``. SCARAMUZZA has OCamCalib's polynomials and affine matrix,
-applied to (x, y) and not to (row, column): ``x = ac X + ad Y + cx``, ``y = ae X + Y + cy``.
+``theta + k2 theta^3 + ... + k5 theta^9`` with ``mu``, ``mv``. SCARAMUZZA has OCamCalib's
+polynomials and affine matrix, applied to (x, y) instead of (row, column):
+``x = ac X + ad Y + cx``, ``y = ae X + Y + cy``.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: Reading)
     return Stored(name, camera, tuple(inverse_doubts(camera, c * np.array(inverse))))
 
 
-# -- writing -------------------------------------------------------------------------------------------
+# -- writing ----------------------------------------------------------------------------------
 
 
 def _written(camera: Any, name: str, model: str, tables: dict[str, dict[str, float]]) -> str:

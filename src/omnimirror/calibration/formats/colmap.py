@@ -1,8 +1,8 @@
-"""COLMAP's ``cameras.txt`` and ``cameras.bin``, in which the centre of the picture's first pixel is (0.5, 0.5).
+"""COLMAP ``cameras.txt`` and ``cameras.bin``, with the centre of the first pixel at (0.5, 0.5).
 
-COLMAP projects what lies ahead, less than 90 deg from the axis, with all of its models but EQUIRECTANGULAR. That one is
-of a panorama, which has to be made from the picture first. Models by their numbers, names and parameters:
-``src/colmap/sensor/models`` of COLMAP 4.
+All models of COLMAP except EQUIRECTANGULAR project points less than 90 deg from the axis.
+EQUIRECTANGULAR describes a panorama, which must be rendered from the image first. Model numbers,
+names and parameters: ``src/colmap/sensor/models`` of COLMAP 4.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ...cameras.models import EnhancedUnified, KannalaBrandt, RationalPinhole, T
 from ...dewarp.views import sphere
 from .base import CameraFile, CameraFormat, Content, Layout, Reading, Stored, named, row
 
-HALF = 0.5  # of a pixel, that COLMAP's pixel centres are further from the picture's corner
+HALF = 0.5  # px; offset of COLMAP's pixel centres
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
 KS = ("k1", "k2", "k3", "k4")
 Numbers = tuple[float, ...]
 
 
 class Model(NamedTuple):
-    """A camera model of COLMAP."""
+    """Camera model of COLMAP."""
 
     number: int
     parameters: str
     model: Callable[..., Any] | None = None
-    """Makes ours of its parameters, by name; None where we have none."""
+    """Constructor of the corresponding camera model from named parameters; None if unsupported."""
 
 
 def _pinhole(**named: Any) -> Any:
@@ -60,11 +60,11 @@ KINDS = {
 NAMES = {kind.number: name for name, kind in KINDS.items()}
 
 
-# -- reading -------------------------------------------------------------------------------------------
+# -- reading ----------------------------------------------------------------------------------
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The cameras of the file, by their ids."""
+    """Read the cameras of the file with their ids."""
     cameras = _binary(file.data, file.source) if file.is_binary else _lines(file.text, reading)
     found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
     if not found:
@@ -73,7 +73,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 Line = tuple[int, str, tuple[int, int], Numbers, str]
-"""Of a camera: id, model, (width, height), parameters, and where it stands."""
+"""Line of a camera: id, model, (width, height), parameters, and location in the file."""
 
 
 def _lines(text: str, reading: Reading) -> list[Line]:
@@ -148,18 +148,18 @@ def _camera(name: str, size: tuple[int, int], numbers: Numbers, where: str, read
         raise SpecError(f"{where}: {problem}") from None
 
 
-# -- writing -------------------------------------------------------------------------------------------
+# -- writing ----------------------------------------------------------------------------------
 
 
 def values_of(camera: Any, name: str) -> Numbers:
-    """The parameters of a camera in the order of one of COLMAP's models."""
+    """Return the parameters of a camera in the order of one of COLMAP's models."""
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
     places = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
     return tuple(float(places[p] if p in places else getattr(camera, p)) for p in KINDS[name].parameters.split())
 
 
 def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str:
-    """A ``cameras.txt`` of one camera."""
+    """Return a ``cameras.txt`` with one camera."""
     return (
         "# Camera list with one line of data per camera:\n"
         "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
@@ -169,7 +169,7 @@ def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str
 
 
 def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> bytes:
-    """A ``cameras.bin`` of one camera."""
+    """Return a ``cameras.bin`` with one camera."""
     return struct.pack(f"<QIiQQ{len(numbers)}d", 1, 1, KINDS[name].number, *size, *numbers)
 
 
@@ -183,7 +183,7 @@ def _layout(kind: Any, model: str, words: str, extra: frozenset[str], is_binary:
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check for a binary file with a plausible number of cameras, or a line with one of COLMAP's models."""
+    """Check for a binary file with a plausible number of cameras, or a line with a COLMAP model."""
     data = file.data
     if file.is_binary:
         count = int.from_bytes(data[:8], "little")

@@ -1,4 +1,4 @@
-"""Values of a YAML, JSON or XML file, each with its place, so that an error can name the line."""
+"""Values of a YAML, JSON or XML file with their locations, for errors that name the line."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Node:
-    """A value of a file: a mapping or a list of entries, or one word or number.
+    """Value in a file: a mapping or a list of entries, or a single word or number.
 
     Attributes
     ----------
     value
-        A dict or list of entries; else text, a number, a truth value or None.
+        Dict or list of entries, or text, number, boolean or None.
     source
-        The file's name.
+        File name.
     name
-        Where it stands, such as ``cam0.intrinsics``.
+        Path of the entry, such as ``cam0.intrinsics``.
     line
-        From 1; None where the file does not tell lines.
+        Line number from 1; None if unknown.
     """
 
     value: Any
@@ -39,7 +39,7 @@ class Node:
     line: int | None = None
 
     def refuse(self, message: str) -> NoReturn:
-        """Raise what is wrong here."""
+        """Raise an error at this entry."""
         where = f" line {self.line}" if self.line else ""
         raise SpecError(f"{self.source}{where}: {self.name}{' ' * bool(self.name)}{message}")
 
@@ -49,7 +49,7 @@ class Node:
         return isinstance(self.value, dict) and name in self.value
 
     def names(self) -> list[str]:
-        """Names of a mapping's entries."""
+        """Return the names in a mapping."""
         if not isinstance(self.value, dict):
             self.refuse(f"is valid as a table of names and values, and is {self._kind()}")
         return list(self.value)
@@ -61,7 +61,7 @@ class Node:
         return entry
 
     def polynomial(self, prefix: str) -> tuple[float, ...]:
-        """Return the coefficients that a mapping names by their powers: p0, p1, ..."""
+        """Return the coefficients of a mapping named by their powers: p0, p1, ..."""
         numbers = [self[f"{prefix}0"].number()]
         while f"{prefix}{len(numbers)}" in self:
             numbers.append(self[f"{prefix}{len(numbers)}"].number())
@@ -70,7 +70,7 @@ class Node:
     # -- values ------------------------------------------------------------------------------------
 
     def number(self) -> float:
-        """One finite number."""
+        """Return a finite number."""
         value = self.value
         try:
             number = np.nan if isinstance(value, bool | dict | list | None) else float_of(str(value))
@@ -81,33 +81,33 @@ class Node:
         return number
 
     def whole(self) -> int:
-        """A whole number of pixels, or a count."""
+        """Return an integer, such as a number of pixels."""
         number = self.number()
         if number != np.floor(number) or abs(number) > 2**31:
             self.refuse(f"= {shown(self.value)} is not valid; it is valid as a whole number")
         return int(number)
 
     def word(self) -> str:
-        """A word."""
+        """Return a word."""
         if not isinstance(self.value, str):
             self.refuse(f"= {self._kind()} is not valid; it is valid as a word")
         return self.value
 
     def choice(self, *valid: str) -> str:
-        """One of a few words."""
+        """Return one of several words."""
         word = self.word()
         if word not in valid:
             self.refuse(f"= {shown(word)} is not known; valid are {', '.join(valid)}")
         return word
 
     def entries(self) -> list[Node]:
-        """What a list holds."""
+        """Return the entries of a list."""
         if not isinstance(self.value, list):
             self.refuse(f"is valid as a list, and is {self._kind()}")
         return self.value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
-        """A list of numbers: so many, or one of several counts."""
+        """Return a list of numbers with one of the given lengths."""
         entries = self.entries()
         if counts and len(entries) not in counts:
             valid = " or ".join(map(str, counts))
@@ -115,7 +115,7 @@ class Node:
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
-        """Rows of numbers: a list of lists, or a mapping of ``rows``, ``cols`` and ``data`` as OpenCV and ROS write."""
+        """Return a matrix from nested lists, or from ``rows``, ``cols`` and ``data``."""
         if "data" in self:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
@@ -127,11 +127,11 @@ class Node:
         return np.array([row.numbers(columns) for row in self.entries()])
 
     def row(self, *counts: int) -> tuple[float, ...]:
-        """Numbers in a row, as a list or as a matrix of one row or column."""
+        """Return a row of numbers, from a list or a matrix with one row or column."""
         return self.flat().numbers(*counts)
 
     def flat(self) -> Node:
-        """The list of a matrix that is written with its ``rows``, ``cols`` and ``data``; another list as it is."""
+        """Return the data list of a matrix with ``data``; other lists unchanged."""
         return self["data"] if "data" in self else self  # noqa: SIM401
 
     def _kind(self) -> str:
@@ -145,41 +145,44 @@ class Node:
         return shown(self.value)
 
 
-# -- reading -------------------------------------------------------------------------------------------
+# -- reading ----------------------------------------------------------------------------------
 
 
 def read_yaml(text: str, source: str) -> Node:
-    """The entries of a YAML text, OpenCV's dialect (``%YAML:1.0``, ``!!opencv-matrix``) included.
+    """Read the entries of a YAML text.
+
+    OpenCV's dialect (``%YAML:1.0``, ``!!opencv-matrix``) is supported.
 
     Parameters
     ----------
     text
+        YAML text.
     source
-        The file's name, for errors.
+        File name, for error messages.
 
     Returns
     -------
     Node
-        The whole document.
+        Whole document.
 
     Raises
     ------
     SpecError
-        It is no YAML, refers to other parts of itself, or is nested too deeply.
+        If it is not valid YAML, contains references, or is nested too deeply.
 
     Examples
     --------
     >>> read_yaml("cam0:\\n  resolution: [640, 480]\\n", "a.yaml")["cam0"]["resolution"].numbers(2)
     (640.0, 480.0)
     """
-    if text.startswith("%YAML:"):  # OpenCV's; the line is kept, for counting
+    if text.startswith("%YAML:"):  # OpenCV's header; the line is kept for correct line numbers
         text = "#" + text
     node = compose_yaml(text, source)
     return Node(None, source) if node is None else _entry(node, source, "")
 
 
 def _entry(tree: Any, source: str, name: str) -> Node:
-    """Convert a node of PyYAML's tree; words and numbers stay as they are written."""
+    """Convert a node of PyYAML's tree; words and numbers remain text."""
     line = tree.start_mark.line + 1
     if tree.id == "mapping":
         pairs = [(str(k.value) if k.id == "scalar" else "?", k, v) for k, v in tree.value]
@@ -197,12 +200,12 @@ def _entry(tree: Any, source: str, name: str) -> Node:
 
 
 def read_json(text: str, source: str) -> Node:
-    """The entries of a JSON text.
+    """Read the entries of a JSON text.
 
     Raises
     ------
     SpecError
-        It is no JSON, or is nested too deeply.
+        If it is not valid JSON, or is nested too deeply.
 
     Examples
     --------
@@ -228,15 +231,15 @@ def _plain(value: Any, source: str, name: str) -> Node:
 
 
 def read_xml(text: str, source: str) -> Node:
-    """Read the entries of an XML text as OpenCV's ``FileStorage`` writes it.
+    """Read the entries of an XML text written by OpenCV's ``FileStorage``.
 
-    An element with elements in it is a table, or a list where these are named ``_``; the content of ``data``, and
-    several numbers in a row, are lists; anything else is a word or number.
+    An element with child elements is a mapping, or a list if these are named ``_``. The content of
+    ``data`` and several numbers in a row are lists; other content is a word or number.
 
     Raises
     ------
     SpecError
-        It is not valid XML, declares entities, or is nested too deeply.
+        If it is not valid XML, declares entities, or is nested too deeply.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""Kalibr's ``camchain.yaml``: cameras cam0, cam1, .. of a rig, each of one of four models.
+"""Kalibr ``camchain.yaml``: cameras cam0, cam1, ... of a rig with four models.
 
-Written are ``omni`` with ``radtan`` distortion, ``eucm``, ``ds``, and ``pinhole`` with ``equidistant`` distortion;
-``pinhole`` with ``radtan`` or without distortion is read too. No model has skew. Kalibr's pinhole divides by Z, so that
-``pinhole`` with ``equidistant`` serves less than 90 deg from the axis.
+Writes ``omni`` with ``radtan`` distortion, ``eucm``, ``ds``, and ``pinhole`` with ``equidistant``
+distortion; reads also ``pinhole`` with ``radtan`` or without distortion. No model has skew.
+Kalibr's pinhole divides by Z, which limits ``pinhole`` with ``equidistant`` to less than 90 deg
+from the axis.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ DISTORTIONS = {
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The cameras of the chain, in its order; how they stand to each other is left aside."""
+    """Read the cameras of the chain in order; their relative poses are ignored."""
     chain = file.entries
-    if "camera_model" in chain:  # the camera of a rig alone
+    if "camera_model" in chain:  # single camera of a rig
         return [Stored("", _camera(chain, reading))]
     names = [name for name in chain.names() if re.fullmatch(r"cam\d+", name)]
     if not names:
@@ -61,7 +62,7 @@ def _camera(table: Node, reading: Reading) -> Any:
         raise SpecError(f"{reading.source} line {table.line}: {table.name}: {problem}") from None
 
 
-# -- writing -------------------------------------------------------------------------------------------
+# -- writing ----------------------------------------------------------------------------------
 
 
 def _written(camera: Any, model: str, law: tuple[float, ...], distortion: str, coefficients: tuple[float, ...]) -> str:
@@ -80,27 +81,27 @@ def _written(camera: Any, model: str, law: tuple[float, ...], distortion: str, c
 
 
 def write_omni(camera: Unified, name: str = "") -> str:
-    """A chain of one camera ``omni`` with ``radtan`` distortion."""
+    """Return a chain of one camera ``omni`` with ``radtan`` distortion."""
     return _written(camera, "omni", (camera.xi,), "radtan", (camera.k1, camera.k2, camera.p1, camera.p2))
 
 
 def write_eucm(camera: EnhancedUnified, name: str = "") -> str:
-    """A chain of one camera ``eucm``."""
+    """Return a chain of one camera ``eucm``."""
     return _written(camera, "eucm", (camera.alpha, camera.beta), "none", ())
 
 
 def write_ds(camera: DoubleSphere, name: str = "") -> str:
-    """A chain of one camera ``ds``."""
+    """Return a chain of one camera ``ds``."""
     return _written(camera, "ds", (camera.xi, camera.alpha), "none", ())
 
 
 def write_equi(camera: KannalaBrandt, name: str = "") -> str:
-    """A chain of one camera ``pinhole`` with ``equidistant`` distortion."""
+    """Return a chain of one camera ``pinhole`` with ``equidistant`` distortion."""
     return _written(camera, "pinhole", (), "equidistant", (camera.k1, camera.k2, camera.k3, camera.k4))
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check for a camera cam0 with a camera model, or one camera alone."""
+    """Check for a camera cam0 with a camera model, or a single camera."""
     if file.table is None:
         return False
     cameras = (entry for name, entry in file.table.value.items() if re.fullmatch(r"cam\d+", name))

@@ -1,7 +1,7 @@
-"""OpenCV's module fisheye: Kannala and Brandt's polynomial in a YAML file, as OpenCV's calibration sample writes it.
+"""OpenCV fisheye YAML: Kannala-Brandt polynomial, as in OpenCV's calibration sample.
 
-OpenCV's functions divide by Z first, so that they project and undistort less than 90 deg from the axis, although the
-formula itself goes on.
+OpenCV's functions divide by Z first, which limits projection and undistortion to less than
+90 deg from the axis, although the formula is valid beyond.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ BEHIND_DEG = 90.0
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of the file."""
+    """Read the camera of the file."""
     table = file.entries
     if "xi" in table:
         table["xi"].refuse("belongs to a camera of omnidir, and this is read as one of fisheye")
@@ -36,7 +36,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def write(camera: KannalaBrandt, name: str = "") -> str:
-    """The text of the file."""
+    """Return the text of the file."""
     (fx, fy), (cx, cy), (width, height) = camera.focal_px, camera.centre_px, camera.image_size
     return (
         "%YAML:1.0\n---\n"
@@ -47,14 +47,14 @@ def write(camera: KannalaBrandt, name: str = "") -> str:
 
 
 def fisheye_model(table: Node) -> bool | None:
-    """Return what the entry ``fisheye_model`` of OpenCV's calibration sample says; None where there is none."""
+    """Return the entry ``fisheye_model`` of OpenCV's calibration sample; None if missing."""
     if "fisheye_model" not in table:
         return None
     return str(table["fisheye_model"].value).lower() not in ("0", "false", "0.0", "0.")
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check for a camera matrix with four coefficients that are not known to be of another model."""
+    """Check for a camera matrix with four coefficients, unless another model is declared."""
     if not is_matrix_with_coefficients(file):
         return False
     said = fisheye_model(file.entries)
@@ -62,13 +62,13 @@ def recognises(file: CameraFile) -> bool:
 
 
 def count_of(file: CameraFile) -> int:
-    """Count the distortion coefficients; 0 where these are no list."""
+    """Return the number of distortion coefficients; 0 if they are not a list."""
     numbers = file.entries["distortion_coefficients"].flat().value
     return len(numbers) if isinstance(numbers, list) else 0
 
 
 def is_matrix_with_coefficients(file: CameraFile) -> bool:
-    """Check for a camera matrix and coefficients, without the entries that ROS or omnidir write beside them."""
+    """Check for a camera matrix and coefficients without entries specific to ROS or omnidir."""
     has_both = file.has("camera_matrix", "distortion_coefficients")
     return has_both and not (file.has("xi") or file.has("distortion_model"))
 

@@ -1,7 +1,7 @@
-"""OpenCV's module omnidir: Mei's unified sphere in a YAML file, as the sample ``omni_calibration`` writes it.
+"""OpenCV omnidir YAML: Mei's unified sphere, as in the sample ``omni_calibration``.
 
-The sample does not write how large the picture is; ours adds ``image_width`` and ``image_height``, by the names that
-OpenCV's other samples use. omnidir has no k3.
+The sample does not write the image size; this module adds ``image_width`` and ``image_height``,
+named as in OpenCV's other samples. omnidir has no k3.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ PLACES = frozenset({"xi", "fx", "fy", "skew", "cx", "cy", "k1", "k2", "p1", "p2"
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of the file."""
+    """Read the camera of the file."""
     table = file.entries
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k1, k2, p1, p2 = table["distortion_coefficients"].row(4)
@@ -29,7 +29,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def camera_matrix(entry: Node) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Focal lengths, centre and skew of a matrix ``[fx s cx; 0 fy cy; 0 0 1]``."""
+    """Return focal lengths, centre and skew of a matrix ``[fx s cx; 0 fy cy; 0 0 1]``."""
     (fx, skew, cx), (zero, fy, cy), last = entry.matrix(3, 3).tolist()
     if zero != 0 or last != [0, 0, 1]:
         entry.refuse("is not valid; it is valid as [fx, s, cx, 0, fy, cy, 0, 0, 1]")
@@ -37,19 +37,19 @@ def camera_matrix(entry: Node) -> tuple[tuple[float, float], tuple[float, float]
 
 
 def image_size(table: Node, reading: Reading) -> tuple[int, int]:
-    """The size of the picture: the file's, or the one that was given."""
+    """Return the image size from the file, otherwise the given size."""
     if "image_width" in table and "image_height" in table:
         return table["image_width"].whole(), table["image_height"].whole()
     return reading.size()
 
 
 def opencv_matrix(name: str, rows: int, columns: int, numbers: list[float]) -> str:
-    """A matrix as OpenCV's FileStorage writes it."""
+    """Return a matrix in the format of OpenCV's FileStorage."""
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {row(numbers)} ]\n"
 
 
 def write(camera: Unified, name: str = "") -> str:
-    """The text of the file."""
+    """Return the text of the file."""
     (fx, fy), (cx, cy), (width, height) = camera.focal_px, camera.centre_px, camera.image_size
     return (
         "%YAML:1.0\n---\n"

@@ -1,7 +1,7 @@
-"""OpenCV's pinhole camera with radial and tangential distortion, as its calibration sample writes it.
+"""OpenCV pinhole YAML with distortion, as in OpenCV's calibration sample.
 
-Coefficients are k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model. OpenCV ignores skew and projects less than
-90 deg from the axis.
+Coefficients are k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model. OpenCV ignores skew and
+projects less than 90 deg from the axis.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def write(camera: Any, name: str = "") -> str:
-    """Return the text of the file, with five coefficients or, of the rational model, eight."""
+    """Return the text of the file, with five coefficients, or eight for the rational model."""
     (fx, fy), (cx, cy), (width, height) = camera.focal_px, camera.centre_px, camera.image_size
     k = [getattr(camera, n) for n in NAMES[: 8 if isinstance(camera, RationalPinhole) else 5]]
     return (
@@ -59,7 +59,7 @@ def write(camera: Any, name: str = "") -> str:
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check for a camera matrix with coefficients that are not known to be of another model."""
+    """Check for a camera matrix with coefficients, unless another model is declared."""
     if not is_matrix_with_coefficients(file):
         return False
     flag = fisheye_model(file.entries)

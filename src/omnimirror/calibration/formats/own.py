@@ -1,4 +1,7 @@
-"""Our own files: a camera file (TOML with a table ``[camera]``), and a sensor file; both say everything of a camera."""
+"""omnimirror's own files: camera files (TOML with a table ``[camera]``) and sensor files.
+
+Both describe a camera completely.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +14,18 @@ from .base import CameraFile, CameraFormat, Layout, Reading, Stored
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera or the sensor; how it stands and what it looks at is in the file itself."""
+    """Read the camera or the sensor; mount and optics are stored in the file."""
     camera = parse_camera(file.text, reading.source, Path(reading.source).parent)
     return [Stored(getattr(camera, "name", ""), camera)]
 
 
 def write_camera(camera: RadialModel, name: str = "") -> str:
-    """The text of a camera file."""
+    """Return the text of a camera file."""
     return format_camera(camera)
 
 
 def write_sensor(sensor: Sensor, name: str = "") -> str:
-    """The text of a sensor file."""
+    """Return the text of a sensor file."""
     return format_sensor(sensor)
 
 

@@ -1,4 +1,4 @@
-"""Every format by name: reading a file of any of them, and finding what can be written."""
+"""Registry of camera file formats: reading of any format, and selection of the output format."""
 
 from __future__ import annotations
 
@@ -45,26 +45,26 @@ def _check_format(name: str, kind: Any) -> None:
 
 
 FORMATS: Registry[CameraFormat] = Registry("omnimirror.camera_formats", "a camera format", OURS, _check_format)
-"""Every format of cameras by the word that names it."""
+"""Camera file formats by name."""
 
 
 def register_camera_format(name: str, kind: CameraFormat) -> None:
-    """Make a format of cameras known to :func:`omnimirror.convert` and ``omnimirror convert``.
+    """Register a camera file format for :func:`omnimirror.convert` and ``omnimirror convert``.
 
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    Installed packages can instead declare an entry point in their ``pyproject.toml``:
     ``[project.entry-points."omnimirror.camera_formats"]`` with ``mine = "my_package:FORMAT"``.
 
     Parameters
     ----------
     name
-        Such as ``"mine"``.
+        Name of the format, such as ``"mine"``.
     kind
-        How a file is recognised, read and written.
+        Functions for recognition, reading and writing.
 
     Raises
     ------
     InvalidParameter
-        Another format has this name, or writes what one of these is called.
+        If another format has this name or one of its layout names.
 
     Examples
     --------
@@ -79,28 +79,31 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
     FORMATS.register(name, kind)
 
 
-# -- reading -------------------------------------------------------------------------------------------
+# -- reading ----------------------------------------------------------------------------------
 
 
 def read_cameras(path: str | Path, reading: Reading, name: str | None = None) -> tuple[str, list[Stored]]:
-    """The cameras of a file, and the name of its format.
+    """Read the cameras of a file; return the name of its format and the cameras.
 
     Parameters
     ----------
     path
+        Camera file.
     reading
-        What files do not say.
+        Information that files do not contain.
     name : optional
-        The format, of :data:`FORMATS`; otherwise it is recognised.
+        Format from :data:`FORMATS`; by default recognised from the content.
 
     Returns
     -------
     str, list of Stored
+        Name of the format, and cameras.
 
     Raises
     ------
     SpecError
-        The file cannot be read, or is of no known format; the message says where and what would be valid.
+        If the file cannot be read or its format is unknown; the message names the location and
+        valid values.
     """
     if name is not None:
         choice("from_", name, FORMATS)
@@ -122,7 +125,7 @@ def _recognised(file: CameraFile) -> str:
     Raises
     ------
     SpecError
-        None does, or several do.
+        If none or several do.
     """
     found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
     if len(found) == 1:
@@ -144,7 +147,7 @@ def _recognised(file: CameraFile) -> str:
 
 
 def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
-    """List contradictions in the numbers of a file of another program, and with what was given."""
+    """Return contradictions in the parameters of a file of another program, and with given values."""
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
     (width, height), given = camera.image_size, reading.image_size
@@ -152,32 +155,32 @@ def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
     return [*unused, *doubts(camera)]
 
 
-# -- writing -------------------------------------------------------------------------------------------
+# -- writing ----------------------------------------------------------------------------------
 
 
 class Target(NamedTuple):
-    """Something that can be written."""
+    """Writable layout."""
 
     name: str
-    """Of the layout."""
+    """Name of the layout."""
     format: CameraFormat
     layout: Layout
 
 
 def targets_of(path: str | Path, to: str | None) -> list[Target]:
-    """What may be written to a file, the preferred first: one layout, or all of a format.
+    """Return the candidate layouts for a file, preferred first: one layout, or all of a format.
 
     Parameters
     ----------
     path
-        Its name says the format where ``to`` does not.
+        Output file; its name selects the format unless ``to`` does.
     to
-        Of :data:`FORMATS`, or of the layouts of one.
+        Name from :data:`FORMATS`, or of one of their layouts.
 
     Raises
     ------
     InvalidParameter
-        There is none of this name, or the file's name says nothing.
+        If the name is unknown, or the file name does not determine the format.
     """
     named = {t.name: t for t in _all_targets()}
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
@@ -202,7 +205,7 @@ def _all_targets() -> Iterator[Target]:
 
 
 def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
-    """All layouts of a format; of those that differ by the file's suffix, the one that has it."""
+    """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
     all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
     fitting = [t for t in all_of_it if suffix in t.layout.suffixes]

@@ -1,8 +1,8 @@
-"""ROS's ``camera_info`` YAML, as ``camera_calibration_parsers`` writes it: plumb_bob, rational_polynomial, equidistant.
+"""ROS ``camera_info`` YAML, as written by ``camera_calibration_parsers``.
 
-All three are of a camera that looks ahead and projects less than 90 deg from its axis; ``plumb_bob`` and
-``rational_polynomial`` are pinholes, of which the picture is infinitely large at 90 deg. The frame is ROS's optical
-frame, x right, y down, z ahead.
+The models plumb_bob, rational_polynomial and equidistant project less than 90 deg from the axis
+ahead of the camera. ``plumb_bob`` and ``rational_polynomial`` are pinholes, with an infinite
+image at 90 deg. The frame is ROS's optical frame, x right, y down, z ahead.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8,), "equidistant": (4,)}
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of the file; a rectified picture's matrices are left aside."""
+    """Read the camera of the file; matrices of the rectified image are ignored."""
     table = file.entries
     if "camera_matrix" not in table:
         return [_message(table, reading)]
@@ -43,7 +43,7 @@ def _message(table: Node, reading: Reading) -> Stored:
 
 
 def _cropped(table: Node) -> Iterator[str]:
-    """Note binning and a region of interest, which the camera's images have and its matrix has not."""
+    """Yield notes on binning and a region of interest, which the camera matrix does not include."""
     binning = [table[n].whole() for n in ("binning_x", "binning_y") if n in table]
     if any(n > 1 for n in binning):
         yield f"the camera bins {' x '.join(map(str, binning))} pixels; the file, and what is read, is of all pixels"
@@ -54,7 +54,7 @@ def _cropped(table: Node) -> Iterator[str]:
 
 
 def _camera(table: Node, coefficients: str, matrix: Matrix, size: tuple[int, int], reading: Reading) -> Any:
-    """Make the camera of a distortion model and its coefficients."""
+    """Create the camera of a distortion model and its coefficients."""
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
     model = "equidistant" if model == "fisheye" else model  # as some drivers call it
     k = table[coefficients].row(*COUNTS[model])
@@ -91,22 +91,22 @@ def _written(camera: Any, name: str, model: str, coefficients: tuple[float, ...]
 
 
 def write_equidistant(camera: KannalaBrandt, name: str = "") -> str:
-    """The text of an ``equidistant`` camera."""
+    """Return the text of an ``equidistant`` camera."""
     return _written(camera, name, "equidistant", (camera.k1, camera.k2, camera.k3, camera.k4))
 
 
 def write_plumb_bob(camera: Unified, name: str = "") -> str:
-    """The text of a ``plumb_bob`` camera."""
+    """Return the text of a ``plumb_bob`` camera."""
     return _written(camera, name, "plumb_bob", (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3))
 
 
 def write_rational(camera: RationalPinhole, name: str = "") -> str:
-    """The text of a ``rational_polynomial`` camera."""
+    """Return the text of a ``rational_polynomial`` camera."""
     return _written(camera, name, "rational_polynomial", tuple(getattr(camera, k) for k in RATIONAL))
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check for a distortion model beside a camera matrix, or beside a message's K."""
+    """Check for a distortion model with a camera matrix, or with the K of a message."""
     return file.has("distortion_model") and (file.has("camera_matrix") or file.has("K", "D") or file.has("k", "d"))
 
 

@@ -1,4 +1,4 @@
-"""Calibration without a target: straight edges of rooms and streets, and levelling by what stands upright."""
+"""Plumb-line calibration: refinement from straight edges, and levelling from upright edges."""
 
 from .calibrator import LineCalibration, calibrate_lines, drawn_edges
 from .chains import edge_chains

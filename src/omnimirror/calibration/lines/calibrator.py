@@ -1,4 +1,4 @@
-"""Calibration without a target, from the straight edges that pictures of rooms and streets are full of."""
+"""Calibration without a target, from straight edges in images of rooms and streets."""
 
 from __future__ import annotations
 
@@ -28,44 +28,47 @@ Array = NDArray[np.float64]
 
 XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
 FOCALS = np.geomspace(0.2, 2.5, 14)
-"""Of an unknown camera, tried: its xi, and its focal length in radii of the field at xi = 1."""
+"""Trial values for an unknown camera: xi, and focal length in radii of the field for xi = 1."""
 XI_SIGMA = 0.5
 STRETCH_SIGMA = 0.3
-"""Standard deviation of ``tan Omega -> s tan Omega``, for a camera of unknown shape: what is straight stays so."""
-TRIED, THINNED = 60, 4  # chains, the longest, in that search, and which of their points
+"""Standard deviation of s - 1 in ``tan Omega -> s tan Omega`` for an unknown camera.
+
+This stretch of the field preserves straight lines.
+"""
+TRIED, THINNED = 60, 4  # number of the longest chains in that search, and thinning factor
 SEARCH_STEPS = 8
 LEAST_CHAINS = 8
-CENTRE_SIGMA = 0.01  # of the field's radius
-LOOSE = 10.0  # typical changes that a model to be refined may be off, where nothing better is known
+CENTRE_SIGMA = 0.01  # fraction of the field's radius
+LOOSE = 10.0  # typical changes; prior of a model to be refined, without other information
 OUTLYING, LEAST_OUTLYING_PX = 3.0, 0.4
-SORTED = 3  # times that edges are sorted out
+SORTED = 3  # passes of outlier rejection
 FREE_PX = 5.0
 
 
 @dataclass(frozen=True)
 class LineCalibration:
-    """What straight edges say of a camera.
+    """Result of a plumb-line calibration.
 
     Parameters
     ----------
     camera
-        Refined, with its uncertainty, and levelled if upright edges were found.
+        Refined camera with its uncertainty, levelled if upright edges were found.
     chains
-        Edges found, in each picture: points (n, 2) px.
+        Detected edges of each image: points (n, 2) px.
     used
-        For each chain of each picture, whether it is straight.
+        Whether each chain of each image is straight.
     rms_px
-        Of the points of those that are used, across their edges.
+        RMS distance of the points of used edges from their edges.
     free
         Combinations of parameters that the edges do not determine.
     levels
-        How the camera leaned in each picture; None where nothing stands upright.
+        Tilt of the camera in each image; None without upright edges.
     distance_mm
-        At which edges were taken to be; it matters to cameras with several viewpoints.
+        Assumed distance of the edges; relevant for cameras with several viewpoints.
 
     Examples
     --------
-    The grid of a window, straight in front of a camera of 90 deg and looking ahead:
+    Grid of a window in front of a horizontal camera with a field of 90 deg:
 
     >>> import omnimirror as om
     >>> picture = np.full((400, 400), 90, np.uint8)
@@ -86,12 +89,13 @@ class LineCalibration:
     distance_mm: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for files.
+        """Convert to plain data for files.
 
         Returns
         -------
         dict
-            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures`` (edges, used, level).
+            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures``
+            (edges, used, level).
         """
         known = self.camera.uncertainty
         sigmas = {} if known is None else {k: float(v) for k, v in known.sigmas.items()}
@@ -127,46 +131,47 @@ def calibrate_lines(
     inner_radius_px: float = 0.0,
     distance_mm: float = np.inf,
 ) -> LineCalibration:
-    """Refine a camera until edges that are straight in the world lie in planes through its viewpoint.
+    """Refine a camera so that straight edges of the scene map to planes through its viewpoint.
 
-    Edges are followed in the pictures; those that no camera makes straight, of round or crooked things, count little
-    and are left out in the end. Lines say nothing of how large anything is, and of near and far only where the camera
-    has several viewpoints: those are taken to look at things at ``distance_mm``.
+    Edges are traced in the images. Edges of curved objects have a low weight and are rejected at
+    the end. Lines contain no scale, and parallax only for cameras with several viewpoints, whose
+    edges are assumed at ``distance_mm``.
 
     Parameters
     ----------
     pictures
-        One or several of the same camera, (height, width, 3) uint8 RGB or (height, width).
+        One or several images of the same camera, (height, width, 3) uint8 RGB or (height, width).
     lines
-        Of each of the pictures, and of others after them, edges that were marked in it: points (n, 2) px, n from 3 on
-        (:func:`omnimirror.read_lines`). They count beside those that are followed.
+        Marked edges of each image, and of further images: points (n, 2) px, n at least 3
+        (:func:`omnimirror.read_lines`). They are used in addition to the traced ones.
     image_size : (width, height), px
-        Where there are lines alone.
+        Image size, if only lines are given.
     model
-        To be refined: a sensor or its :class:`omnimirror.SensorModel`, whose free parameters are estimated within
-        their tolerances, or a camera model. By default nothing is known, and it is a unified one, right for
-        mirrors with one viewpoint and within some degrees for others: lines stay straight in a world drawn out
-        along the camera's axis, so that only a mirror whose kind is known tells how much.
+        Model to refine: a sensor or its :class:`omnimirror.SensorModel`, whose free parameters are
+        estimated within their tolerances, or a camera model. By default an unknown camera, for
+        which a unified model is estimated. It is exact for mirrors with one viewpoint and accurate
+        to some degrees for others: stretching the scene along the camera's axis preserves lines,
+        and only a known type of mirror determines the stretch.
     optics
-        Of the unknown camera: ``"mirror"`` or ``"fisheye"``.
+        Optics of the unknown camera: ``"mirror"`` or ``"fisheye"``.
     mount
-        Which way the unknown camera looks.
+        Orientation of the unknown camera.
     centre_px, radius_px
-        Circle of the field, from the mirror's rim; the picture's largest by default.
+        Circle of the field, from the mirror's rim; by default the largest in the image.
     inner_radius_px
-        Inside of which the camera sees itself.
+        Radius of the camera's own image.
     distance_mm
-        Of the edges.
+        Distance of the edges.
 
     Returns
     -------
     LineCalibration
-        The camera, the edges, how it leans.
+        Camera, edges and tilt.
 
     Raises
     ------
     InvalidParameter
-        No pictures, pictures of different sizes, or too few edges in them.
+        If there are no images, their sizes differ, or there are too few edges.
 
     Examples
     --------
@@ -212,7 +217,7 @@ def calibrate_lines(
 def _size(
     pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], said: tuple[int, int] | None
 ) -> tuple[int, int]:
-    """Width and height of all pictures."""
+    """Return the common size (width, height) of all images."""
     sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | ({tuple(said)} if said else set())
     if not pictures and not lines:
         raise InvalidParameter("there is no picture; it takes one at least")
@@ -231,7 +236,7 @@ def _chains(
     radius: float | None,
     inner: float,
 ) -> list[list[Array]]:
-    """Edges of each picture, followed and marked, enough in all."""
+    """Return the traced and marked edges of each image, after a check of their number."""
     followed = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures]
     marked = [[_marked(edge) for edge in edges] for edges in lines]
     none: list[Array] = []
@@ -259,7 +264,7 @@ def _begun(
     centre: tuple[float, float] | None,
     radius: float,
 ) -> CameraModel:
-    """The unified camera whose edges are straightest."""
+    """Return the unified camera with the straightest edges."""
     middle = centre or ((size[0] - 1) / 2, (size[1] - 1) / 2)
     longest = sorted(edges.slices, key=lambda part: part.start - part.stop)[:TRIED]
     some = edges_of([edges.pixels[part][::THINNED] for part in longest])
@@ -277,7 +282,7 @@ def _begun(
 
 
 def _unknown_knobs(model: CameraModel, radius: float) -> Knobs:
-    """Of an unknown camera: xi, one focal length and the centre."""
+    """Return the free parameters of an unknown camera: xi, a common focal length and the centre."""
     groups = (("xi",), ("fx", "fy"), ("cx",), ("cy",))
     sigma = np.array([XI_SIGMA, np.inf, CENTRE_SIGMA * radius, CENTRE_SIGMA * radius])
     xi = next(p.value for p in model.parameters if p.name == "xi")
@@ -285,10 +290,11 @@ def _unknown_knobs(model: CameraModel, radius: float) -> Knobs:
 
 
 def _stretched(model: CameraModel, knobs: Knobs) -> Array:
-    """Covariance (p, p) of what no line shows: the world drawn out along the camera's axis.
+    """Return the covariance (p, p) of a stretch of the scene along the camera's axis.
 
-    Planes through the viewpoint stay planes under ``tan Omega -> s tan Omega``. A camera whose shape is known allows
-    no such thing; one whose shape was guessed may be off by so much.
+    Planes through the viewpoint remain planes under ``tan Omega -> s tan Omega``; therefore lines
+    do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
+    added.
     """
     omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
     across = np.stack([np.cos(phi), np.sin(phi)])
@@ -304,7 +310,10 @@ def _stretched(model: CameraModel, knobs: Knobs) -> Array:
 
 
 def _knobs(model: CameraModel) -> Knobs:
-    """Of a model to be refined: every parameter, held by its tolerance or by what is typical."""
+    """Return the free parameters of a model to refine, with priors.
+
+    Priors are the tolerances, or typical changes.
+    """
     known = {p.name: p for p in getattr(model, "priors", ())}
     expected = np.array([known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters])
     sigma = np.array([known[p.name].sigma if p.name in known else LOOSE * p.scale for p in model.parameters])
@@ -322,7 +331,7 @@ def _of_groups(model: CameraModel, groups: tuple[tuple[str, ...], ...], expected
 
 
 def _without_bent(model: CameraModel, edges: Edges, knobs: Knobs, distance_mm: float) -> tuple[LinesFit, Edges]:
-    """The fit to those edges that it makes straight, and these among all."""
+    """Return the fit to the edges that it straightens, and these edges."""
     kept = edges
     fit = fitted_lines(model, kept, knobs, distance_mm=distance_mm)
     for _ in range(SORTED):
@@ -342,18 +351,19 @@ def _without_bent(model: CameraModel, edges: Edges, knobs: Knobs, distance_mm: f
 
 
 def _by_picture(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
-    """Chains, of all pictures in a row, picture by picture."""
+    """Return the concatenated chains grouped by image."""
     ends = np.cumsum([len(found) for found in chains])
     return [slices[int(end) - len(found) : int(end)] for end, found in zip(ends, chains, strict=True)]
 
 
 def _certainty(fit: LinesFit, edges: Edges, knobs: Knobs) -> tuple[Array, tuple[str, ...]]:
-    """Covariance (p, p) of the model's parameters, and what is not determined.
+    """Return the covariance (p, p) of the parameters, and the undetermined combinations.
 
-    Points of one edge are wrong together, where it is not quite straight or lies near. So each edge counts as one
-    observation, whatever its length: the covariance is ``H^-1 (sum g g^T) H^-1`` of the edges' gradients g, each as
-    the model without this edge has it (Bell and McCaffrey, Survey Methodology 28 (2002)): few edges are fitted closer
-    than they are straight.
+    Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
+    each edge counts as one observation (cluster-robust covariance): ``H^-1 (sum g g^T) H^-1`` with
+    the gradients g of the edges. Each gradient is evaluated at the model without this edge (Bell
+    and McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their
+    residuals.
     """
     matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
     gradients = gradients_left_out(fit, edges, matrix)
@@ -376,7 +386,7 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: Knobs) -> tuple[Array, tuple[
 def _finished(
     model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
 ) -> Sensor | CameraModel:
-    """Return the camera, level, with its uncertainty and the field in which edges were measured."""
+    """Return the levelled camera with its uncertainty and the field in which edges were measured."""
     moving = np.diag(covariance) > 0
     names = [p.name for p, free in zip(model.parameters, moving, strict=True) if free]
     known = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg)
@@ -387,7 +397,10 @@ def _finished(
 
 
 def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
-    """Return the lean with the effect of the camera's own uncertainty on the plumb line, in the field or not."""
+    """Return the tilt including the camera's own uncertainty in the vertical direction.
+
+    The vertical direction may be outside the calibrated field.
+    """
     up = level.on(camera.mount).rotation()[2]
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     image = model.image(np.array([up, -up]), distant=True)
@@ -398,7 +411,7 @@ def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
 
 
 def drawn_edges(picture: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]) -> NDArray[np.uint8]:
-    """The picture, darker, with its edges: green where they are straight for the camera, red where not."""
+    """Draw edges on the darkened image: green if straight for the camera, otherwise red."""
     import cv2
 
     rgb = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture

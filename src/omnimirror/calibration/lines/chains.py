@@ -1,4 +1,4 @@
-"""Edges of a picture as chains of points, long and smooth enough to be images of straight edges, sub-pixel."""
+"""Edge chains with subpixel accuracy, long and smooth enough to be images of straight edges."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Mask = NDArray[np.bool_]
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 BLUR_PX = 1.2
-LEAST_CONTRAST = 2.5  # grey levels a pixel, of an edge that is followed
+LEAST_CONTRAST = 2.5  # grey levels per px; minimum contrast of traced edges
 BAND = 1 << 22  # pixels that are filtered at once
-HALO, BESIDE = 16, 2  # rows beside these that filters look at, and from one to the next along a gradient
-STRONG = 2.0  # times that, somewhere on every edge
-DEGREE = 5  # of the curves that chains are compared with; a straight edge bends no more than that
-ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and largest distance of a chain from its curve
-STEP_PX = 2.0  # between the points that are kept: neighbours tell the same
-LEAST_SHARE = 0.06  # of the field's radius; shorter chains say little
-EDGE_PX = 4.0  # to the rim, whose own edge is no edge of the world
-NEIGHBOURS = [(-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # straight ones first
-FORK = 5  # neighbours of a pixel in which lines meet; on a flight of stairs each has four
-REACH, CORNER_DEG = 6, 25.0  # edge points to either side between which a line turns, and by how much at a corner
+HALO, BESIDE = 16, 2  # rows around a band for filters, and around a pixel along its gradient
+STRONG = 2.0  # multiple of that, required at one point of each edge
+DEGREE = 5  # of the reference curves; the image of a straight edge is not more complex
+ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and maximum distance of a chain from its curve
+STEP_PX = 2.0  # between retained points: neighbouring points are redundant
+LEAST_SHARE = 0.06  # fraction of the field's radius; minimum length of a chain
+EDGE_PX = 4.0  # minimum distance from the rim, whose edge does not belong to the scene
+NEIGHBOURS = [(-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # 4-connected first
+FORK = 5  # neighbours of a pixel at a junction; on stairs each has four
+REACH, CORNER_DEG = 6, 25.0  # edge points to either side, and change of direction at a corner
 
 
 def edge_chains(
@@ -37,23 +37,24 @@ def edge_chains(
     inner_radius_px: float = 0.0,
     least_length_px: float | None = None,
 ) -> list[Array]:
-    """Chains of edge points (n, 2) px of a picture.
+    """Return chains of edge points (n, 2) px of an image.
 
     Parameters
     ----------
     picture : (height, width, 3) or (height, width)
-        RGB, of any depth; opacity is left out.
+        RGB image of any depth; opacity is ignored.
     centre_px, radius_px
-        Circle of the field; edges at its rim and outside are left out. The picture's largest circle by default.
+        Circle of the field; edges at its rim and outside are ignored. By default the largest circle
+        in the image.
     inner_radius_px
-        Inside of which the camera sees itself.
+        Radius of the camera's own image.
     least_length_px
-        Of a chain; 6 % of the radius by default.
+        Minimum length of a chain; by default 6 % of the radius.
 
     Returns
     -------
     list of (n, 2) arrays
-        Longest first.
+        Chains, longest first.
 
     Examples
     --------
@@ -82,9 +83,9 @@ def edge_chains(
 
 
 def _edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
-    """Which pixels are edges (h, w), thin, and where exactly each (n, 2), row by row, runs: on the gradient's ridge.
+    """Return the mask (h, w) of thin edges, and their subpixel positions (n, 2).
 
-    In bands of rows, so that no more of a large picture is held than what finds connected edges needs of it.
+    Positions are in row order. Processing in bands of rows limits memory use for large images.
     """
     import cv2
 
@@ -101,7 +102,10 @@ def _edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
 
 
 def _slopes(levels: NDArray[Any], rows: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """How smoothed grey levels rise to the right and downwards in some rows, the same as of the whole picture."""
+    """Return the gradient (right, down) of smoothed grey levels in a range of rows.
+
+    The result equals that for the whole image.
+    """
     import cv2
 
     first = max(rows.start - HALO, 0)
@@ -114,7 +118,7 @@ def _slopes(levels: NDArray[Any], rows: slice) -> tuple[NDArray[np.float32], NDA
 
 
 def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:
-    """Where (n, 2) px edges in some rows run exactly."""
+    """Return the subpixel positions (n, 2) px of edges in a range of rows."""
     first = max(band.start - BESIDE, 0)
     dx, dy = _slopes(levels, slice(first, min(band.stop + BESIDE, len(levels))))
     size = np.hypot(dx, dy)
@@ -130,7 +134,7 @@ def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:
 
 
 def _between(values: NDArray[np.float32], x: Array, y: Array) -> Array:
-    """Values (n,) between pixels, bilinear."""
+    """Return bilinear interpolations (n,) of pixel values."""
     height, width = values.shape
     c, r = (np.clip(np.floor(a).astype(int), 0, size - 2) for a, size in ((x, width), (y, height)))
     fx, fy = x - c, y - r
@@ -141,7 +145,7 @@ def _between(values: NDArray[np.float32], x: Array, y: Array) -> Array:
 
 
 def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
-    """Edge pixels (n, 2), row and column, in the order of the lines that they form; forks end them."""
+    """Return edge pixels (n, 2), row and column, in order along lines that end at junctions."""
     height, width = is_edge.shape
     padded = np.pad(is_edge, 1).astype(np.int8)
     count = sum(padded[1 + r : 1 + r + height, 1 + c : 1 + c + width] for r, c in NEIGHBOURS)
@@ -150,7 +154,7 @@ def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
     while left:
         start = left.pop()
         ends = []
-        for _ in range(2):  # to one side, then to the other
+        for _ in range(2):  # in one direction, then in the other
             way, at = [], start
             while True:
                 near = ((at[0] + r, at[1] + c) for r, c in NEIGHBOURS)
@@ -166,12 +170,12 @@ def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
 
 
 def _between_corners(points: Array) -> list[Array]:
-    """Pieces (n, 2) of a line that turns nowhere sharply."""
+    """Return the pieces (n, 2) of a line between sharp corners."""
     if len(points) <= 2 * REACH + 1:
         return [points]
     steps = points[REACH:] - points[:-REACH]
     angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    turn = np.degrees(np.abs(angle[REACH:] - angle[:-REACH]))  # at points REACH to -REACH
+    turn = np.degrees(np.abs(angle[REACH:] - angle[:-REACH]))  # for points REACH to -REACH
     cuts, sharp = [0], turn > CORNER_DEG
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sharp, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):
@@ -180,7 +184,7 @@ def _between_corners(points: Array) -> list[Array]:
 
 
 def _smooth_parts(points: Array, least: float) -> list[Array]:
-    """Pieces of a chain that are smooth curves, corners being where it is cut; the others are dropped."""
+    """Return the pieces of a chain that are smooth curves, split at corners; others are dropped."""
     if len(points) < least / np.sqrt(2):
         return []
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
@@ -198,7 +202,7 @@ def _smooth_parts(points: Array, least: float) -> list[Array]:
 
 
 def _thinned(points: Array) -> Array:
-    """Points about two pixels apart."""
+    """Return points at a spacing of about two pixels."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     kept: Array = points[np.unique(np.searchsorted(length, np.arange(0.0, length[-1], STEP_PX)))]
     return kept

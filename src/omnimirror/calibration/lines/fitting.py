@@ -1,9 +1,10 @@
-"""A camera model refined so that the images of straight edges are straight: planes through the viewpoint.
+"""Plumb-line fit: refinement of a camera model for which images of straight edges are straight.
 
-Each edge lies in a plane through the viewpoint, of unit normal n; the direction d of each of its pixels has
-``n . d = 0``. What is made small is how far the pixel lies from the image of that plane, in pixels, to first order
-``n . d / |(dd/du)^T n|``: angles would be smallest for a model that squeezes the whole world into one direction.
-Normals are found for every trial anew and eliminated, so that only the camera's few numbers are left.
+Each edge is in a plane through the viewpoint with unit normal n; the direction d of each of its
+pixels satisfies ``n . d = 0``. The residual is the distance of the pixel from the image of that
+plane in pixels, to first order ``n . d / |(dd/du)^T n|``. Angular residuals would be minimal for
+a model that compresses the whole scene into one direction. Normals are fitted for each trial and
+eliminated, which leaves only the parameters of the camera.
 """
 
 from __future__ import annotations
@@ -25,56 +26,57 @@ Mask = NDArray[np.bool_]
 NORMAL_STEPS = 3
 MOST_STEPS = 40
 SETTLED = 1e-7
-SCALE_PX = 0.5  # of residuals, beyond which an edge counts less
-LEAST_POINTS = 6  # of an edge that have to be seen, or all of one that has fewer
+SCALE_PX = 0.5  # residual above which an edge is downweighted
+LEAST_POINTS = 6  # minimum visible points of an edge, or all of an edge with fewer
 UNSEEN_PX = 10.0
 
 
 class Knobs(NamedTuple):
-    """What of a model may be turned: parameters, some of them only together."""
+    """Free parameters of a model, some of them coupled."""
 
     names: tuple[tuple[str, ...], ...]
-    """those that move alike stand together"""
+    """Names of parameters; coupled ones form a group."""
     turn: Array
-    """(p, q) change of each parameter of the model by each knob"""
+    """Change (p, q) of each model parameter by each free parameter."""
     prior: Array
-    """(q,) where knobs are expected"""
+    """Expected values (q,)."""
     information: Array
-    """(q,) 1 / sigma^2 of that"""
+    """Information (q,), 1 / sigma^2, of the expected values."""
     scales: Array
-    """(q,) typical changes"""
+    """Typical changes (q,)."""
 
 
 class Edges(NamedTuple):
-    """Chains of all pictures, one after the other."""
+    """Concatenated chains of all images."""
 
     pixels: Array
-    """(n, 2)"""
+    """Pixels (n, 2)."""
     slices: tuple[slice, ...]
 
 
 @dataclass(frozen=True)
 class LinesFit:
-    """How a model fits its edges."""
+    """Fit of a model to its edges."""
 
     model: CameraModel
     normals: Array
-    """(chains, 3) in the camera frame"""
+    """Plane normals (chains, 3) in the camera frame."""
     residuals: Array
-    """(n,) px, NaN where the model sees nothing"""
+    """Residuals (n,) px; NaN for pixels outside the model's field."""
     rates: Array
-    """(n, q) of the residuals by the knobs, normals eliminated"""
+    """Derivatives (n, q) of the residuals with respect to the free parameters, normals eliminated.
+    """
     cost: float
     weights: Array
-    """(chains,) 0 to 1"""
+    """Weights (chains,) from 0 to 1."""
 
     def rms_of(self, edges: Edges) -> Array:
-        """Root mean square (chains,) px; infinite where a chain is not seen."""
+        """Return the RMS residual (chains,) px; infinite for invisible chains."""
         return np.array([_rms(self.residuals[part]) for part in edges.slices])
 
 
 def edges_of(chains: Sequence[Array]) -> Edges:
-    """Chains (n, 2) in one row."""
+    """Return concatenated chains (n, 2)."""
     ends = np.cumsum([len(chain) for chain in chains])
     parts = tuple(slice(int(e) - len(c), int(e)) for e, c in zip(ends, chains, strict=True))
     return Edges(np.concatenate(chains), parts)
@@ -83,7 +85,7 @@ def edges_of(chains: Sequence[Array]) -> Edges:
 def fitted_lines(
     model: CameraModel, edges: Edges, knobs: Knobs, *, distance_mm: float = np.inf, most_steps: int = MOST_STEPS
 ) -> LinesFit:
-    """The model with the straightest edges, from where it begins."""
+    """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
     values = np.zeros(len(knobs.names))
     fit, damping = _compared(model, edges, knobs, values, distance_mm), 1e-3
@@ -113,7 +115,7 @@ def fitted_lines(
 
 
 def normal_equations(fit: LinesFit, edges: Edges, knobs: Knobs, values: Array) -> tuple[Array, Array]:
-    """Matrix (q, q) and gradient (q,) of the weighted squares, priors among them."""
+    """Return matrix (q, q) and gradient (q,) of the weighted squares, including priors."""
     matrix = np.diag(knobs.information).astype(float)
     gradient = knobs.information * (values - knobs.prior)
     for part, weight in zip(edges.slices, fit.weights, strict=True):
@@ -125,7 +127,7 @@ def normal_equations(fit: LinesFit, edges: Edges, knobs: Knobs, values: Array) -
 
 
 def gradients_left_out(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
-    """Gradients (chains, q) of each chain's weighted squares at the model that the others make without it."""
+    """Return the gradients (chains, q) of each chain at the model fitted without it."""
     scale = np.sqrt(np.diag(matrix))
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True)
     found = []
@@ -138,7 +140,7 @@ def gradients_left_out(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
 
 
 def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, distance_mm: float) -> LinesFit:
-    """All chains at once; sums over the points of each are taken where the next begins."""
+    """Evaluate all chains at once, with sums over each chain by reduction."""
     at = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
     sizes = np.array([part.stop - part.start for part in edges.slices])
     owner, starts = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -149,7 +151,7 @@ def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, dis
     e, j, change = (np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved))
     normal, slant = _planes(e, j, seen, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
-    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by the ways in which it may turn
+    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by turns of n
     by_knobs = np.einsum("nip,ni->np", change, normal[owner]) @ knobs.turn / slant[:, None]
     inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
     outer = np.add.reduceat(by_normal[:, :, None] * by_knobs[:, None, :], starts)
@@ -164,12 +166,15 @@ def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, dis
 
 
 def _loss(square: Any) -> Any:
-    """Of a chain's mean square: what is not straight at all counts little more than what is rather bent."""
+    """Return the robust loss of a chain's mean square, which saturates for curved chains."""
     return SCALE_PX**2 * np.log1p(square / SCALE_PX**2)
 
 
 def _planes(e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Normals (chains, 3) of planes nearest to directions (n, 3) in pixels, and |J^T n| (n,), radians per pixel."""
+    """Return normals (chains, 3) of planes fitted to directions (n, 3) in pixels, and |J^T n| (n,).
+
+    The unit of |J^T n| is radians per pixel.
+    """
     weight = seen.astype(float)
     for _ in range(NORMAL_STEPS):
         moments = np.add.reduceat(weight[:, None, None] * e[:, :, None] * e[:, None, :], starts)
@@ -180,9 +185,11 @@ def _planes(e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: ND
 
 
 def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
-    """Directions (n, 3) of pixels in the camera frame, how they turn with pixels (n, 3, 2) and parameters (n, 3, p).
+    """Return directions (n, 3) of pixels in the camera frame and their derivatives.
 
-    Of a camera with many viewpoints, directions from where its rays cross best to what lies at a distance on them.
+    Derivatives are with respect to pixels (n, 3, 2) and parameters (n, 3, p). For a camera with
+    several viewpoints, directions are those from the point nearest to all rays to points on the
+    rays at the given distance.
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()
@@ -206,14 +213,14 @@ def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array,
 
 
 def _crossing(origins: Array, directions: Array) -> Array:
-    """The point (3,) nearest to rays (n, 3), (n, 3)."""
+    """Return the point (3,) nearest to rays with origins (n, 3) and directions (n, 3)."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     point: Array = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
     return point
 
 
 def _across(directions: Array) -> Array:
-    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
+    """Return two unit vectors (n, 3, 2) perpendicular to unit vectors (n, 3)."""
     helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(directions, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

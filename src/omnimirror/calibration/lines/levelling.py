@@ -1,4 +1,4 @@
-"""Which way is up, from what stands upright: the vertical vanishing point of a room or street."""
+"""Levelling from upright edges: the vertical vanishing point of a room or street."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .chains import edge_chains
 Array = NDArray[np.float64]
 
 MOST_LEAN_DEG = 40.0
-NEAR_DEG = 0.8  # of an upright edge's plane to the plumb line
+NEAR_DEG = 0.8  # maximum angle between the plane of an upright edge and the vertical
 MOST_PAIRED = 80
 LEAST_UPRIGHT = 3
-MOST_BY_CHANCE = 0.01  # directions that as many edges would point to if they lay anyhow
+MOST_BY_CHANCE = 0.01  # expected number of directions with as many edges by chance
 REFINED = 4
-BENT_DEG = 0.25  # root mean square off its plane, beyond which an edge is not straight
+BENT_DEG = 0.25  # maximum rms deviation of a straight edge from its plane
 LEAST_EXTENT_DEG = 6.0
 LOOKED_AT_PX = 1440
 SURE_DEG, SURE_UPRIGHT = 0.6, 8
@@ -30,22 +30,22 @@ USUAL_LEAN_DEG, USUAL_ROLL_DEG = 20.0, 15.0
 
 
 class Level(NamedTuple):
-    """How a camera that looks some way leans, from one picture."""
+    """Tilt of a camera with known orientation, from one image."""
 
     camera_looks: CameraLooks
     pitch_deg: float
     roll_deg: float
     sigma_deg: float
-    """standard error of the plumb line, the way in which it is larger"""
+    """Standard error of the vertical direction, along the larger axis."""
     upright: int
-    """edges that stand upright"""
+    """Number of upright edges."""
 
     @property
     def is_sure(self) -> bool:
-        """Whether it may be taken unasked: it is exact, and no more than such cameras lean.
+        """True if the tilt is reliable: accurate, and within the usual range.
 
-        One that looks ahead is held level from side to side, whatever it looks down; where it looks another way than is
-        thought, level edges that are taken for upright ones seldom allow that.
+        A camera that looks ahead usually has little roll but any pitch. If the orientation is
+        wrong, horizontal edges taken for upright ones rarely satisfy this condition.
         """
         lean = abs(self.roll_deg) / USUAL_ROLL_DEG
         if self.camera_looks != "forward":
@@ -53,33 +53,34 @@ class Level(NamedTuple):
         return self.sigma_deg < SURE_DEG and self.upright >= SURE_UPRIGHT and lean < 1
 
     def on(self, mount: Mount) -> Mount:
-        """The mount with this lean."""
+        """Return the mount with this tilt."""
         return replace(mount, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg)
 
 
 def level_in(
     picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
 ) -> Level | None:
-    """How a camera leans that is known but for that, from one picture; None if too few edges stand upright in it.
+    """Estimate the tilt of a camera from one image; None for too few upright edges.
 
-    Edges are followed, and those that the camera makes straight lie in planes of directions. A camera with several
-    viewpoints is taken to look at what is far against its mirror. Which way it looks has to be known: edges of a room
-    that lie level are as many and as parallel as those that stand.
+    Edges are traced, and those that the camera straightens define planes of directions. Edges are
+    assumed far from the mirror of a camera with several viewpoints. The orientation of the camera
+    must be known: horizontal edges of a room are as frequent and parallel as upright ones.
 
     Parameters
     ----------
     picture : (height, width, 3) or (height, width)
-        RGB, of any depth; opacity is left out.
+        RGB image of any depth; opacity is ignored.
     camera
-        Which took it.
+        Camera of the image.
     mount
-        Its mount.
+        Mount of the camera.
     centre_px, radius_px
         Circle of the field.
 
     Returns
     -------
     Level or None
+        Tilt.
 
     Examples
     --------
@@ -95,9 +96,10 @@ def level_in(
 def _straight_edges(
     picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
 ) -> tuple[Array, Array]:
-    """Of the edges that are straight for a camera: normals (n, 3) of their planes in its frame, and lengths (n,), rad.
+    """Return plane normals (n, 3) in the camera frame and lengths (n,) in rad of straight edges.
 
-    Large pictures are reduced: an edge's plane is known well enough then, and edges of fine things are left out.
+    Large images are reduced: the accuracy remains sufficient, and edges of fine structures are
+    removed.
     """
     import cv2
 
@@ -119,20 +121,21 @@ def _straight_edges(
 
 
 def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
-    """The lean for which most edges stand upright; None if no more do than would by chance.
+    """Return the tilt for which most edges are upright; None if their number is not significant.
 
-    Each edge lies in a plane through the viewpoint, and planes of upright edges hold the plumb line. It is looked for
-    within 40 deg of where the mount has it. Any two planes meet in a line, and of n planes that lie anyhow some more
-    hold it by chance: so many that less than .01 such lines are to be expected are what counts.
+    Each edge is in a plane through the viewpoint, and the planes of upright edges contain the
+    vertical. The search covers 40 deg around the vertical of the mount. Any two planes intersect in
+    a line, and some of n random planes contain it by chance: the result is accepted if fewer than
+    0.01 such lines are expected.
 
     Parameters
     ----------
     normals : (n, 3)
-        Unit normals of the edges' planes, in the camera frame.
+        Unit normals of the edges' planes in the camera frame.
     lengths : (n,)
-        How much each edge counts.
+        Weights of the edges.
     mount
-        Which way the camera looks; its own lean is not asked.
+        Orientation of the camera; its own tilt is ignored.
 
     Examples
     --------
@@ -178,8 +181,8 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
 
 
 def _by_chance(count: int, planes: int) -> float:
-    """How many lines are to be expected, of those in which two planes meet, that as many of all hold.
+    """Return the expected number of intersection lines that as many random planes contain.
 
-    A plane that lies anyhow comes as near to a line with the sine of that angle as its probability.
+    The probability that a random plane is within an angle of a line is the sine of the angle.
     """
     return comb(planes, 2) * float(bdtrc(count - 3, planes - 2, np.sin(np.radians(NEAR_DEG))))

@@ -1,4 +1,4 @@
-"""Points that were marked on straight edges, by hand or by another program, from tables."""
+"""Tables of points on straight edges, marked manually or by another program."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from ..tables import cells_of, number_of
 Array = NDArray[np.float64]
 
 COLUMNS = ("line", "u_px", "v_px")
-PICTURE, ONLY = "picture", "picture"  # the column, and the name of the one picture where there is none
+PICTURE, ONLY = "picture", "picture"  # column, and the default name of a single image
 LEAST_POINTS = 3
-"""On an edge: any two lie on the image of some straight line."""
+"""Minimum number of points on an edge; two always fit the image of a straight line."""
 
 
 @checked
 def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
-    """Read points that lie on straight edges, from tables with a head.
+    """Read points on straight edges from CSV tables with a header line.
 
     Parameters
     ----------
     paths
-        CSV files with the columns ``line`` (a name or number, the same for all points of an edge), ``u_px``, ``v_px``,
-        and ``picture`` if there are several.
+        CSV files with the columns ``line`` (name or number of the edge), ``u_px``, ``v_px``, and
+        ``picture`` for several images.
 
     Returns
     -------
     dict
-        Of each picture, by its name, its edges: points (n, 2) px.
+        Edges of each image by its name: points (n, 2) px.
 
     Raises
     ------
     InvalidParameter
-        A column that is missing or unknown, a value that is no number, an edge of fewer than three points; the message
-        names the line.
+        If a column is missing or unknown, a value is not a number, or an edge has fewer than three
+        points; the message names the line.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
 
 
 def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
-    """Picture, edge and pixel of each line of a file."""
+    """Return image, edge and pixel of each line of a file."""
     text = read_text(path, "points on lines", InvalidParameter, f"there is no file {path}")
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:

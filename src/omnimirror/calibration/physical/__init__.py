@@ -1,4 +1,4 @@
-"""The mirror sensor as a model to be calibrated: its image of points with all derivatives, as it physically is."""
+"""Exact mirror sensor model for calibration, with analytic derivatives of its projection."""
 
 from .ball import mirror_ball_model
 from .sensor_model import SensorModel

@@ -1,4 +1,4 @@
-"""A mirror ball as it is photographed: from a finite distance, and not in the middle of the picture."""
+"""Mirror ball at a finite distance and off the image centre."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ...optics.mirrors.pose import MirrorPose
 from ...optics.sensor import Sensor
 from .sensor_model import SensorModel
 
-GRAZING = 1 - 1e-6  # of the outline's distance from the axis: there light only just arrives
+GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis: grazing incidence
 MOST_PX = 1e9
-SMALLEST = 1e-6  # radians, of what a ball takes up
-PITCH_UM = 5.0  # any would do: a picture knows angles alone
+SMALLEST = 1e-6  # radians; minimum angular radius of a ball
+PITCH_UM = 5.0  # arbitrary: an image determines only angles
 
 
 @checked
@@ -30,35 +30,36 @@ def mirror_ball_model(
     ball_radius_mm: float = 40.0,
     mount: Mount | None = None,
 ) -> SensorModel:
-    """A ball of which the outline in the picture is known, as a sensor whose ball may stand elsewhere.
+    """Create a sensor model of a ball from its outline in the image.
 
-    The outline of a ball of radius A at distance D of its centre is seen at ``sin(alpha) = A / D`` from there. Radius
-    and distance are one thing, as far as pictures go: the radius is taken as known, and what is estimated are distance
-    and place.
+    The outline of a ball of radius A at centre distance D has the angular radius
+    ``sin(alpha) = A / D``. An image determines only the ratio of radius and distance: the radius is
+    assumed known, and distance and position are estimated.
 
     Parameters
     ----------
     image_size : (width, height)
+        Size of the image.
     centre_px : (u, v)
         Centre of the outline.
     rim_radius_px
         Radius of the outline.
     focal_px
-        Focal length of the camera, in pixels: ``width / 2 / tan(hfov / 2)``.
+        Focal length of the camera in pixels: ``width / 2 / tan(hfov / 2)``.
     ball_radius_mm
-        Of the ball.
+        Radius of the ball.
     mount
-        How the camera stands; by default horizontally, as on a tripod.
+        Orientation of the camera; by default horizontal, as on a tripod.
 
     Returns
     -------
     SensorModel
-        Free are distance and place.
+        Model with free distance and position.
 
     Raises
     ------
     InvalidParameter
-        A number that is not above 0.
+        If a number is not positive.
 
     Examples
     --------
@@ -79,7 +80,7 @@ def mirror_ball_model(
         across[0] = -across[0]
     off = float(np.hypot(*across))
     far, near = np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px)
-    delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; off the axis its outline is drawn out
+    delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > SMALLEST:
         raise InvalidParameter(
             f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"

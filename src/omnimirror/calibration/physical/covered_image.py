@@ -1,8 +1,9 @@
-"""Where a sensor shows points through a tube or a dome, and how that changes with them and with every parameter.
+"""Projection of points through a tube or dome, with derivatives by points and parameters.
 
-The pixel of a point outside is that of any two points on the ray inside the cover, which a mirror without one shows
-with known derivatives. Where parameters and pixel change, those derivatives tell how the ray inside moves at both; the
-cover makes of it how much the ray outside misses the point; and it must not miss it.
+The pixel of a point outside the cover is that of any two points on the inner ray, which the
+mirror without a cover projects with known derivatives. These give the motion of the inner ray at
+both points for changes of parameters and pixel. The cover maps it to the motion of the outer ray,
+which must continue to meet the point.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from .names import NamedNumber
 
 Array = NDArray[np.float64]
 
-NEAR, FAR = 1.0, 3.0  # rim radii from the mirror point: where the ray inside is held
-STEP = 1e-5  # rim radii: a difference quotient over it errs by its square
+NEAR, FAR = 1.0, 3.0  # rim radii from the mirror point: points that define the inner ray
+STEP = 1e-5  # rim radii; central differences with an error quadratic in the step
 
 
 def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[NamedNumber, ...]) -> Image:
-    """As :func:`.imaging.image_of_points`, through the tube or the dome of the housing, which stays as it is."""
+    """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
     covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())
-    with np.errstate(all="ignore"):  # what is not finite is not valid
+    with np.errstate(all="ignore"):  # non-finite results are marked invalid
         pupil = sensor.optical_train.entrance_pupil_points(np.zeros((1, 2)))
         found = covered.specular(pupil, Ends.of(points, distant))
         held = [found.points + share * rim * found.to_targets for share in (NEAR, FAR)]
@@ -59,9 +60,10 @@ def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tu
 def _misses(
     covered: CoveredMirror, held: list[Array], targets: Array, distant: bool, step: float
 ) -> tuple[Array, list[Array]]:
-    """Two directions (n, 2, 3) across the rays outside, and how what these miss the targets by, along them, changes.
+    """Return directions (n, 2, 3) perpendicular to the outer rays, and derivatives of their misses.
 
-    The changes (n, 2, 3) are by the places at which the rays inside are held.
+    The miss is the offset of the ray from its target along these directions. Its derivatives
+    (n, 2, 3) are with respect to the two points that define the inner ray.
     """
 
     def miss(places: list[Array]) -> tuple[Array, Array]:

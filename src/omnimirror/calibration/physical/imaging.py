@@ -1,9 +1,10 @@
-"""Where a sensor shows points, and how that changes with them and with every parameter of its own.
+"""Projection of points by a mirror sensor, with derivatives by points and all its parameters.
 
-Light goes the way of stationary length from a point by the mirror to the lens (Fermat). Where the mirror point is on
-the surface follows from two equations, ``g(x, y) = 0``, the gradient of the length of that way; so by the theorem of
-implicit functions its derivatives are ``-H^-1 dg``, H the second derivatives of the length, by whatever g depends on:
-either end of the way, and the shape of the surface. The rest is the chain rule through pose, lens and imager.
+Light follows a path of stationary length from a point via the mirror to the lens (Fermat). The
+mirror point satisfies two equations ``g(x, y) = 0``, where g is the gradient of the path length.
+By the implicit function theorem its derivatives are ``-H^-1 dg``, with the second derivatives H
+of the length, for all quantities that g depends on: both ends of the path, and the shape of the
+surface. The remainder is the chain rule through pose, lens and imager.
 """
 
 from __future__ import annotations
@@ -25,31 +26,34 @@ from .shape_rates import profile_rates
 Array = NDArray[np.float64]
 
 PAST_THE_RIM = 1.25
-"""Of the rim radius: so far the continued surface shows points, lest an estimate in which the mirror is a little too
-small should lose them."""
+"""Extension of the mirror surface beyond the rim, relative to the rim radius.
+
+It retains points in estimates whose mirror is slightly too small.
+"""
 IDENTITY = np.eye(3)
 
 
 class Way(NamedTuple):
-    """Light from n targets by the mirror to the lens, in the mirror's frame, and what disturbs its stationarity.
+    """Optical paths from n targets via the mirror to the lens, in the mirror frame.
 
-    The gradient of its length has two components, by x and by y of the mirror point.
+    The gradient of the length has two components, with respect to x and y of the mirror point.
     """
 
     surface: Surface
     tangents: Array
-    """(n, 2, 3) of the surface, by x and by y"""
+    """Tangents (n, 2, 3) of the surface along x and y."""
     pull: Array
-    """(n, 3) sum of the unit vectors from both ends, whose components along the tangents are the gradient"""
+    """Sum (n, 3) of the unit vectors from both ends; its tangential components are the gradient."""
     by_pupil: Array
-    """(n, 2, 3) derivative of the gradient by the pupil"""
+    """Derivative (n, 2, 3) of the gradient with respect to the pupil."""
     by_target: Array
-    """(n, 2, 3) derivative of the gradient by the target"""
+    """Derivative (n, 2, 3) of the gradient with respect to the target."""
     by_point: Array
-    """(n, 2, 3) derivative of the gradient by a mirror point that moves without turning its surface"""
+    """Derivative (n, 2, 3) of the gradient with respect to the mirror point at a constant normal.
+    """
 
     def response(self) -> Array:
-        """How mirror points move (n, 2, 2) under disturbances of the gradient."""
+        """Return derivatives (n, 2, 2) of the mirror points with respect to the gradient."""
         second = self.by_point @ self.tangents.transpose(0, 2, 1) + self.pull[:, 2, None, None] * self.surface.bend
         a, b, c = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
         inverse = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=1)
@@ -58,22 +62,22 @@ class Way(NamedTuple):
 
 
 def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[NamedNumber, ...]) -> Image:
-    """Image of points (n, 3) mm, or of directions, of the camera frame, with derivatives by k places.
+    """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
     ----------
     sensor
-        Of one mirror.
+        Sensor with one mirror.
     points : (n, 3)
-        In the camera frame, whose origin is the vertex as designed.
+        Points in the camera frame, whose origin is the nominal vertex.
     distant
-        Whether they are directions.
+        Whether the points are directions.
     places
-        The parameters by which derivatives are wanted.
+        Parameters of the derivatives.
     """
     pose = sensor.mirror_pose
     rotation = pose.rotation()
-    with np.errstate(all="ignore"):  # what is not finite is not valid
+    with np.errstate(all="ignore"):  # non-finite results are marked invalid
         pupils, targets = _ends(sensor, pose, points, distant)
         found = specular_points(sensor.mirror, pupils, targets)
         way = _way(sensor, pupils, targets, found, points if distant else None)
@@ -95,7 +99,7 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[
 
 
 def _ends(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tuple[Ends, Ends]:
-    """Lens and targets in the mirror's frame."""
+    """Return lens and targets in the mirror frame."""
     if sensor.lens.TELECENTRIC:
         pupils = Ends(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
@@ -104,11 +108,11 @@ def _ends(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tup
 
 
 def _way(sensor: Sensor, pupils: Ends, targets: Ends, found: Specular, directions: Array | None) -> Way:
-    """The ways of light, with the derivatives of their gradients."""
+    """Return the optical paths with the derivatives of their gradients."""
     surface = Surface(sensor.mirror, found.points[:, :2])
     from_pupil, by_pupil, pupil_on_point = _pull(pupils, surface.points)
     from_target, by_target, target_on_point = _pull(targets, surface.points)
-    if directions is not None:  # of any length, which turns them the less
+    if directions is not None:  # of any length, inversely proportional to the rotation
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
     along = surface.tangents
     pull = from_pupil + from_target
@@ -116,7 +120,7 @@ def _way(sensor: Sensor, pupils: Ends, targets: Ends, found: Specular, direction
 
 
 def _pull(ends: Ends, points: Array) -> tuple[Array, Array, Array]:
-    """Unit vectors (n, 3) from ends to points, and their derivatives (n, 3, 3) by the ends and by the points."""
+    """Return unit vectors (n, 3) from ends to points, and derivatives (n, 3, 3) by ends and points."""
     if ends.distant:
         unit = np.broadcast_to(-ends.xyz, points.shape)
         across = IDENTITY - unit[:, :, None] * unit[:, None, :]
@@ -131,7 +135,12 @@ def _pull(ends: Ends, points: Array) -> tuple[Array, Array, Array]:
 def _displaced(
     sensor: Sensor, way: Way, found: Specular, points: Array, distant: bool, place: NamedNumber
 ) -> tuple[Array, Array]:
-    """What a change of pose or distance does to the gradient (n, 2), and to a point (n, 3) that stays on its mirror."""
+    """Return the effect of a pose or distance parameter on the optical path.
+
+    The results are changes of the gradient and of a fixed mirror point.
+
+    Shapes are (n, 2) and (n, 3).
+    """
     rotation, shift = sensor.mirror_pose.rotation(), sensor.mirror_pose.shift
     nothing = np.zeros((len(points), 3))
     if place.name == DISTANCE:
@@ -147,7 +156,7 @@ def _displaced(
 def _add_shape(
     sensor: Sensor, way: Way, by_gradient: Array, by_point: Array, places: tuple[NamedNumber, ...], by_place: Array
 ) -> None:
-    """Add to derivatives (n, 2, k) what the surface does where it rises, and where it is tilted."""
+    """Add the effect of surface height and slope to the derivatives (n, 2, k)."""
     wanted = [k for k, place in enumerate(places) if place.section == "mirror"]
     if not wanted:
         return
@@ -161,7 +170,7 @@ def _add_shape(
 
 
 def _pose_rates(pose: MirrorPose, key: str) -> tuple[Array, Array]:
-    """Derivatives of a pose's rotation (3, 3), per degree, and of its shift (3,), per mm, by one of its numbers."""
+    """Return derivatives of a pose's rotation (3, 3) per deg and translation (3,) per mm."""
     (cx, cy), (sx, sy) = (f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin))
     degree = np.pi / 180
     turn, shift = np.zeros((3, 3)), np.zeros(3)

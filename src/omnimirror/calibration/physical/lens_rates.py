@@ -1,4 +1,4 @@
-"""From a point on the mirror to its pixel, with derivatives by the point and by what lens and imager are."""
+"""Projection from mirror points to pixels, with derivatives by points, lens and imager."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Mask = NDArray[np.bool_]
 
 
 def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) -> tuple[Array, Mask, Array, Array]:
-    """Pixels (n, 2) of points (n, 3) mm of the camera frame, whether they are any, and derivatives by both.
+    """Return pixels (n, 2) of points (n, 3) mm in the camera frame, validity and derivatives.
 
     Returns
     -------
     tuple
-        Pixels (n, 2); valid (n,); (n, 2, 3) px per mm of the points; (n, 2, k) px per unit of k places, as far as
-        they belong to lens, imager and distance: what they do at a point that stays.
+        Pixels (n, 2); valid (n,); derivatives (n, 2, 3) in px per mm of the points; derivatives (n,
+        2, k) in px per unit of k parameters of lens, imager and distance, for fixed points.
     """
     by_key: dict[str, Array]
     if isinstance(sensor.lens, Perspective):
@@ -43,7 +43,10 @@ def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) 
 
 
 def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
-    """Image points (n, 2) mm, derivatives (n, 2, 3) by the points seen and (n, 2) by each entry of lens and mount."""
+    """Return image points (n, 2) mm, and their derivatives by points and parameters.
+
+    Shapes of the derivatives are (n, 2, 3) and (n, 2).
+    """
     c, brown = lens.principal_distance, lens.brown
     depth = seen_at[:, 2] - sensor.optical_train.pupil_offset[2]
     tangent = seen_at[:, :2] / depth[:, None]
@@ -61,7 +64,7 @@ def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Arr
 
 
 def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
-    """The same under a telecentric lens."""
+    """Return the same for a telecentric lens."""
     mu = float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
     by_seen = np.zeros((len(seen_at), 2, 3))
     by_seen[:, 0, 0] = by_seen[:, 1, 1] = mu

@@ -1,4 +1,4 @@
-"""Parameters of a sensor by the names under which its file has them: ``mirror.radius_mm``, ``imager.centre_px[0]``."""
+"""Names of sensor parameters as in sensor files: ``mirror.radius_mm``, ``imager.centre_px[0]``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DISTANCE = "mount.mirror_distance_mm"
 
 
 class NamedNumber(NamedTuple):
-    """Where one number of a sensor stands: its part, its entry there, and its place in that if it is a list."""
+    """Location of a sensor parameter: its section, its key, and its index in a list."""
 
     section: str
     key: str
@@ -25,16 +25,16 @@ class NamedNumber(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As the sensor file, and an error message, has it."""
+        """Name as in sensor files and error messages."""
         return f"{self.section}.{self.key}" + ("" if self.item is None else f"[{self.item}]")
 
     def of(self, part: Any) -> float:
-        """Its value in a part."""
+        """Return the value in a section."""
         value = part.centre if self.key == "centre_px" else getattr(part, self.key)
         return float(value if self.item is None else value[self.item])
 
     def change(self, part: Any, value: Any) -> dict[str, Any]:
-        """What to replace in a part so that it has another value."""
+        """Return the replacements in a section for another value."""
         if self.item is None:
             return {self.key: value}
         values = list(part.centre if self.key == "centre_px" else getattr(part, self.key))
@@ -43,7 +43,7 @@ class NamedNumber(NamedTuple):
 
 
 def place_of(sensor: Sensor, name: str) -> NamedNumber:
-    """The place of a name, if the sensor has it.
+    """Return the location of a named parameter of a sensor.
 
     >>> import omnimirror as om
     >>> place_of(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
@@ -58,7 +58,7 @@ def place_of(sensor: Sensor, name: str) -> NamedNumber:
 
 
 def known_names(sensor: Sensor) -> Iterable[str]:
-    """Every number of a sensor that its picture depends on, by name."""
+    """Yield the names of all parameters that affect the image of a sensor."""
     yield from shape_names(sensor)
     yield from lens_names(sensor)
     yield from ("imager.centre_px[0]", "imager.centre_px[1]", "imager.pixel_pitch_um")
@@ -68,13 +68,13 @@ def known_names(sensor: Sensor) -> Iterable[str]:
 
 
 NO_SHAPE = ("omega_min_deg", "rim_radius_mm", "normalization_radius_mm", "uncertainty_um", "x_mm", "height")
-"""Where a mirror begins and ends, and in what its shape is counted."""
+"""Parameters of the extent and the normalisation of a mirror, which do not affect its shape."""
 FROM_THE_AXIS = ("slopes", "z_mm", "omega_deg")
-"""Lists that begin on the axis, where a smooth mirror leaves no choice."""
+"""Lists whose first element is on the axis, where it is fixed for a smooth mirror."""
 
 
 def shape_names(sensor: Sensor) -> Iterable[str]:
-    """The numbers of its mirror's shape."""
+    """Yield the names of the mirror's shape parameters."""
     for key, parameter in sensor.mirror.PARAMETERS.items():
         value = getattr(sensor.mirror, key)
         if parameter.choices or value is None or key in NO_SHAPE:
@@ -87,7 +87,7 @@ def shape_names(sensor: Sensor) -> Iterable[str]:
 
 
 def lens_names(sensor: Sensor) -> Iterable[str]:
-    """The numbers of its lens that move the picture and do not only blur it."""
+    """Yield the names of lens parameters that affect image positions, not only blur."""
     if not isinstance(sensor.lens, Perspective):
         yield "lens.magnification"
         return
@@ -96,12 +96,12 @@ def lens_names(sensor: Sensor) -> Iterable[str]:
 
 
 def value_of(sensor: Sensor, place: NamedNumber) -> float:
-    """The value of a parameter."""
+    """Return the value of a parameter."""
     return place.of(sensor if place.section == "mount" else getattr(sensor, place.section))
 
 
 def changed(sensor: Sensor, places: Iterable[NamedNumber], values: Iterable[float]) -> Sensor:
-    """The same sensor with other values, of which no uncertainty is known.
+    """Return the sensor with other parameter values and without uncertainty.
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")

@@ -1,4 +1,4 @@
-"""The mirror sensor itself as a camera model: parameters of mirror, lens and mounting, some of them free."""
+"""Camera model of a mirror sensor with free parameters of mirror, lens and mounting."""
 
 from __future__ import annotations
 
@@ -26,34 +26,37 @@ from .tolerances import USUAL, ParameterPrior, checked_priors, free_names, group
 Array = NDArray[np.float64]
 
 PROBES = 96
-"""Points over which the size of a parameter's effect is taken."""
+"""Number of points for the estimate of a parameter's effect."""
 PROBED = 10.0
-"""Their distance, in rim radii: there is no parameter that does nothing to near points."""
+"""Their distance in rim radii; all parameters affect near points."""
 
 
 @dataclass(frozen=True)
 class SensorModel(CameraModel):
-    """A sensor whose chosen parameters are free to be estimated, and everything else as designed.
+    """Sensor with selected free parameters for estimation; all others are fixed.
 
-    It is no approximation: every point, near or far, is seen in its own mirror point, wherever the mirror sits.
+    The model is exact: each point, near or far, is projected via its own mirror point for any pose
+    of the mirror.
 
     Parameters
     ----------
     sensor
-        As designed, or as estimated so far.
+        Nominal sensor or current estimate.
     free
-        Names of parameters as the sensor file has them (``"lens.focal_length_mm"``, ``"mirror.coefficients[0]"``), or
-        groups of them: ``"shape"`` of the mirror, ``"focal"`` length, ``"centre"`` of the picture, ``"distortion"``
-        of the lens, ``"distance"`` of the mirror, its ``"decentre"`` and ``"tilt"``. By default what was estimated of a
-        calibrated sensor; of any other focal length, distance, decentre and tilt.
+        Names of parameters as in the sensor file (``"lens.focal_length_mm"``,
+        ``"mirror.coefficients[0]"``), or groups: ``"shape"`` of the mirror, ``"focal"`` length,
+        ``"centre"`` of the image, ``"distortion"`` of the lens, ``"distance"``, ``"decentre"`` and
+        ``"tilt"`` of the mirror. By default the estimated parameters of a calibrated sensor,
+        otherwise focal length, distance, decentre and tilt.
     priors
-        What is known of free parameters from the drawing: name, value, standard deviation. By default the tolerances
-        of an ordinary workshop for those that pictures hardly tell apart.
+        Prior knowledge of free parameters from the drawing: name, value, standard deviation. By
+        default typical workshop tolerances for parameters that images determine poorly.
 
     Raises
     ------
     InvalidParameter
-        A name that the sensor does not have, a prior on what is not free, or a sensor of two mirrors.
+        If the sensor does not have a parameter, a prior refers to a fixed parameter, or the sensor
+        has two mirrors.
 
     Examples
     --------
@@ -67,15 +70,15 @@ class SensorModel(CameraModel):
     """
 
     sensor: Sensor
-    free: tuple[str, ...] = None  # type: ignore[assignment]  # None only until they are chosen
-    priors: tuple[ParameterPrior, ...] = None  # type: ignore[assignment]  # None only until they are made
+    free: tuple[str, ...] = None  # None only until chosen
+    priors: tuple[ParameterPrior, ...] = None  # None only until created
 
     KIND: ClassVar[str] = "sensor"
 
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
         self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
-        if self.sensor.housing.shell is not None:  # it stays as it is while the sensor's numbers change
+        if self.sensor.housing.shell is not None:  # constant during an estimation
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
         free = asked if asked is not None else USUAL if known is None else known.names
@@ -84,68 +87,71 @@ class SensorModel(CameraModel):
         priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
         object.__setattr__(self, "priors", priors)
 
-    # -- as a model -----------------------------------------------------------------------------
+    # -- camera model interface ------------------------------------------------------------------
 
     @property
-    def optics(self) -> Literal["mirror"]:  # type: ignore[override]  # a field of other models
-        """``"mirror"``: the centre of the picture looks back past the lens."""
+    def optics(self) -> Literal["mirror"]:  # a field of other models
+        """Type of optics, ``"mirror"``: the image centre looks back past the lens."""
         return "mirror"
 
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
-        """The free parameters: name, value, unit, and the change that moves the picture by about a pixel."""
+        """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
         return tuple(
             ModelParameter(place.name, value_of(self.sensor, place), unit, scale)
             for place, unit, scale in zip(self._places, self._units, self._scales, strict=True)
         )
 
     def with_parameters(self, values: ArrayLike) -> Self:
-        """The same model with other values of its free parameters.
+        """Return the model with other values of its free parameters.
 
         Parameters
         ----------
         values : (n,)
-            One for each parameter, in the units of :attr:`parameters`.
+            Values of the parameters, in the units of :attr:`parameters`.
 
         Returns
         -------
         SensorModel
-            With the same parameters free and the same priors.
+            Model with the same free parameters and priors.
 
         Raises
         ------
         InvalidParameter
-            As many values as parameters are needed, and each in its range: one that no such part can have is refused.
+            If the number of values is wrong, or a value is out of range.
         """
         wanted = np.asarray(values, dtype=float)
         if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
             raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
-        other = object.__new__(type(self))  # what is free, and its priors, have been checked
+        other = object.__new__(type(self))  # free parameters and priors are already checked
         other.__dict__["sensor"] = changed(self.sensor, self._places, wanted)
-        for kept in ("free", "priors", "_places", "_scales"):  # the same for a whole estimation
+        for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
             other.__dict__[kept] = getattr(self, kept)
         return other
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """Image of points (n, 3) mm in the camera frame, whose origin is the vertex as designed.
+        """Compute the image of points (n, 3) mm in the camera frame.
+
+        The origin of the frame is the nominal mirror vertex.
 
         Parameters
         ----------
         points_mm : (n, 3)
-            X right and Y down in the picture, Z from the lens to the mirror.
+            Points: X right and Y down in the image, Z from the lens to the mirror.
         distant
             Whether they are directions, of any length.
 
         Returns
         -------
         Image
-            Pixels (n, 2), valid (n,), and derivatives (n, 2, 3) by the points and (n, 2, p) by the free parameters.
-            Nothing is clipped at the edge of the picture; a little past its rim the mirror goes on smoothly.
+            Pixels (n, 2), valid (n,), and derivatives (n, 2, 3) by the points and (n, 2, p) by the
+            free parameters. Pixels outside the image are not clipped, and the mirror continues
+            smoothly slightly beyond its rim.
 
         Raises
         ------
         InvalidParameter
-            Points of another shape.
+            If the shape of the points is wrong.
         """
         image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
         return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
@@ -162,31 +168,32 @@ class SensorModel(CameraModel):
         rim_radius_mm: float = 40.0,
         distance_mm: float | None = None,
     ) -> Self:
-        """A model of a sensor that shows distant things as a central model does: where an estimation can begin.
+        """Create an initial sensor model that reproduces a central model for distant points.
 
-        What is known stays, a shape that is free becomes the one that turns the lens's rays as the central model has
-        them, and the other free parameters follow by least squares within their tolerances. Boards that were placed
-        for the central model have to be moved by :attr:`viewpoint_mm`.
+        Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
+        the central model does. The other free parameters follow by least squares within their
+        tolerances. Boards placed with the central model must be shifted by :attr:`viewpoint_mm`.
 
         Parameters
         ----------
         central
-            Estimated, of one viewpoint.
+            Estimated model with a single viewpoint.
         sensor
-            As designed; without one the mirror is a conic with four terms of which nothing is known but its size.
+            Nominal sensor; by default the mirror is a conic with four aspheric terms of unknown
+            shape and given size.
         free, priors
-            As for the class; without a sensor the shape is free, too.
+            As for the class; without a sensor, the shape is also free.
         omega_max_deg
-            Up to which field angle the central model has seen anything.
+            Maximum field angle of the observations of the central model.
         rim_radius_mm
-            Size of the unknown mirror: in what it sees of near things alone does it differ from a larger one.
+            Size of the unknown mirror; it affects only the image of near points.
         distance_mm
-            From it to the lens; four rim radii by default.
+            Distance of the mirror from the lens; by default four rim radii.
 
         Returns
         -------
         SensorModel
-            To begin with.
+            Initial model.
 
         Examples
         --------
@@ -211,10 +218,10 @@ class SensorModel(CameraModel):
 
     @property
     def viewpoint_mm(self) -> Array:
-        """Where (3,) mm of the camera frame one viewpoint would have to be, that the sensor has not.
+        """Mean viewpoint (3,) mm in the camera frame, over all pixels.
 
-        The mean over what its pixels see. A pose found by a central model, whose viewpoint is its origin, becomes one
-        of this model by adding this to the points.
+        Adding it to the points converts a pose of a central model, whose viewpoint is its origin,
+        to one of this model.
 
         Examples
         --------
@@ -247,33 +254,33 @@ class SensorModel(CameraModel):
         moved = image.d_parameters[image.valid]
         if not len(moved):
             return (1.0,) * len(self.free)
-        size = np.median(np.linalg.norm(moved, axis=1), axis=0)  # near the tip of a cone there is no end of it
+        size = np.median(np.linalg.norm(moved, axis=1), axis=0)  # unbounded near the tip of a cone
         return tuple(float(s) for s in 1 / np.where(size > 0, size, 1.0))
 
-    # -- as a camera ----------------------------------------------------------------------------
+    # -- camera interface ------------------------------------------------------------------------
 
     @property
     def image_size(self) -> tuple[int, int]:  # type: ignore[override]
-        """(width, height) in pixels."""
+        """Image size (width, height) in pixels."""
         return self.sensor.image_size
 
     @property
     def mount(self) -> Mount:  # type: ignore[override]
-        """How it stands."""
+        """Orientation of the camera."""
         return self.sensor.mount
 
     @property
     def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]
-        """Covariance of the parameters that a calibration has estimated."""
+        """Covariance of the parameters estimated by a calibration."""
         return self.sensor.uncertainty
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The sensor's axis of symmetry, None if its mirror or lens has none."""
+        """Axis of symmetry of the sensor; None if its mirror or lens is not symmetric."""
         return self.sensor.symmetry
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) into the world, from their mirror points.
+        """Return rays of pixels (n, 2) into the world, from their mirror points.
 
         Parameters
         ----------
@@ -283,36 +290,36 @@ class SensorModel(CameraModel):
         Returns
         -------
         Rays
-            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
         """
         return self.sensor.backproject(pixels)
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points of the world, clipped at rim and picture.
+        """Return pixels of world points, clipped at rim and image.
 
         Parameters
         ----------
         points_mm : (n, 3)
-            Points of the world, mm.
+            World points, mm.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
         """
         return self.sensor.project(points_mm)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of directions of the world, clipped at rim and picture.
+        """Return pixels of world directions, clipped at rim and image.
 
         Parameters
         ----------
         directions : (n, 3)
-            World directions, of any length but 0.
+            World directions of any nonzero length.
 
         Returns
         -------
         Projection
-            Pixels (n, 2) and where they are valid (n,).
+            Pixels (n, 2) and validity (n,).
         """
         return self.sensor.project_directions(directions)

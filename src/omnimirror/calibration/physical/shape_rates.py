@@ -1,8 +1,8 @@
-"""How a mirror's meridian changes with its own parameters.
+"""Derivatives of a mirror's meridian with respect to its parameters.
 
-The formulas of conics and polynomials are analytic, so that a step into the complex plane gives their derivatives
-without any loss (Squire and Trapp, 1998). A spline of slopes is linear in them, and what is left, mirrors that are
-generated or sampled, has differences.
+The formulas of conics and polynomials are analytic: complex-step differentiation is exact
+(Squire and Trapp, 1998). A spline of slopes is linear in its parameters. Other mirrors, generated
+or sampled, use finite differences.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ANALYTIC = (Conic, EvenPolynomial, ConicAsphere)
-"""Mirrors whose profile is analytic in their parameters and computed so."""
+"""Mirrors whose profile is an analytic function of their parameters and accepts complex values."""
 COMPLEX_STEP = 1e-30
 STEP = 1e-5
-"""Of a parameter, or of 1 if that is larger, for differences."""
+"""Step of finite differences, relative to the parameter or to 1 if larger."""
 
 
 def profile_rates(mirror: Mirror, x: Array, places: tuple[NamedNumber, ...]) -> Array:
-    """Derivatives (3, n, k) of sag, slope and curvature at x (n,) by k parameters of the mirror.
+    """Return derivatives (3, n, k) of sag, slope and curvature at x (n,) by k mirror parameters.
 
-    Beyond the rim, those of the parabola that continues it
+    Beyond the rim, they are those of the parabola that continues it
     (:func:`omnimirror.optics.tracing.reflection.continued_profile`).
 
     >>> from omnimirror.optics.mirrors import Sphere
@@ -60,7 +60,7 @@ def profile_rates(mirror: Mirror, x: Array, places: tuple[NamedNumber, ...]) -> 
 
 
 def _rates(mirror: Mirror, x: Array, place: NamedNumber) -> Array:
-    """Derivatives (3, n) by one parameter."""
+    """Return derivatives (3, n) with respect to one parameter."""
     if isinstance(mirror, ANALYTIC):
         moved = _unchecked(mirror, place, place.of(mirror) + 1j * COMPLEX_STEP)
         return np.imag(np.stack([np.asarray(a) for a in moved.profile(x)])) / COMPLEX_STEP
@@ -71,7 +71,7 @@ def _rates(mirror: Mirror, x: Array, place: NamedNumber) -> Array:
         try:
             other: Mirror = replace(mirror, **place.change(mirror, value + sign * step))  # type: ignore[type-var]
             ends.append((sign, np.stack(other.profile(x))))
-        except OmnimirrorError:  # at the end of its range: one side has to do
+        except OmnimirrorError:  # at the limit of its range: one-sided difference
             ends.append((0.0, np.stack(mirror.profile(x))))
     (after, high), (before, low) = ends
     rates: Array = (high - low) / ((after - before) * step)
@@ -79,7 +79,7 @@ def _rates(mirror: Mirror, x: Array, place: NamedNumber) -> Array:
 
 
 def _of_slopes(mirror: SlopeSpline, x: Array) -> Array:
-    """Derivatives (3, n, m) by all m slopes, in which the profile is linear."""
+    """Return derivatives (3, n, m) with respect to all m slopes, in which the profile is linear."""
     splines = _unit_splines(len(mirror.slopes), mirror.is_pointed)
     u, rim = x / mirror.rim_radius_mm, mirror.rim_radius_mm
     sag, slope, bend = (np.asarray(spline(u)) for spline in splines)
@@ -89,7 +89,7 @@ def _of_slopes(mirror: SlopeSpline, x: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _unit_splines(count: int, pointed: bool) -> tuple[BSpline, BSpline, BSpline]:
-    """Integral, value and derivative of the splines of which one slope is 1 and the others 0."""
+    """Return integral, value and derivative of the splines with one slope 1 and the others 0."""
     unit = np.eye(count)
     if not pointed:
         unit[0] = 0.0
@@ -98,7 +98,7 @@ def _unit_splines(count: int, pointed: bool) -> tuple[BSpline, BSpline, BSpline]
 
 
 def _unchecked(mirror: Mirror, place: NamedNumber, value: complex) -> Mirror:
-    """The same mirror with a complex parameter, which no constructor would take."""
+    """Return the mirror with a complex parameter, bypassing the checks of its constructor."""
     moved: Mirror = object.__new__(type(mirror))
     moved.__dict__.update(mirror.__getstate__() | place.change(mirror, value))
     return moved

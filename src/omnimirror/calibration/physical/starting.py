@@ -1,10 +1,10 @@
-"""From a central model to a mirror: the shape that shows distant things where that model does.
+"""Initial mirror model from a central model: the shape with the same projection of distant points.
 
-A central model knows only which direction each pixel sees. With the lens and its distance that is enough for the
-shape of the mirror: it is the one that turns each ray of the lens to the wanted field angle, by the quadrature that
-mirrors of a wanted mapping are made with (:mod:`omnimirror.optics.mirrors.generated.meridian`). What is left is
-small, and
-least squares find it.
+A central model contains only the direction of each pixel. With the lens and its distance this
+determines the mirror: it deflects each ray of the lens to the required field angle, and its shape
+follows by the quadrature for prescribed mappings
+(:mod:`omnimirror.optics.mirrors.generated.meridian`). The remaining difference is small and
+minimised by least squares.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ Array = NDArray[np.float64]
 Model = TypeVar("Model", bound=CameraModel)
 
 RINGS, SPOKES = 60, 16
-LEAST_SEEN = 0.5  # of a ring, without which it is cut by the edge of the picture too much to have a radius
+LEAST_SEEN = 0.5  # minimum visible fraction of a ring with a mean radius
 QUADRATURE = 2001
 STEPS = 30
 SETTLED = 1e-9
 RIM_TO_DISTANCE = 4.0
-"""Distance of an unknown mirror in its rim radii: of most that are sold it is 3 to 5."""
+"""Typical distance of a mirror in rim radii (most products: 3 to 5)."""
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
 SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
-UNLIKE = 0.9  # of how far a viewpoint moves: so much may be left that no size explains
+UNLIKE = 0.9  # maximum residual viewpoint motion, relative to the motion itself
 
 
 class RadialLaw(NamedTuple):
-    """What a central model is on the whole."""
+    """Mean radial projection of a central model."""
 
     centre_px: tuple[float, float]
     omega: Array
-    """(k,) field angles, radians, growing"""
+    """Field angles (k,), radians, increasing."""
     radius_px: Array
-    """(k,) their radii"""
+    """Radii (k,), px."""
 
 
 def radial_law(central: CameraModel, omega_max_deg: float) -> RadialLaw:
-    """Centre, and mean radius of each field angle as far as the picture shows most of its ring.
+    """Return the centre and the mean radius of each field angle with a mostly visible ring.
 
     Raises
     ------
     InvalidParameter
-        The model shows no such ring.
+        If the model has no such ring.
     """
     directions, omega = ring_directions(central, omega_max_deg)
     image = central.image(directions, distant=True)
@@ -78,7 +78,7 @@ def radial_law(central: CameraModel, omega_max_deg: float) -> RadialLaw:
 
 
 def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, Array]:
-    """Directions (n, 3) of the camera frame on rings about the axis, and the rings' angles (k,) in radians."""
+    """Return directions (n, 3) on rings about the axis, and ring angles (k,) in radians."""
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
     forward = -1.0 if central.optics == "mirror" else 1.0
@@ -87,12 +87,12 @@ def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, 
 
 
 def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float, distance_mm: float) -> Sensor:
-    """A sensor of which nothing is known but what a central model shows, how large its mirror is and how far away.
+    """Return a sensor with an unknown mirror of given size and distance for a central model.
 
-    The focal length follows from the radius of the field in the picture.
+    The focal length follows from the radius of the field in the image.
     """
     distance, pitch_um = distance_mm, 5.0
-    depth = distance + 0.3 * rim_radius_mm  # to the rim, of most mirrors
+    depth = distance + 0.3 * rim_radius_mm  # to the rim, for most mirrors
     b0 = law.radius_px[-1] * pitch_um * 1e-3 * depth / rim_radius_mm
     width, height = central.image_size
     mount = central.mount
@@ -110,20 +110,22 @@ def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float, d
 def guessed_size(
     central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array
 ) -> tuple[float, float] | None:
-    """Rim radius and distance of the unknown mirror whose viewpoint moves most as one was seen to, mm.
+    """Estimate rim radius and distance (mm) of an unknown mirror from the motion of its viewpoint.
 
-    A mirror that is to show what a central model shows has one shape for each distance in rim radii; then its viewpoint
-    moves along the axis in proportion to its size. What it moves by is all that pictures show of either; None where it
-    moves as no such mirror's does, as where it hardly moves at all.
+    For each distance in rim radii, one mirror shape reproduces the projection of a central model;
+    the motion of its viewpoint along the axis is proportional to its size. This motion is the only
+    information on size and distance in images. None if the measured motion fits no such mirror, for
+    example if it is negligible.
 
     Parameters
     ----------
     central
-        Of one viewpoint.
+        Model with a single viewpoint.
     omega_max_deg
-        Up to which field angle it has seen anything.
+        Maximum field angle of its observations.
     omega, viewpoint_mm : (n,)
-        Field angles (radians), and how far along Z of the camera frame, from anywhere, their rays meet the axis.
+        Field angles (radians), and intersections of their rays with the axis along Z of the camera
+        frame, with an arbitrary origin.
     """
     law = radial_law(central, omega_max_deg)
     wanted = viewpoint_mm - viewpoint_mm.mean()
@@ -142,14 +144,14 @@ def guessed_size(
 
 
 def shaped_like(law: RadialLaw, sensor: Sensor, rim_is_known: bool) -> Sensor:
-    """The sensor with the shape of mirror that shows distant things as a law says.
+    """Return the sensor with the mirror shape that projects distant points as prescribed.
 
-    A rim that is not known is where the law ends.
+    An unknown rim is placed at the end of the prescribed projection.
 
     Raises
     ------
     InvalidParameter
-        No mirror of its kind does.
+        If no mirror of its kind is suitable.
     """
     x, slope = _wanted_slopes(law, sensor)
     mirror = sensor.mirror
@@ -166,9 +168,9 @@ def shaped_like(law: RadialLaw, sensor: Sensor, rim_is_known: bool) -> Sensor:
 
 
 def without_fold(sensor: Sensor) -> Sensor:
-    """The sensor with a rim where its polynomials, past all that was seen, would turn the field angle back.
+    """Return the sensor with a rim that excludes decreasing field angles beyond the measured field.
 
-    Any other sensor as it is.
+    Only polynomial mirrors are changed.
     """
     mirror = sensor.mirror
     if not isinstance(mirror, ConicAsphere):
@@ -182,7 +184,7 @@ def without_fold(sensor: Sensor) -> Sensor:
 
 
 def _wanted_slopes(law: RadialLaw, sensor: Sensor) -> tuple[Array, Array]:
-    """Distances from the axis (n,) mm and slopes (n,) of the mirror that turns the lens's rays as a law says."""
+    """Return distances from the axis (n,) mm and slopes (n,) of the mirror for a radial projection."""
     height = sensor.lens.undistorted_height(law.radius_px * sensor.imager.pitch_mm)
     height, wanted = np.concatenate([[0.0], height]), np.concatenate([[0.0], law.omega])
     if not isinstance(sensor.lens, Perspective):
@@ -198,7 +200,7 @@ def _wanted_slopes(law: RadialLaw, sensor: Sensor) -> tuple[Array, Array]:
 
 
 def _least_slopes(sensor: Sensor, places: tuple[NamedNumber, ...], x: Array, slope: Array) -> Sensor:
-    """The sensor whose mirror has such slopes (n,) at x (n,), by damped least squares over its parameters."""
+    """Return the sensor whose mirror has slopes (n,) at x (n,), by damped least squares."""
     values = np.array([value_of(sensor, place) for place in places])
 
     def turned(at: Array) -> tuple[Sensor, Array] | None:
@@ -228,7 +230,7 @@ def _least_slopes(sensor: Sensor, places: tuple[NamedNumber, ...], x: Array, slo
 
 
 def fitted(model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...], omega_max_deg: float) -> Model:
-    """The model whose free parameters show distant things as a central one does, within what is known of them."""
+    """Fit the free parameters to the projection of distant points by a central model, with priors."""
     directions = ring_directions(central, omega_max_deg)[0]
     wanted = central.image(directions, distant=True)
     kept = wanted.valid.copy()
@@ -271,7 +273,7 @@ def fitted(model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...
 
 
 def _damped(rates: Array, error: Array, damping: float) -> Array:
-    """The step of damped least squares, in columns of one size."""
+    """Return the step of damped least squares, with scaled columns."""
     size = np.linalg.norm(rates, axis=0)
     size = np.where(size > 0, size, 1.0)
     a = rates / size

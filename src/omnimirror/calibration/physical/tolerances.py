@@ -1,4 +1,4 @@
-"""Which numbers of a sensor are free to be estimated, and how far the built one may be from the drawing."""
+"""Free parameters of a sensor for estimation, and tolerances of the as-built sensor."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from ...optics.sensor import Sensor
 from .names import DISTANCE, NAME, known_names, lens_names, place_of, shape_names, value_of
 
 GROUPS = ("shape", "focal", "centre", "distortion", "distance", "decentre", "tilt")
-"""Words for several parameters at once, in the order in which the model has them."""
+"""Names of parameter groups, in the order of the model."""
 USUAL = ("focal", "distance", "decentre", "tilt")
-"""What is free unless said otherwise: the mirror is as drawn, and mounted as well as hands can."""
+"""Default free parameters: nominal mirror, mounted with manual accuracy."""
 
 
 MADE_UP = 0.5
-"""How far off numbers may be that were made up, relative."""
+"""Relative standard deviation of arbitrary initial values."""
 OFF_AXIS = 0.05
-"""How far off the middle of what a lens shows its axis may be, in widths of the picture."""
-ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: of a conic constant; of its terms' sag at the rim, in rim radii
+"""Standard deviation of the optical axis from the image centre, relative to the image width."""
+ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: conic; sag of terms at the rim, rim radii
 
 
 class ParameterPrior(NamedTuple):
-    """What is known of a parameter beforehand, from a drawing and its tolerance."""
+    """Prior knowledge of a parameter, from a drawing and its tolerance."""
 
     name: str
     value: float
     sigma: float
-    """Standard deviation, in the parameter's unit."""
+    """Standard deviation, in the unit of the parameter."""
 
 
 def group_names(sensor: Sensor, group: str) -> tuple[str, ...]:
-    """The parameters of a sensor that a word of :data:`GROUPS` means.
+    """Return the parameters of a sensor in a group of :data:`GROUPS`.
 
     >>> import omnimirror as om
     >>> group_names(om.load_sensor("paper-spherical"), "shape")
@@ -54,12 +54,12 @@ def group_names(sensor: Sensor, group: str) -> tuple[str, ...]:
 
 @checked
 def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
-    """Groups and names, as the names of parameters, each once.
+    """Return the unique parameter names of groups and names.
 
     Raises
     ------
     InvalidParameter
-        A word that is neither.
+        If a word is neither a group nor a parameter.
     """
     if isinstance(free, str):
         free = (free,)
@@ -80,10 +80,10 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
-    """Tolerances of an ordinary workshop for those parameters that pictures alone hardly tell apart.
+    """Return typical workshop tolerances of parameters that images alone determine poorly.
 
-    Focal length and distance 5 %, the optical axis 1 % of the picture's width, the mirror's place 3 % of its radius
-    and 3 deg. The shape has none, nor has distortion: whoever frees them wants to know.
+    They are 5 % for focal length and distance, 1 % of the image width for the optical axis, and 3 %
+    of its radius and 3 deg for the pose of the mirror. Shape and distortion have no priors.
     """
     width, rim = sensor.imager.width_px, sensor.mirror.rim_radius_mm
     sigma = {"imager.centre_px[0]": 0.01 * width, "imager.centre_px[1]": 0.01 * width}
@@ -98,12 +98,12 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, 
 
 
 def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
-    """What is known of a mirror of which nothing is: that it sits as usual, but not how far away, nor by which lens.
+    """Return priors of an unknown mirror: usual pose tolerances, unknown distance and lens.
 
-    Its focal length and its distance were made up to begin somewhere. What pictures do not say of them has to show as
-    not determined, and not as known to a workshop's tolerance. Where the lens's axis meets the picture nobody knows
-    either: a mirror beside it looks much like one that is tilted, but not to its rim. Its shape is some conic, with
-    terms that are small beside the mirror.
+    Focal length and distance are arbitrary initial values. Images that do not determine them must
+    report them as undetermined, rather than known to a workshop tolerance. The position of the
+    optical axis is also unknown: a decentred mirror resembles a tilted one except at its rim. The
+    shape is a conic with terms that are small relative to the mirror.
     """
     names = tuple(names)
     sigma = {name: MADE_UP * value_of(sensor, place_of(sensor, name)) for name in (DISTANCE, "lens.focal_length_mm")}
@@ -117,7 +117,7 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
 
 @checked
 def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> tuple[ParameterPrior, ...]:
-    """Priors of free parameters, each with a tolerance above 0."""
+    """Return priors of free parameters after checks, each with a positive tolerance."""
     given = tuple(priors)
     for prior in given:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):

@@ -1,4 +1,4 @@
-"""The mirror's rim, found in pictures: an ellipse, the camera's own image in it, and how sure that is."""
+"""Mirror-outline detection: ellipse of the rim, the camera's own image, and the confidence."""
 
 from .finder import SURE, CameraImage, FoundRim, check_alike, find_rim
 from .first_camera import DEFAULT, PRESETS, CommonMirror, camera_from_rim, mirror_of, sensor_from_rim, sensors_from_rim

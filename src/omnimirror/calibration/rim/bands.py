@@ -1,5 +1,8 @@
-"""What is seen in bands round a ring: a mirror squeezes what it shows towards its rim, a frame has one colour, and what
-is behind both knows of neither."""
+"""Statistics of bands around a ring.
+
+A mirror compresses its surroundings towards its rim, a frame has a uniform colour, and the
+background shows neither effect.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +21,27 @@ BANDS = (
     (0.1, 0.3), (0.3, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 0.95), (0.945, 0.985),
     (1.02, 1.055), (1.05, 1.1), (1.1, 1.2), (1.2, 1.4),
 )  # fmt: skip
-"""Shares of the radius."""
+"""Fractions of the radius."""
 CAMERA, MIDDLE, WITHIN, INNER, OUTER, BEYOND, FAR = 0, 2, 3, 5, 6, 7, 8
 CONTRASTS = ((INNER, OUTER), (MIDDLE, INNER), (OUTER, FAR), (MIDDLE, FAR), (CAMERA, 1), (4, BEYOND))
-CALMS = BANDS[2:9]  # of which it is told how much of the way round is calm
+CALMS = BANDS[2:9]  # bands for which the fraction of calm parts is computed
 RINGS = (
     (0.55, 0.8), (0.8, 0.92), (0.92, 0.965), (0.965, 0.99), (1.01, 1.035), (1.035, 1.08), (1.08, 1.2), (1.2, 1.4),
 )  # fmt: skip
-"""Shares of the radius between which another ring is looked for."""
+"""Fractions of the radius between which another ring is searched."""
 SIDES = ((0.94, 0.97), (0.965, 0.985), (0.86, 0.89), (1.03, 1.06), (1.015, 1.035), (1.1, 1.13))
-ALIKE = ((0, 3), (1, 4), (0, 2), (3, 5))  # of the sides, across the ring at two distances, inside, and outside
+ALIKE = ((0, 3), (1, 4), (0, 2), (3, 5))  # pairs of sides: across at two distances, inside, outside
 CALM, FAINT, FAINT_LEVELS = 0.03, 0.004, 2.0
-LEAST_TURNS = 5  # of the samples once round, from which a mean is one
+LEAST_TURNS = 5  # minimum number of samples around the ring for a mean
 
 
 def numbers_round(working: Working, ellipse: Ellipse) -> Array:
-    """What is seen round an ellipse (67,), NaN where the picture does not reach.
+    """Return statistics (67,) around an ellipse; NaN outside the image.
 
-    Band by band: logarithms of what changes along the way round and of how much more changes across it, in shares of a
-    usual edge, and of the spread of the colours, levels. Then the clearest ring of each distance and this one; how
-    bands differ in colour, and how bright they are; how both sides go on across the ring; how much of bands is calm.
+    For each band: logarithms of the changes along the ring, of the ratio of changes across and
+    along it, relative to a typical edge, and of the spread of colours in levels. Further: the
+    clearest ring at each distance and this ring; differences in colour between bands, and their
+    brightness; correlations across the ring; fractions of calm parts of bands.
     """
     polar, inside = unrolled(working, ellipse)
     half, seen = polar[::2], inside[::2]
@@ -61,7 +65,10 @@ def numbers_round(working: Working, ellipse: Ellipse) -> Array:
 
 
 def _steps(polar: Image, radius: float) -> tuple[Image, Image]:
-    """Levels a pixel along the way round and across it, at every other turn, of the steepest channel."""
+    """Return changes along and across the ring in levels per px, for the steepest channel.
+
+    Only every other sample along the ring is used.
+    """
     length = SHARES.astype(np.float32) * np.float32(radius * (2 * np.pi / TURNS) * 2)
     along = strongest(np.abs(np.roll(polar, -1, axis=0)[::2] - np.roll(polar, 1, axis=0)[::2])) / length
     half = polar[::2]
@@ -76,13 +83,13 @@ def _counted(steps: Image, least: float) -> Image:
 
 
 def _mean(values: Image, seen: Mask, count: NDArray[np.int_]) -> Array:
-    """Mean (shares, channels) along the way round, as far as it is in the picture."""
+    """Return means (shares, channels) along the ring, over its visible part."""
     sums = np.einsum("tsc,ts->sc", values, seen.astype(np.float32))
     return np.where((count >= LEAST_TURNS)[:, None], sums / np.maximum(count, 1)[:, None], np.nan)
 
 
 def _banded(values: Array) -> Array:
-    """Means of the bands, of what is known of them."""
+    """Return means over bands, ignoring unknown values."""
     means = np.full((len(BANDS), *values.shape[1:]), np.nan)
     for k, band in enumerate(BANDS):
         part = values[between(*band)]
@@ -93,7 +100,7 @@ def _banded(values: Array) -> Array:
 
 
 def _above(values: Array) -> float:
-    """By how much the most lies above the middle."""
+    """Return the difference of maximum and median."""
     known = values[np.isfinite(values)]
     return float(known.max() - np.median(known)) if len(known) else np.nan
 
@@ -104,8 +111,11 @@ def _most(values: Array) -> float:
 
 
 def _going_on(polar: Image, inside: Mask) -> list[float]:
-    """How alike both sides of the ring are along the way round, in detail and as a whole; how surely one is brighter;
-    and logarithms of the middle and of a small step across it."""
+    """Return statistics across the ring (9,).
+
+    They are correlations of both sides along the ring, in detail and as a whole, the consistency of
+    the sign of the brightness step, and logarithms of the median and a low percentile of the step.
+    """
     known = inside[:, between(0.95, 1.05)].all(axis=1)
     if known.sum() < TURNS // 10:
         return [np.nan] * 9
@@ -126,7 +136,7 @@ def _correlation(one: Image, other: Image) -> float:
 
 
 def _calm(along: Image, seen: Mask) -> list[float]:
-    """Shares of the way round, as far as it is in the picture, in which next to nothing changes along it."""
+    """Return for each band the fraction of the visible ring with almost no change."""
     shares = []
     for band in CALMS:
         cells = between(*band)

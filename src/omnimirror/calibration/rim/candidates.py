@@ -1,4 +1,4 @@
-"""Rings of a picture among which its rim is: voted for, laid through their edges, and those about the same centre."""
+"""Candidate rings of an image: voted circles, ellipses fitted to edges, concentric rings."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
-SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # of circles that were voted for, which edges beside them draw away
-FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
+SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # for voted circles, displaced by other edges
+FAMILIES, FINER_FAMILIES = 10, 3  # number of rings around which concentric rings are searched
 PROFILE_PX = 0.5
-BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
+BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # fractions of a ring's radius for that search
 SAME_FINER, SAME_FIT = 0.003, 0.0005
-SAME_FAMILY = 0.01  # of the radius, by which the centres of rings differ that have the same beside them
-SAME_START = 0.005  # from where a ring that is known would be found again
-LEAST_FINER = 1.2  # scale, from which on a finer picture shows more
-LEAST_SHARE = 0.3  # of the way round, that a ring beside another must have edges
+SAME_FAMILY = 0.01  # fraction of the radius between centres of distinct families
+SAME_START = 0.005  # fraction of the radius within which a search leads to a known ring
+LEAST_FINER = 1.2  # minimum scale at which a finer image adds information
+LEAST_SHARE = 0.3  # minimum fraction of the circumference with edges for a concentric ring
 
 
 def rings_of(picture: NDArray[Any], working: Working, edges: EdgePoints) -> list[Ring]:
-    """The rings of a picture, of which its edges at working size are known."""
+    """Return the rings of an image with known edges at working size."""
     found = rings(working, edges)
     if working.scale > LEAST_FINER:
         fine = at_working_size(picture, FINER_PX)
@@ -37,13 +37,13 @@ def rings_of(picture: NDArray[Any], working: Working, edges: EdgePoints) -> list
 
 
 def rings(working: Working, edges: EdgePoints) -> list[Ring]:
-    """The rings of a picture, each once."""
+    """Return the distinct rings of an image."""
     found: list[Ring] = []
     for circle in circles(edges, working.size):
         laid = [laid_through(edges, circle, REACHES_PX)]
         moved = shifted(edges.among(_along(edges, circle)), circle, SHIFT)
         laid.append(laid_through(edges, moved, MOVED_PX))
-        if not any(circle.is_near(one, SAME_RING) for one in laid):  # both were drawn away
+        if not any(circle.is_near(one, SAME_RING) for one in laid):  # both displaced by other edges
             laid.append(laid_through(edges, circle, NARROW_PX))
         for one in laid:
             _add(found, working, edges, one)
@@ -55,7 +55,7 @@ def rings(working: Working, edges: EdgePoints) -> list[Ring]:
 
 
 def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple[Working, EdgePoints]) -> None:
-    """Add the rings about the clearest ones that are seen apart in a finer picture only, as thin frames are."""
+    """Add rings around the clearest ones that only a finer image resolves."""
     working, edges = coarse
     scale = working.scale / fine[0].scale
     for ring in _clearest(found, FINER_FAMILIES, FAMILY_OFFSET):
@@ -65,7 +65,7 @@ def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple
 
 
 def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
-    """The rings that are most there, and least by chance, each with another centre."""
+    """Return the most evident rings with distinct centres."""
     best: list[Ring] = []
     for ring in sorted(found, key=lambda ring: (ring.chance - ring.close) * ring.seen):
         if all(other.ellipse.offset_share(ring.ellipse) > apart for other in best):
@@ -79,7 +79,7 @@ def _add(
     found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING,
     finer: Finer | None = None,
 ) -> None:  # fmt: skip
-    """Add a ring, unless it is there as clearly, or none that a mirror could have."""
+    """Add a ring unless it is known with equal clarity, or implausible for a mirror."""
     short = min(working.size)
     u, v = ellipse.centre
     if not (0 <= u < working.size[0] and 0 <= v < working.size[1]) or ellipse.radius < 0.9 * LEAST_RADIUS * short:
@@ -99,7 +99,7 @@ def _add(
 
 
 def _along(edges: EdgePoints, circle: Ellipse) -> NDArray[np.bool_]:
-    """Which edges lie near a circle and along it."""
+    """Return the mask of edges near a circle with its direction."""
     away = edges.points - np.asarray(circle.centre)
     length = np.hypot(away[:, 0], away[:, 1])
     across = np.abs(np.einsum("ij,ij->i", away, edges.normals))
@@ -108,12 +108,12 @@ def _along(edges: EdgePoints, circle: Ellipse) -> NDArray[np.bool_]:
 
 
 def _is_known(found: list[Ring], ellipse: Ellipse) -> bool:
-    """Whether an ellipse from which edges are looked for would lead to a ring that was found."""
+    """Return whether a search from an ellipse would lead to a known ring."""
     return len(_twins(found, ellipse, SAME_START)) > 0
 
 
 def _twins(found: list[Ring], ellipse: Ellipse, same: float) -> NDArray[np.intp]:
-    """Which of the rings are an ellipse, but for a share of the radius and two pixels."""
+    """Return the rings equal to an ellipse within a fraction of the radius and two pixels."""
     if not found:
         return np.empty(0, np.intp)
     others = np.array([(*ring.ellipse.centre, ring.ellipse.radius, *ring.ellipse.stretch) for ring in found])
@@ -126,7 +126,7 @@ def _twins(found: list[Ring], ellipse: Ellipse, same: float) -> NDArray[np.intp]
 
 
 def beside(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:
-    """Ellipses of the same shape and centre that have edges of their direction."""
+    """Return ellipses of the same shape and centre that edges with matching direction support."""
     low, high = within
     away = ellipse.away(edges.points) / ellipse.radius + 1
     near = (away > low) & (away < high)
@@ -140,7 +140,7 @@ def beside(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BE
     ring = ((share - low) / width).astype(int)
     count = int((high - low) / width) + 3
     there = np.zeros((count, SECTORS), dtype=bool)
-    for shift in (0, 1, 2):  # three of the narrow rings count as one
+    for shift in (0, 1, 2):  # moving sum over three narrow rings
         there[np.minimum(ring + shift, count - 1), sector] = True
     profile = there.mean(axis=1)
     peaks = [

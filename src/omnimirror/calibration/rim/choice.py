@@ -1,7 +1,8 @@
-"""Which of a picture's rings is the rim, and how sure that is: odds of every ring, and of none of them.
+"""Selection of the rim among the rings of an image: log odds of each ring against no rim.
 
-A first look at few cues leaves a short list. A committee of small networks judges that on all cues; what it learned
-from is told in ``committee.json``, which `python benchmarks/rim.py --learn` writes.
+A linear classifier on few cues produces a short list. An ensemble of small neural networks
+evaluates it on all cues; ``committee.json`` contains the weights, which
+`python benchmarks/rim.py --learn` writes.
 """
 
 from __future__ import annotations
@@ -25,23 +26,23 @@ Array = NDArray[np.float64]
 
 COMMITTEE = Path(__file__).with_name("committee.json")
 SHORT = 16  # rings on the short list
-UNLISTED = -12.0  # log odds of the others
-WIDEST = 3.0  # usual spreads, to which numbers are clipped: beyond nothing was learned
-FLAT = -4.0  # logarithm of the texture, below which nothing is shown
+UNLISTED = -12.0  # log odds of the other rings
+WIDEST = 3.0  # clipping of features in standard deviations; there are no training data beyond
+FLAT = -4.0  # logarithm of the texture below which there is no structure
 FIRST_WEIGHTS = np.array([
     -4.618, -13.802, 37.574, 6.644, 2.612, -0.735, 2.376, 3.336, 15.435, -0.627, -8.214, 0.571, 3.825, -0.427,
     -0.112, -0.330, -8.023, 4.366, -1.375, 5.955, -7.839, -3.630,
 ])  # fmt: skip
 FIRST_NONE = 19.886
-SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # middles and widths, log odds
-PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the share of the way round with parallel edges
-FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # shares of the way round of a ring within, and log odds
-FIRST = -2  # place of what they say among the numbers
+SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # centres and widths
+PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the parallel fraction
+FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # fractions of an inner ring, and log odds
+FIRST = -2  # index of the first classifier's result among the features
 
 
 @dataclass(frozen=True)
 class Member:
-    """One of the committee: what is linear in the numbers, and a few bends."""
+    """Member of the ensemble: a linear term and a small hidden layer."""
 
     linear: Array
     bias: float
@@ -50,26 +51,29 @@ class Member:
     out: Array
 
     def odds(self, numbers: Array) -> Array:
-        """Logarithms of odds (n,) of numbers (n, count)."""
+        """Return log odds (n,) for features (n, count)."""
         found: Array = numbers @ self.linear + self.bias + np.tanh(numbers @ self.hidden + self.shift) @ self.out
         return found
 
 
 @dataclass(frozen=True)
 class Committee:
-    """Members, and how the numbers that they are asked about are scaled."""
+    """Ensemble of classifiers with the scaling of their features."""
 
     middle: Array
     spread: Array
     members: tuple[Member, ...]
     trust: float
-    """Times which the mean of their odds is believed, as other pictures tell."""
+    """Factor of their mean log odds, calibrated on other images."""
     first_share: float
-    """Times which the first look is, which learned from fewer kinds of pictures: it holds where theirs end."""
+    """Factor of the first classifier's log odds.
+
+    It is trained on fewer types of images and more robust outside them.
+    """
 
     @classmethod
     def from_json(cls, told: dict[str, Any]) -> Committee:
-        """As its file holds it."""
+        """Create from the contents of the weights file."""
         members = [
             Member(*(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out")))  # type: ignore[arg-type]
             for one in told["members"]
@@ -78,29 +82,31 @@ class Committee:
         return cls(np.array(told["middle"]), np.array(told["spread"]), tuple(members), trust, first_share)
 
     def scaled(self, rows: Array) -> Array:
-        """Rows (n, count) of numbers in usual spreads about the middle, where they are not known 0."""
+        """Return features (n, count) as standard scores; 0 for unknown values."""
         found: Array = np.clip(np.nan_to_num((rows - self.middle) / self.spread), -WIDEST, WIDEST)
         return found
 
     def judged(self, rows: Array) -> Array:
-        """What each of the members says (members, n) of rows (n, count) of numbers."""
+        """Return the log odds (members, n) of each member for features (n, count)."""
         numbers = self.scaled(rows)
         return np.stack([member.odds(numbers) for member in self.members])
 
     def odds(self, rows: Array) -> Array:
-        """Logarithms (members, n) of the odds of rows (n, count) of numbers against there being no rim."""
+        """Return log odds (members, n) against no rim for features (n, count).
+
+        The result of the first classifier is included.
+        """
         return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
 
 
 @cache
 def committee() -> Committee:
-    """The one that comes with the package."""
+    """Return the ensemble included in the package."""
     return Committee.from_json(json.loads(COMMITTEE.read_text()))
 
 
 def odds(rings: Sequence[Ring], working: Working) -> Array:
-    """Logarithms (members, n) of the odds of every ring against there being no rim among them, by each of the
-    committee."""
+    """Return log odds (members, n) of each ring against no rim, for each ensemble member."""
     every = np.full((len(committee().members), len(rings)), UNLISTED)
     if len(rings):
         listed, rows = listed_rows(list(rings), working)
@@ -109,7 +115,7 @@ def odds(rings: Sequence[Ring], working: Working) -> Array:
 
 
 def listed_rows(rings: list[Ring], working: Working) -> tuple[NDArray[np.intp], Array]:
-    """The rings of the short list, best first, and a row of numbers for each."""
+    """Return the rings on the short list, best first, with their features."""
     size = working.size
     first = np.array([terms(cues) for cues in cues_of(rings, min(size))])
     found = first @ FIRST_WEIGHTS - FIRST_NONE
@@ -125,7 +131,7 @@ def listed_rows(rings: list[Ring], working: Working) -> tuple[NDArray[np.intp], 
 
 
 def terms(cues: Cues) -> Array:
-    """What is weighed first (22,): the cues within the ranges that were met, and what bends."""
+    """Return the features (22,) of the first classifier: clipped cues and nonlinear terms."""
     ends, near = np.clip([cues.ends, cues.ends_near], -3.0, 3.0)
     return np.array([
         cues.support, cues.support**2, cues.close, cues.close**2, cues.chance, np.clip(cues.step, -2.5, 1.0),
@@ -136,27 +142,30 @@ def terms(cues: Cues) -> Array:
 
 
 def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
-    """Confidence that a ring is the mirror's outline, from its agreement between working resolutions.
+    """Return the confidence that a ring is the mirror's outline.
 
-    It is the product of three shares, each between 0 and 1:
+    It is based on the agreement between working resolutions.
 
-    - The agreement: at how many resolutions the ring is the best one, by its margin over the best other ring. That of
-      two of three resolutions is a third.
+    It is the product of three factors between 0 and 1:
+
+    - Agreement: the number of resolutions at which the ring is best, from its margin over the best
+      other ring. Two of three resolutions give 1/3.
     - The mean margin over the best other ring.
-    - The mean log odds against there being no mirror. A mirror compresses its surroundings towards its outline, so that
-      edges parallel to the outline lie beside it; a plate or a lamp of one colour has none. Those edges count as well,
-      unless a clear ring about the same centre lies within: then the mirror may be that, and this its housing.
+    - The mean log odds against no mirror. A mirror compresses its surroundings towards its outline,
+      which produces edges parallel to it; a uniform plate or lamp has none. These edges also count,
+      unless there is a clear concentric ring inside: that ring may be the mirror, and this one its
+      housing.
 
     Parameters
     ----------
     odds, rivals : (resolutions,)
         Log odds of the ring at each resolution, and of the best other ring.
     chance
-        Share of the way round with edges parallel to the ring beside it.
+        Fraction of the circumference with parallel edges near the ring.
     within
-        Share of the way round with edges of the clearest ring about the same centre within.
+        Fraction of the circumference with edges of the clearest concentric inner ring.
     evidence
-        Factor of the odds: of several pictures of one sensor the square root of their number.
+        Factor of the odds: for several images of one sensor the square root of their number.
     """
     margin = odds - rivals
     agreement = float(np.mean(_share(margin, SAME_RANK)))
@@ -168,5 +177,5 @@ def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *
 
 
 def _share(values: Array | np.float64, middle: tuple[float, float]) -> Array:
-    """Logistic function with a middle and a width."""
+    """Return the logistic function with a centre and a width."""
     return np.asarray(1 / (1 + np.exp(-np.clip((values - middle[0]) / middle[1], -50, 50))))

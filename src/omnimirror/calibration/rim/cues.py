@@ -1,4 +1,4 @@
-"""What speaks for a ring being a mirror's rim: it is there all the way round, and what the mirror shows ends at it."""
+"""Features of a ring that indicate a mirror's rim: complete edges, and texture that ends at it."""
 
 from __future__ import annotations
 
@@ -14,61 +14,65 @@ from .ellipses import NORMAL_SLACK, Ellipse
 Array = NDArray[np.float64]
 
 SECTORS = 72
-CLOSE_PX, NEAR_PX = 0.7, 1.6  # from the ring, of edges that are its own
-TURNS, PARTS = 216, 36  # samples once round, and the parts in which what crosses the ring is counted
+CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges
+TURNS, PARTS = 216, 36  # samples around the ring, and parts for the count of texture
 STEP_SHARE = 0.0125
-SHARES = np.round(np.arange(0.05, 1.44, STEP_SHARE), 4)  # of the radius, at which the picture is sampled round a ring
+SHARES = np.round(np.arange(0.05, 1.44, STEP_SHARE), 4)  # sampled fractions of the radius
 LEAST_SUPPORT = 0.35
-SAME_RING = 0.012  # relative; rings closer than that are one
-FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # by which the centres and the shapes of a mirror's frames differ at most
+SAME_RING = 0.012  # relative; closer rings are merged
+FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # maximum differences of centre and shape in a frame
 SHARES32 = SHARES.astype(np.float32)
-CALM = 0.03  # of texture, up to which little happens
-FAINT = 0.004  # of texture, which is nothing
+CALM = 0.03  # maximum texture of a calm part
+FAINT = 0.004  # negligible texture
 
 
 @dataclass(frozen=True)
 class Cues:
-    """Of one ring. Texture is what crosses the ring's direction: a share of a usual edge, along the way round."""
+    """Features of one ring.
+
+    Texture is structure across the direction of the ring, relative to a typical edge, along the
+    ring.
+    """
 
     support: float
-    """Share of the way round, as far as it is in the picture, with an edge on the ring."""
+    """Fraction of the visible circumference with an edge on the ring."""
     close: float
-    """The same of edges within :data:`CLOSE_PX`."""
+    """The same for edges within :data:`CLOSE_PX`."""
     chance: float
-    """The same of edges beside the ring, where there should be none."""
+    """The same for edges next to the ring, as a measure of chance."""
     step: float
-    """Logarithm of the median step across it, in usual ones."""
+    """Logarithm of the median step across the ring, relative to a typical step."""
     differs: float
-    """Logarithm of how both sides differ farther from it, in how each changes along the way round."""
+    """Logarithm of the difference of both sides at larger distance, relative to their variation."""
     continues: float
-    """Correlation of what is next to the ring inside and outside."""
+    """Correlation of the adjacent inner and outer bands."""
     seen: float
-    """Share of the way round that is in the picture."""
+    """Visible fraction of the circumference."""
     radius: float
-    """Logarithm of the radius in short sides."""
+    """Logarithm of the radius relative to the short image side."""
     texture: float
     """Logarithm of the texture inside."""
     ends: float
-    """Logarithm of the texture inside over that outside."""
+    """Logarithm of the ratio of texture inside and outside."""
     ends_near: float
     """The same next to the ring."""
     calm_inside: float
-    """Share of the way round with next to no texture next to the ring inside."""
+    """Fraction of the circumference with almost no texture next to the ring inside."""
     calm_outside: float
     """The same outside."""
     framed: float
-    """How much a ring within leaves an empty band to this one, as a mirror in its frame."""
+    """Evidence for an inner ring and an empty band up to this one, as for a mirror in its frame."""
     frames: float
-    """How much this ring leaves an empty band to one about it."""
+    """Evidence for an outer ring and an empty band between both."""
     within: float
-    """How clear a concentric ring within it is, whatever lies between."""
+    """Clarity of a concentric inner ring, independent of the band between both."""
     about: float
-    """The same of one about it."""
+    """Clarity of a concentric outer ring."""
 
 
 @dataclass(frozen=True)
 class Ring:
-    """An ellipse with what is round it."""
+    """Ellipse with the statistics around it."""
 
     ellipse: Ellipse
     support: float
@@ -78,17 +82,17 @@ class Ring:
     step: float
     differs: float
     texture: Array
-    """(PARTS, len(SHARES)) of what crosses the ring's direction; NaN where it is not in the picture."""
+    """Texture (PARTS, len(SHARES)); NaN outside the image."""
     continues: float
 
     def band(self, low: float, high: float) -> float:
-        """Mean texture between two shares of the radius; NaN where the picture does not reach."""
+        """Return the mean texture between two fractions of the radius; NaN outside the image."""
         values = self.texture[:, between(low, high)]
         known = values[np.isfinite(values)]
         return float(known.mean()) if known.size >= 0.15 * values.size else np.nan
 
     def calm(self, low: float, high: float) -> float:
-        """Share of the way round, as far as it is in the picture, with next to no texture in a band."""
+        """Return the fraction of the visible circumference with almost no texture in a band."""
         values = self.texture[:, between(low, high)]
         known = np.isfinite(values)
         seen = known.any(axis=1)
@@ -100,20 +104,20 @@ class Ring:
 
 @dataclass(frozen=True)
 class Finer:
-    """Edges of a finer picture, in which a ring may be seen apart from the one beside it."""
+    """Edges of a finer image, which resolves neighbouring rings."""
 
     edges: EdgePoints
     size: tuple[int, int]
     scale: float
-    """Pixels of it in one of working size."""
+    """Number of its pixels per pixel at working size."""
 
 
 def ring_of(
     working: Working, edges: EdgePoints, ellipse: Ellipse, least_close: float = -1.0, finer: Finer | None = None
 ) -> Ring | None:
-    """What is seen on and round an ellipse; None where there are next to no edges on it, or too few close to it.
+    """Return the statistics on and around an ellipse; None for too few edges.
 
-    A ring that at working size is one with its neighbour has its edges where it is seen apart from it.
+    Edges of a ring that is not resolved at working size are taken from the finer image.
     """
     support, close, chance, seen = _support(edges, working.size, ellipse)
     if support < LEAST_SUPPORT and finer is not None:
@@ -127,7 +131,7 @@ def ring_of(
 
 
 def cues_of(rings: list[Ring], short_side: float) -> list[Cues]:
-    """The cues of the rings of a picture."""
+    """Return the features of the rings of an image."""
     return [_cues(ring, among, short_side) for ring, among in zip(rings, _frames(rings), strict=True)]
 
 
@@ -150,19 +154,22 @@ def _log(texture: float) -> float:
 
 
 def between(low: float, high: float) -> slice:
-    """The shares of a band, at least one."""
+    """Return the range of a band, at least one sample."""
     first, last = np.searchsorted(SHARES, [low, high])
     return slice(int(first), max(int(last), int(first) + 1))
 
 
 def _frames(rings: list[Ring]) -> Array:
-    """How much rings look like a frame's, concentric, both clear and nothing between; and without the last: (n, 4) of
-    the most that each is with one within it, and with one about it."""
+    """Return the evidence (n, 4) for concentric frames.
+
+    The evidence is the maximum for a concentric inner and outer ring, both clear and with an empty
+    band between them, and the same without the condition on the band.
+    """
     radius = np.array([ring.ellipse.radius for ring in rings])
     centre = np.array([ring.ellipse.centre for ring in rings])
     shape = np.array([ring.ellipse.stretch for ring in rings])
     close = np.array([ring.close for ring in rings])
-    share = radius[:, None] / radius  # of the first within the second
+    share = radius[:, None] / radius  # of the radius of the first to that of the second
     offset = np.hypot(*(centre[:, None] - centre).transpose(2, 0, 1)) / radius[:, None]
     bent = np.hypot(*(shape[:, None] - shape).transpose(2, 0, 1))
     clear = np.minimum(close[:, None], close)
@@ -179,7 +186,10 @@ def _frames(rings: list[Ring]) -> Array:
 
 
 def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
-    """Shares of the way round with edges near, nearer, and beside the ring; and how much of it is in the picture."""
+    """Return fractions of the circumference with edges, and its visible fraction.
+
+    Edges are counted on, close to, and next to the ring.
+    """
     turn = turns(SECTORS) + np.pi / SECTORS
     points = ellipse.points(turn)
     seen = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
@@ -205,7 +215,7 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
 
 
 def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The picture (turns, shares, channels) round an ellipse, and where it is inside of the picture."""
+    """Return the image (turns, shares, channels) around an ellipse, and its visibility."""
     import cv2
 
     away = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
@@ -218,8 +228,8 @@ def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], N
 
 
 def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float) -> Array:
-    """How much crosses the ring's direction, part by part and share by share."""
-    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px from the turn before to the one after
+    """Return the texture around a ring for each part and fraction of the radius."""
+    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px, previous to next sample
     steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
     least = max(LEAST_STEP / 2, 2.5 * noise)
     counted = np.clip((steps - least) / max(USUAL_STEP - least, least), 0, 1) * inside
@@ -230,7 +240,7 @@ def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ell
 
 
 def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """The median step across the ring, levels; how both sides differ; how alike they are along the way round."""
+    """Return the median step across the ring, and the difference and correlation of its sides."""
     (within, beyond), near = _sides(polar, inside, (0.945, 0.975), (1.025, 1.055))
     (inner, outer), wide = _sides(polar, inside, (0.86, 0.93), (1.08, 1.15))
     if min(near.sum(), wide.sum()) < TURNS // 8:
@@ -246,14 +256,14 @@ def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[floa
 def _sides(
     polar: NDArray[np.float32], inside: NDArray[np.bool_], within: tuple[float, float], beyond: tuple[float, float]
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
-    """Means (turns, channels) of a band within the ring and of one beyond; and where both are in the picture."""
+    """Return means (turns, channels) of an inner and an outer band, and their visibility."""
     bands = [between(*within), between(*beyond)]
     known = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
     return [polar[:, band].mean(axis=1) for band in bands], known
 
 
 def detail(side: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What changes within 30 deg along the way round, (turns, channels)."""
+    """Return the variation within 30 deg along the ring, (turns, channels)."""
     width = TURNS // 12
     padded = np.concatenate([side[-width:], side, side[:width]])
     sums = np.cumsum(padded, axis=0)

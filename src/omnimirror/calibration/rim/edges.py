@@ -1,4 +1,4 @@
-"""Edges of a picture, to a part of a pixel, each with its direction; at a size at which a rim is quickly found."""
+"""Edge detection with subpixel accuracy and direction, for rim detection."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ Image = NDArray[np.float32]
 
 SHORT_SIDE_PX, FINER_PX = 360, 800
 SMOOTHING_PX = 1.0
-LEAST_STEP = 3.0  # levels of 255 a pixel, below which nothing is an edge
-NOISE_TIMES, NOISE_ROWS = 4.0, 3  # of rows a third tells the noise
-USUAL_STEP = 15.0  # levels a pixel; from here on an edge counts fully
-MOST_EDGES, CROWD_PX = 16_000, 25  # when there are more, the crowded ones go
+LEAST_STEP = 3.0  # levels of 255 per px; minimum step of an edge
+NOISE_TIMES, NOISE_ROWS = 4.0, 3  # multiple of the noise, estimated from every third row
+USUAL_STEP = 15.0  # levels per px; edges with larger steps have full weight
+MOST_EDGES, CROWD_PX = 16_000, 25  # maximum number; excess edges are removed where they are dense
 
 
 @dataclass(frozen=True)
 class EdgePoints:
-    """Edges of a picture at working size."""
+    """Edges of an image at working size."""
 
     points: Array
-    """(n, 2) px, (u, v)."""
+    """Edge positions (n, 2) px, (u, v)."""
     normals: Array
-    """(n, 2) unit vectors towards the brighter side."""
+    """Unit normals (n, 2) towards the brighter side."""
     steps: Array
-    """(n,) levels a pixel, of the channel in which it is steepest."""
+    """Steps (n,) in levels per px, of the steepest channel."""
     weights: Array
-    """(n,) 0 to 1: how much of an edge it is."""
+    """Weights (n,) from 0 to 1."""
 
     def among(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> EdgePoints:
-        """Those of them where a mask (n,) is True, or of some places."""
+        """Return the edges selected by a mask (n,) or by indices."""
         return EdgePoints(self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen])
 
 
 @dataclass(frozen=True)
 class Working:
-    """A picture at working size."""
+    """Image at working size."""
 
     picture: Image
-    """(rows, columns, channels) levels 0 to 255."""
+    """Levels (rows, columns, channels) from 0 to 255."""
     scale: float
-    """Of its pixels in those of the picture as it came; at least 1."""
+    """Number of pixels of the original image per pixel; at least 1."""
     noise: float
-    """Standard deviation of its steps where nothing is, levels a pixel."""
+    """Standard deviation of the gradient in uniform regions, levels per px."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height)."""
+        """Image size (width, height)."""
         return self.picture.shape[1], self.picture.shape[0]
 
 
 def at_working_size(picture: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) -> Working:
-    """A picture (rows, columns[, channels]) of any kind, its short side at most so long."""
+    """Return an image (rows, columns[, channels]) of any type, with a limit on its short side."""
     import cv2
 
     levels = levels_of(picture)
@@ -71,7 +71,7 @@ def at_working_size(picture: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) -
 
 
 def edges_of(working: Working) -> EdgePoints:
-    """The edges of a picture at working size: where its steepest channel is steeper than on both sides."""
+    """Return the edges of an image at working size: maxima of the gradient of the steepest channel."""
     import cv2
 
     gx, gy, step = steepest(working.picture)
@@ -84,7 +84,8 @@ def edges_of(working: Working) -> EdgePoints:
     found = (step > least) & (step >= ahead) & (step > behind)
     found[:2], found[-2:], found[:, :2], found[:, -2:] = False, False, False, False
     if found.sum() > MOST_EDGES:
-        # among the edges beside it, so that a strong pattern in one part does not take the rim out of another
+        # relative to nearby edges: a strong pattern in one region must not suppress the rim in
+        # another
         among = step / (cv2.blur(np.where(found, step, np.float32(0.0)), (CROWD_PX, CROWD_PX)) + np.float32(LEAST_STEP))
         found &= among >= np.partition(among[found], -MOST_EDGES)[-MOST_EDGES]
     v, u = np.nonzero(found)
@@ -96,7 +97,7 @@ def edges_of(working: Working) -> EdgePoints:
 
 
 def steepest(image: Image) -> tuple[Image, Image, Image]:
-    """Gradient right and down, and its length, levels a pixel, of the channel in which each pixel is steepest."""
+    """Return the gradient (right, down) and its length in levels per px, from the steepest channel."""
     import cv2
 
     gx: Any = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32).reshape(image.shape)
@@ -110,7 +111,7 @@ def steepest(image: Image) -> tuple[Image, Image, Image]:
 
 
 def strongest(channels: Image) -> Image:
-    """The largest (rows, columns) of each pixel's channels (rows, columns, channels)."""
+    """Return the maximum (rows, columns) over the channels of each pixel (rows, columns, channels)."""
     most = channels[..., 0]
     for k in range(1, channels.shape[-1]):
         most = np.maximum(most, channels[..., k])
@@ -118,7 +119,10 @@ def strongest(channels: Image) -> Image:
 
 
 def levels_of(picture: NDArray[Any]) -> NDArray[Any]:
-    """A picture at 255 levels without its opacity; light beyond the brightest hundredth is clipped."""
+    """Return an image with 255 levels without opacity.
+
+    The brightest 1 % of linear light is clipped.
+    """
     if picture.ndim == 3 and picture.shape[2] in (2, 4):
         picture = picture[..., :-1]
     if picture.dtype == np.uint8:
@@ -132,17 +136,17 @@ def levels_of(picture: NDArray[Any]) -> NDArray[Any]:
 
 
 def _noise(smooth: Image) -> float:
-    """Of the differences of differences, whose median edges do not reach."""
+    """Return the noise from second differences, whose median is insensitive to edges."""
     if min(smooth.shape[:2]) < 5:
         return 0.0
     rows = smooth[2:-2:NOISE_ROWS]
     second = rows[:, 4:] - 2 * rows[:, 2:-2] + rows[:, :-4]
-    deviation = float(np.median(np.abs(second), axis=(0, 1)).max()) / 0.6745  # of a normal one, from the median
+    deviation = float(np.median(np.abs(second), axis=(0, 1)).max()) / 0.6745  # robust estimate
     return deviation / float(np.sqrt(6)) / 2
 
 
 @lru_cache(maxsize=8)
 def turns(count: int) -> Array:
-    """Angles (count,) once round."""
+    """Return angles (count,) over one revolution."""
     angles: Array = np.arange(float(count)) * (2 * np.pi / count)
     return angles

@@ -1,4 +1,4 @@
-"""Ellipses that are nearly circles, and how one is laid through edges."""
+"""Nearly circular ellipses, and their fit to edges."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from .edges import EdgePoints, turns
 
 Array = NDArray[np.float64]
 
-FLATTEST = 0.16  # of the two numbers that stretch a circle; axes of .73
-USUAL_STRETCH = 0.03  # as far as a mirror is mostly tilted; a prior, which decides where little of a rim is seen
-NORMAL_SLACK = 0.26  # radians by which an edge may lean from the ellipse's own direction
+FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
+USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims
+NORMAL_SLACK = 0.26  # radians; maximum angle between an edge and the ellipse
 PARAMETERS = 5
 SECTORS = 72
-CUT = 2.0  # reaches beyond which an edge does not count
-TURNED = 0.3  # radians by which an ellipse may turn against its edges while it is laid through them
-SHIFT_COST = 0.02  # share of the way round that a working pixel of shift must gain
+CUT = 2.0  # multiple of the reach beyond which edges are ignored
+TURNED = 0.3  # radians; maximum rotation of the ellipse against its edges during the fit
+SHIFT_COST = 0.02  # fraction of the circumference that a shift of one working pixel must gain
 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """A circle of radius ``radius``, stretched by ``exp(p)`` along one direction and by ``exp(-p)`` across it.
+    """Circle stretched by ``exp(p)`` along one direction and ``exp(-p)`` across it.
 
-    ``stretch`` holds p cos 2a and p sin 2a of the direction a: smooth numbers where the circle is none.
+    ``stretch`` contains p cos 2a and p sin 2a for the direction a, which are smooth for a circle.
     """
 
     centre: tuple[float, float]
@@ -36,71 +36,76 @@ class Ellipse:
 
     @property
     def semi_axes(self) -> tuple[float, float]:
-        """The longer and the shorter one."""
+        """Major and minor semi-axis."""
         p = float(np.hypot(*self.stretch))
         return self.radius * float(np.exp(p)), self.radius * float(np.exp(-p))
 
     @property
     def angle_deg(self) -> float:
-        """Direction of the longer axis, from image right towards image bottom, 0 to 180."""
+        """Direction of the major axis, from image right towards image bottom, 0 to 180 deg."""
         return float(np.degrees(np.arctan2(self.stretch[1], self.stretch[0])) / 2 % 180)
 
     def scaled(self, scale: float) -> Ellipse:
-        """The same in a picture of which each pixel is ``scale`` of the present ones; pixel centres are integers."""
+        """Return the ellipse in an image scaled by ``scale``; pixel centres are integers."""
         u, v = ((c + 0.5) * scale - 0.5 for c in self.centre)
         return Ellipse((u, v), self.radius * scale, self.stretch)
 
     def grown(self, share: float) -> Ellipse:
-        """The same enlarged about its centre."""
+        """Return the ellipse enlarged about its centre."""
         return Ellipse(self.centre, self.radius * share, self.stretch)
 
     def points(self, turn: Array, share: Array | float = 1.0) -> Array:
-        """Points (n, 2) on it, or on it enlarged, for the angles (n,) of the circle that it was."""
+        """Return points (n, 2) on the (enlarged) ellipse for angles (n,) on the original circle."""
         unit = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), self.stretch)
         points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(self.centre)
         return points
 
     def on_circle(self, points: Array) -> Array:
-        """Points (n, 2) as they lay when it was a unit circle about the origin."""
+        """Return points (n, 2) mapped to the original unit circle about the origin."""
         return _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1])) / self.radius
 
     def away(self, points: Array) -> Array:
-        """How far (n,) points (n, 2) lie outside of it, about."""
+        """Return approximate distances (n,) of points (n, 2) outside the ellipse."""
         circle = _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1]))
         distance: Array = np.hypot(circle[:, 0], circle[:, 1]) - self.radius
         return distance
 
     def near(self, points: Array, reach: float) -> NDArray[np.intp]:
-        """Which of points (n, 2) may lie within so many px of it: of all that do, and of few others."""
+        """Return the indices of points (n, 2) that may be within a distance in px of the ellipse.
+
+        The result contains all such points and few others.
+        """
         away = points - np.asarray(self.centre)
         square = np.einsum("ij,ij->i", away, away)
         longer, shorter = self.semi_axes
         return np.nonzero((square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2))[0]
 
     def outward(self, turn: Array) -> Array:
-        """Unit normals (n, 2) at the angles (n,) of the circle that it was."""
+        """Return unit normals (n, 2) for angles (n,) on the original circle."""
         normals = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1]))
         return normals / np.hypot(normals[..., 0], normals[..., 1])[..., None]
 
     def offset_share(self, other: Ellipse) -> float:
-        """How far the centres lie apart, in radii."""
+        """Return the distance of the centres in radii."""
         return float(np.hypot(*np.subtract(self.centre, other.centre))) / self.radius
 
     def is_near(self, other: Ellipse, share: float) -> bool:
-        """Whether radius and centre are the same but for a share of the radius."""
+        """Return whether radius and centre agree within a fraction of the radius."""
         return abs(other.radius / self.radius - 1) < share and self.offset_share(other) < share
 
 
 @dataclass(frozen=True)
 class Shift:
-    """How far and how finely an ellipse is moved, grown and stretched, working pixels; how many parts of its way round
-    count."""
+    """Search range and step of ellipse shifts in working pixels.
+
+    ``turns`` is the number of parts of the circumference.
+    """
 
     reach_px: float
     step_px: float
     turns: int
     stretch_px: float = 0.0
-    """Of its semi-axes, at most."""
+    """Maximum change of the semi-axes."""
 
     @property
     def cell_px(self) -> float:
@@ -109,26 +114,30 @@ class Shift:
 
     @property
     def half(self) -> int:
-        """Cells that may be reached to each side of the ring."""
+        """Number of cells to each side of the ring."""
         return int(np.ceil((3 * self.reach_px + 2 * self.stretch_px) / self.cell_px))
 
 
 def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) -> Ellipse:
-    """The ring moved, grown and stretched by a little to where most of the way round has an edge: what is beside it
-    pulls nothing.
+    """Return the shifted and stretched ring for which most of the circumference has an edge.
+
+    Unlike a least-squares fit, the result is not biased by edges next to the ring.
 
     Parameters
     ----------
     edges
-        Of the ring's own direction.
+        Edges with the direction of the ring.
     ring
+        Initial ellipse.
     shift
+        Search range.
     scale
-        Working pixel in the pixels of edges and ring.
+        Size of a working pixel in pixels of edges and ring.
 
     Returns
     -------
     Ellipse
+        Best ellipse.
     """
     circle = ring.on_circle(edges.points)
     away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
@@ -148,8 +157,12 @@ def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) 
 
 @lru_cache(maxsize=4)
 def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, NDArray[np.int32]]:
-    """Of every move of a ring of some shape: how far (n, 5) to the right, down, outwards and in both stretches, working
-    pixels; what each costs (n,); and the cell (turns, n) of each part of the way round that is then on the ring."""
+    """Return the search grid of ellipse shifts for a ring shape.
+
+    The result contains shifts (n, 5) to the right, downwards, outwards and in both stretches in
+    working pixels, their costs (n,), and the cell (turns, n) on the shifted ring for each part of
+    the circumference.
+    """
     steps = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
     bends = np.arange(-shift.stretch_px, shift.stretch_px + 0.01, shift.step_px)
     moves = np.stack([a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1)
@@ -162,7 +175,7 @@ def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, ND
 
 
 def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
-    """Points (n, 2) times exp of the matrix ((p, q), (q, -p))."""
+    """Return points (n, 2) times the matrix exponential of ((p, q), (q, -p))."""
     p, q = stretch
     size = math.hypot(p, q)
     slope = math.sinh(size) / size if size > 0 else 1.0
@@ -173,19 +186,22 @@ def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
 
 
 def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -> Ellipse:
-    """The ellipse through the edges near a first one: Gauss-Newton, the farther an edge the less it counts.
+    """Fit an ellipse to edges near an initial one by Gauss-Newton steps with robust weights.
 
     Parameters
     ----------
     edges
+        Edges of the image.
     first
+        Initial ellipse.
     reaches : px
-        How far edges may lie, step by step, the first and the last twice; each is the Cauchy weight's width as well.
+        Maximum distance of edges in each step, with the first and the last repeated; also the width
+        of the Cauchy weights.
 
     Returns
     -------
     Ellipse
-        The first one where too few edges are near.
+        Fitted ellipse; the initial one if there are too few edges.
     """
     ellipse = first
     near = edges.among(_along(edges, first, CUT * reaches[0] + 3))
@@ -203,7 +219,7 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) 
 
 
 def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp]:
-    """Which edges lie near an ellipse and may become its own while it moves and stretches."""
+    """Return the indices of edges near an ellipse that may belong to it during the fit."""
     near = ellipse.near(edges.points, reach)
     out = _stretched(ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1]))
     normals = edges.normals[near]
@@ -213,7 +229,7 @@ def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp
 
 
 def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: float) -> Array | None:
-    """A Gauss-Newton step (5,) of centre, log radius and stretch; None where there are too few edges."""
+    """Return a Gauss-Newton step (5,) of centre, log radius and stretch; None for too few edges."""
     circle = ellipse.on_circle(edges.points)
     length = np.hypot(circle[:, 0], circle[:, 1])
     residual, r = (length - 1) * ellipse.radius, ellipse.radius
@@ -224,7 +240,7 @@ def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: 
     if used.sum() < 2 * PARAMETERS:
         return None
     weight = used * edges.weights / (1 + (residual / reach) ** 2)
-    total = np.bincount(sector, weight, SECTORS)  # each direction counts the same, however crowded
+    total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions
     weight = weight / np.maximum(total, 0.5)[sector]
     c, s = circle[:, 0] / length, circle[:, 1] / length
     columns = np.stack([out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1)

@@ -1,4 +1,4 @@
-"""A ring among those about its centre: how many there are, how clear they are, and what lies between."""
+"""Features of a ring relative to its concentric rings: number, clarity and bands between them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .cues import FAMILY_OFFSET, Ring
 
 Array = NDArray[np.float64]
 
-STRETCH = 0.04  # by which the shapes of rings of a family differ at most
+STRETCH = 0.04  # maximum difference of the shapes of rings in a family
 SHARES = ((0.2, 0.5), (0.5, 0.8), (0.8, 0.93), (0.93, 0.988), (1.012, 1.06), (1.06, 1.2), (1.2, 1.6))
-"""Of the ring's radius, between which the clearest other one is looked for."""
-WITHIN, ABOUT = (0.6, 0.988), (1.012, 1.5)  # of the ring's radius, in which the next one is looked for
-LEAST, CLEAR, NEXT = 0.4, 0.7, 0.55  # share of the way round with a close edge
+"""Fractions of the ring's radius between which the clearest other ring is searched."""
+WITHIN, ABOUT = (0.6, 0.988), (1.012, 1.5)  # fractions of the radius for the next ring
+LEAST, CLEAR, NEXT = 0.4, 0.7, 0.55  # fraction of the circumference with a close edge
 
 
 def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
-    """What the rings about the centre of each of the chosen ones say of it (len(chosen), 23)."""
+    """Return features (len(chosen), 23) of the chosen rings relative to their concentric rings."""
     centres = np.array([ring.ellipse.centre for ring in rings])
     radii = np.array([ring.ellipse.radius for ring in rings])
     shapes = np.array([ring.ellipse.stretch for ring in rings])
@@ -49,7 +49,10 @@ def _in(shares: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
 
 
 def _next(rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tuple[float, float]) -> list[float]:
-    """Of the next clear ring inside or outside: how clear, how far, what lies between, and by how much clearer."""
+    """Return features of the next clear ring on one side.
+
+    They are its clarity, distance, band texture, calmness and relative clarity.
+    """
     others = np.nonzero(_in(shares, part) & (close > NEXT))[0]
     if not len(others):
         return [0.0, 0.0, 0.0, np.nan, 0.0]

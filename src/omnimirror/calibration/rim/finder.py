@@ -1,4 +1,4 @@
-"""The rim of the mirror in one picture, or in several pictures of one sensor."""
+"""Detection of the mirror's rim in one or several images of a sensor."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 SURE = 0.6
-"""Confidence from which a rim is taken for found."""
-OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions at which the outline must be found
-SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # of the radius, or working pixels, by which it may differ between them
-SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # of the radius: rings that may be the mirror of which this is the housing
+"""Minimum confidence of an accepted rim."""
+OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
+SAME_SCALES, SAME_SCALES_PX = 0.02, 2.0  # tolerance between them: fraction of the radius, working px
+SAME_CENTRE, WITHIN = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
 MOST_CANDIDATES = 3
-SAME_RIM = 0.015  # of the radius, by which rings differ that are one rim
-CLOSE_ODDS = 4.0  # of the most probable one, from which on others of that rim are tried as well
-SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
-NOT_FOUND = -6.0  # log odds of a ring in a picture that does not show it
+SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
+CLOSE_ODDS = 4.0  # log odds below the best one for alternatives of the same rim
+SAME_SENSOR = 0.03  # fraction of the radius; maximum motion of a rim between images
+NOT_FOUND = -6.0  # log odds of a ring in an image without it
 LEAST_SIDE_PX = 48
-MOST_NAMED = 5  # pictures in a message
+MOST_NAMED = 5  # images in a message
 CANDIDATE_ENTRIES = ("centre_px", "semi_axes_px", "angle_deg", "confidence")
 
 
 @dataclass(frozen=True)
 class CameraImage:
-    """The camera's own image in the middle, as a disc."""
+    """Image of the camera itself at the centre, as a disc."""
 
     centre_px: tuple[float, float]
     radius_px: float
@@ -48,7 +48,7 @@ class CameraImage:
 
 @dataclass(frozen=True)
 class FoundRim:
-    """The ellipse in which a mirror ends, in pixels of the picture; integers are pixel centres.
+    """Ellipse of the mirror's rim in pixels of the image, with integers at pixel centres.
 
     Examples
     --------
@@ -58,38 +58,47 @@ class FoundRim:
     """
 
     centre_px: tuple[float, float]
-    """(u, v)."""
+    """Centre (u, v)."""
     semi_axes_px: tuple[float, float]
-    """The longer and the shorter one."""
+    """Major and minor semi-axis."""
     angle_deg: float
-    """Direction of the longer one, from image right towards image bottom, 0 to 180."""
+    """Direction of the major axis, from image right towards image bottom, 0 to 180 deg."""
     confidence: float
-    """0 to 1, from the agreement between working resolutions; below :data:`SURE` the outline is not accepted."""
+    """Confidence from 0 to 1, from the agreement between working resolutions.
+
+    Outlines below :data:`SURE` are not accepted.
+    """
     image_size: tuple[int, int]
-    """(width, height) of the picture."""
+    """Image size (width, height)."""
     inner: CameraImage | None = None
-    """The camera's own image; None where none is seen."""
+    """Image of the camera itself; None if not detected."""
     pictures: tuple[FoundRim, ...] = ()
-    """The rim in every single picture, of several that were looked at together."""
+    """Rim in each image, for a joint detection in several images."""
     candidates: tuple[Any, ...] = ()
-    """Rejected outlines (:class:`FoundRim`): this one if it is not accepted, then other circles, the best first."""
+    """Rejected outlines (:class:`FoundRim`), best first.
+
+    The first is this one, if it is not accepted.
+    """
 
     def __post_init__(self) -> None:
         check_fields(self)
 
     @property
     def radius_px(self) -> float:
-        """Radius of the circle of the same area, px."""
+        """Radius of the circle of equal area, px."""
         return float(np.sqrt(self.semi_axes_px[0] * self.semi_axes_px[1]))
 
     @property
     def is_sure(self) -> bool:
-        """Whether the confidence is enough."""
+        """True if the confidence is sufficient."""
         return self.confidence >= SURE
 
     @property
     def annulus_px(self) -> tuple[float, float]:
-        """Radii about the centre between which the picture shows the world: of the camera's own image, and the rim."""
+        """Inner and outer radius about the centre of the annulus that shows the scene.
+
+        The inner circle encloses the camera's own image.
+        """
         inner = 0.0
         if self.inner is not None:
             away = float(np.hypot(*np.subtract(self.inner.centre_px, self.centre_px)))
@@ -97,17 +106,17 @@ class FoundRim:
         return inner, self.semi_axes_px[1]
 
     def points(self, count: int = 360) -> Array:
-        """Points (count, 2) px on the ellipse, once round.
+        """Return points (count, 2) px on the ellipse over one revolution.
 
         Parameters
         ----------
         count
-            How many.
+            Number of points.
 
         Returns
         -------
         (count, 2) array
-            px
+            Points in px.
         """
         turn, lean = np.arange(count) * (2 * np.pi / count), np.radians(self.angle_deg)
         x, y = self.semi_axes_px[0] * np.cos(turn), self.semi_axes_px[1] * np.sin(turn)
@@ -115,12 +124,12 @@ class FoundRim:
         return np.stack([u + self.centre_px[0], v + self.centre_px[1]], axis=1)
 
     def to_json(self) -> dict[str, Any]:
-        """As a file holds it.
+        """Convert to JSON-serialisable data.
 
         Returns
         -------
         dict
-            Of numbers, lists and None.
+            Numbers, lists and None.
         """
         inner = self.inner
         camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
@@ -138,39 +147,42 @@ class FoundRim:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What is seen in one picture at one working resolution."""
+    """Rings of one image at one working resolution."""
 
     picture: Picture
     working: Working
     edges: EdgePoints
     rings: list[Ring]
     odds: Array
-    """(members, n)"""
+    """Log odds (members, n)."""
     others: tuple[_Seen, ...] = ()
-    """The same at other working resolutions."""
+    """Results at the other working resolutions."""
 
     @cached_property
     def mean(self) -> Array:
-        """Of the committee (n,)."""
+        """Mean log odds over the ensemble (n,)."""
         return np.asarray(self.odds.mean(axis=0))
 
     @cached_property
     def places(self) -> Array:
-        """Centres and radii (n, 3) of its rings."""
+        """Centres and radii (n, 3) of the rings."""
         return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
 
     def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
-        """Which of its rings (n,) are an ellipse but for a share of its radius, shape aside."""
+        """Return the mask (n,) of rings equal to an ellipse, except for shape.
+
+        The tolerance is a fraction of its radius.
+        """
         away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
         return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
 
     def like(self, ellipse: Ellipse) -> int | None:
-        """The most probable of its rings at the place of one in another picture."""
+        """Return the most probable ring at the position of a ring in another image."""
         near = np.nonzero(self.near(ellipse, SAME_SENSOR))[0]
         return int(near[np.argmax(self.mean[near])]) if len(near) else None
 
     def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
-        """Log odds (resolutions,) of an ellipse at this and the other resolutions, and of the best ring beside it."""
+        """Return log odds (resolutions,) of an ellipse and of the best other ring."""
         odds, rivals = [], []
         for one in (self, *self.others):
             here = ellipse.scaled(self.working.scale / one.working.scale)
@@ -180,16 +192,19 @@ class _Seen:
         return np.array(odds), np.array(rivals)
 
     def pooled(self, ellipse: Ellipse) -> float:
-        """Mean log odds of an ellipse over the resolutions."""
+        """Return the mean log odds of an ellipse over the resolutions."""
         return float(self.ranked(ellipse)[0].mean())
 
     def chance(self, ellipse: Ellipse) -> float:
-        """Share of the way round with edges beside an ellipse that are parallel to it."""
+        """Return the fraction of the circumference with parallel edges next to an ellipse."""
         near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
         return float(np.median(near)) if near else 0.0
 
     def within(self, ellipse: Ellipse) -> float:
-        """Share of the way round of the clearest ring about the same centre within, over the resolutions."""
+        """Return the clarity of the clearest concentric inner ring, over the resolutions.
+
+        It is the fraction of the circumference with close edges.
+        """
         clearest = []
         for one in (self, *self.others):
             here = ellipse.scaled(self.working.scale / one.working.scale)
@@ -203,11 +218,11 @@ class _Seen:
         return float(np.mean(clearest))
 
     def confidence(self, ellipse: Ellipse) -> float:
-        """How sure it is that an ellipse is the rim."""
+        """Return the confidence that an ellipse is the rim."""
         return confidence(*self.ranked(ellipse), self.chance(ellipse), self.within(ellipse))
 
     def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
-        """The most probable rings that differ from an ellipse and from one another."""
+        """Return the most probable rings that differ from an ellipse and from each other."""
         found: list[Ellipse] = []
         for i in np.argsort(-self.mean):
             one = self.rings[i].ellipse
@@ -218,38 +233,43 @@ class _Seen:
         return found
 
     def alike(self, k: int) -> NDArray[np.intp]:
-        """The rings that are the same as one, and about as probable: which of them is the rim, placing tells."""
+        """Return the rings equal to a given one with similar odds.
+
+        Subpixel refinement selects among them.
+        """
         near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
         return np.nonzero(near)[0]
 
 
 @checked
 def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
-    """The rim of the mirror in a picture, or in several pictures of one sensor, to a part of a pixel.
+    """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 
-    Edges vote for circles; an ellipse is laid through the edges of each; what speaks for each being the rim is
-    weighed (:mod:`omnimirror.calibration.rim.choice`), and the best is placed in the full picture. The weights were
-    learned from simulated photographs. This is done at three working resolutions, whose short sides are 240, 360 and
-    500 px: the confidence is high where all of them have the same circle as the best one.
+    Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
+    the features of each ellipse (:mod:`omnimirror.calibration.rim.choice`), and the best one is
+    refined in the full-size image. The classifier is trained on simulated photographs. Detection
+    runs at three working resolutions with short sides of 240, 360 and 500 px: the confidence is
+    high if the same circle is the best at all of them.
 
     Parameters
     ----------
     pictures : (rows, columns[, channels]) array, or a sequence of them
-        Pictures as they came from one camera, all of one size, in which the mirror stays at its place.
+        Unmodified images of one camera with equal size and a fixed mirror position.
 
     Returns
     -------
     FoundRim
-        The most probable one, however little probable: check ``is_sure``. Rejected ones are its ``candidates``.
+        Most probable rim, whatever its confidence: check ``is_sure``. Rejected ones are in
+        ``candidates``.
 
     Raises
     ------
     InvalidParameter
-        No picture, one that is too small, or several of different sizes.
+        If there is no image, an image is too small, or sizes differ.
 
     Examples
     --------
-    A mirror under a bright sky, on black:
+    Mirror under a bright sky, on a black background:
 
     >>> import omnimirror as om
     >>> v, u = np.mgrid[:240, :320]
@@ -283,7 +303,7 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
 
 
 def _candidate(one: _Seen, ring: Ellipse, best: float, size: tuple[int, int]) -> FoundRim:
-    """A circle that was not chosen, with what the best one leaves of its confidence."""
+    """Return a circle that was not selected, with its confidence limited by that of the best one."""
     ellipse = ring.scaled(one.working.scale)
     sure = min(one.confidence(ring), 1 - best, float(np.nextafter(SURE, 0)))
     return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, sure, size)
@@ -302,7 +322,10 @@ def _check(pictures: list[Picture]) -> None:
 
 
 def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
-    """Refuse pictures of several sizes, which are not of one sensor, and name those of another size than most."""
+    """Raise an error for images of different sizes, which are not from one sensor.
+
+    The message names the images whose size differs from most.
+    """
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     usual = max(sizes, key=sizes.count, default=(0, 0))
     odd = [f"{name} is {width} x {height}" for name, (width, height) in zip(names, sizes, strict=True)
@@ -316,7 +339,10 @@ def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
 
 
 def _seen(picture: Picture) -> _Seen:
-    """Detect the rings of a picture at the working resolution, and at the others as far as it has the pixels."""
+    """Detect the rings of an image at the main working resolution and at the others.
+
+    Resolutions above that of the image are omitted.
+    """
     working = at_working_size(picture)
     edges = edges_of(working)
     found = rings_of(picture, working, edges)
@@ -326,7 +352,7 @@ def _seen(picture: Picture) -> _Seen:
 
 
 def _at_resolution(picture: Picture, side: int) -> _Seen:
-    """Detect the rings of a picture at another working resolution."""
+    """Detect the rings of an image at another working resolution."""
     working = at_working_size(picture, side)
     edges = edges_of(working)
     found = rings(working, edges)
@@ -334,9 +360,10 @@ def _at_resolution(picture: Picture, side: int) -> _Seen:
 
 
 def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
-    """The ring that all pictures together make the most probable, and its confidence.
+    """Return the most probable ring of all images together, and its confidence.
 
-    Pictures of one sensor share their surroundings, so that n of them are worth the square root of n.
+    Images of one sensor share their surroundings: the evidence of n images grows with the square
+    root of n.
     """
     if len(seen) == 1:
         one = seen[0]
@@ -360,7 +387,7 @@ def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
 
 
 def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
-    """The clearest of rings placed in the full picture."""
+    """Return the clearest of several rings after refinement in the full-size image."""
     levels = levels_of(one.picture)
     levels = levels.reshape(*levels.shape[:2], -1)
     scale = one.working.scale
@@ -375,7 +402,7 @@ def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, 
 
 
 def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> FoundRim:
-    """The middle of the rims of several pictures."""
+    """Return the median of the rims of several images."""
     u, v = np.median([rim.centre_px for rim in good], axis=0)
     stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in good]
     angles = 2 * np.radians([rim.angle_deg for rim in good])
@@ -392,7 +419,7 @@ def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> F
 
 
 def _nothing(size: tuple[int, int]) -> FoundRim:
-    """What is said of a picture without any ring: the largest circle in it, with no confidence."""
+    """Return the result for an image without rings: the largest circle in it, with confidence 0."""
     width, height = size
     radius = min(size) / 2
     return FoundRim(((width - 1) / 2, (height - 1) / 2), (radius, radius), 0.0, 0.0, size)

@@ -1,4 +1,4 @@
-"""A first camera from nothing but a rim: of a sensor that is known, or of a common mirror that it is taken for."""
+"""Initial camera from a detected rim, for a known sensor or a common type of mirror."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from .finder import SURE, FoundRim
 FirstCamera: TypeAlias = Sensor | MirrorBall
 
 LEAST_DIFFERENCE_PX = 0.4
-"""Of the semi-axes, below which an ellipse may be a circle."""
-FARTHEST_BESIDE = 0.25  # of the radius, by which a mirror is mounted off the axis; more is a crop
+"""Difference of the semi-axes below which an ellipse is treated as a circle."""
+FARTHEST_BESIDE = 0.25  # fraction of the radius; a larger offset from the axis indicates a crop
 RIM_POINTS = 24
-OWN_IMAGE = 0.02  # of the rim's radius, to which it is known where the camera sees itself; twice that tells
-SAME_ASPECT = 0.01  # of a picture and an imager, of which neither was cropped
+OWN_IMAGE = 0.02  # fraction of the rim's radius; accuracy of the camera's own image
+SAME_ASPECT = 0.01  # tolerance of the aspect ratios of image and imager without a crop
 
 
 @dataclass(frozen=True)
 class CommonMirror:
-    """A common mirror: one that comes with omnimirror, or a ball with a full field."""
+    """Common type of mirror: a sensor included in omnimirror, or a ball with a full field."""
 
     words: str
     sensor: str | None = None
     field_deg: float = 0.0
     camera_looks: CameraLooks = "up"
-    """How a ball is photographed."""
+    """Orientation of the camera for a ball."""
 
 
 PRESETS = {
@@ -47,36 +47,38 @@ PRESETS = {
     "hyperboloid": CommonMirror("a hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"),
     "sphere": CommonMirror("a spherical mirror near its lens, to 135 deg", "paper-spherical"),
 }
-"""Common mirrors by their names."""
+"""Common types of mirrors by name."""
 DEFAULT = "one-shot"
-"""Which is meant where none is named: radii between those of a sphere and of a hyperboloid, so that no angle is far
-off."""
+"""Default type.
+
+Its radii are between those of a sphere and a hyperboloid, which limits the error of all angles.
+"""
 
 
 @checked
 def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None) -> FirstCamera:
-    """A camera that straightens a picture whose rim is known, of a common mirror or a known sensor.
+    """Create a camera for dewarping from a detected rim and a type of mirror.
 
     Parameters
     ----------
     rim
-        As :func:`omnimirror.find_rim` gives it.
+        Result of :func:`omnimirror.find_rim`.
     mirror
-        The name of a preset (``one-shot``, ``ball``, ``dome``, ``convex``, ``paraboloid``, ``hyperboloid``,
-        ``sphere``), a sensor, or its name or file.
+        Name of a preset (``one-shot``, ``ball``, ``dome``, ``convex``, ``paraboloid``,
+        ``hyperboloid``, ``sphere``), a sensor, or its name or file.
     mount
-        How the camera stands; by default as the sensor's file says, and before a ball as its photographers do: it looks
-        ahead, and up to a dome.
+        Orientation of the camera; by default that of the sensor's file. For balls, cameras look
+        ahead; for a dome, up.
 
     Returns
     -------
     Sensor or MirrorBall
-        With its rim where the picture has it.
+        Camera with its rim at the detected position.
 
     Raises
     ------
     InvalidParameter
-        The rim is not sure, or the mirror is not known.
+        If the confidence of the rim is too low, or the mirror is unknown.
 
     Examples
     --------
@@ -100,17 +102,17 @@ def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mou
 
 @checked
 def mirror_of(name: str | Path) -> CommonMirror | Sensor:
-    """The mirror that a name stands for.
+    """Return the mirror with a given name.
 
     Parameters
     ----------
     name
-        Of a preset, or the name or file of a sensor.
+        Name of a preset, or name or file of a sensor.
 
     Raises
     ------
     InvalidParameter
-        There is none of that name.
+        If the name is unknown.
 
     Examples
     --------
@@ -126,16 +128,17 @@ def mirror_of(name: str | Path) -> CommonMirror | Sensor:
 
 
 def check_sure(rim: FoundRim) -> None:
-    """Refuse a rim that is not sure.
+    """Raise an error for a rim with insufficient confidence.
 
     Parameters
     ----------
     rim
+        Detected rim.
 
     Raises
     ------
     InvalidParameter
-        Its confidence is too low.
+        If the confidence is too low.
     """
     if not rim.is_sure:
         raise InvalidParameter(
@@ -146,33 +149,35 @@ def check_sure(rim: FoundRim) -> None:
 
 @checked
 def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
-    """A known sensor as one picture shows it: how large, how far beside the lens's axis, how much tilted.
+    """Estimate the scale and mirror pose of a known sensor from its rim in one image.
 
-    The rim is a circle of known radius at a known distance from the lens. Five numbers say how its image comes about:
-    the scale of the picture, the place of the circle's middle beside the axis, and its tilt; and an ellipse has five.
-    To first order the longer semi-axis a gives the scale, the centre's offset the place, and ``b / a = cos t`` the tilt
-    t towards the shorter axis; off the axis perspective adds to it as much, so that the five are solved for exactly.
-    Two tilts give the same ellipse, to both sides (Hartley and Zisserman, Multiple View Geometry, 8.3, have the cone of
-    rays behind it): this is the first that :func:`sensors_from_rim` gives.
+    The rim is a circle of known radius at a known distance from the lens. Five parameters determine
+    its image, an ellipse with five parameters: the scale of the image, the offset of the circle's
+    centre from the axis, and its tilt. To first order the major semi-axis a gives the scale, the
+    offset of the centre the position, and ``b / a = cos t`` the tilt t about the major axis. Off
+    the axis, perspective has an effect of similar size; therefore the five equations are solved
+    exactly. Two opposite tilts give the same ellipse (Hartley and Zisserman, Multiple View
+    Geometry, 8.3, describe the cone of rays); this is the first result of :func:`sensors_from_rim`.
 
     Parameters
     ----------
     rim
-        As :func:`omnimirror.find_rim` gives it.
+        Result of :func:`omnimirror.find_rim`.
     sensor
-        As designed. A picture of another shape than its imager was cropped, and so was one with the rim far off its
-        middle: then the offset is taken for that of the crop, and the tilt for none; so it is of two mirrors.
+        Nominal sensor. An image with another aspect ratio, or with the rim far from its centre, is
+        treated as cropped: the offset is then that of the crop, and the tilt is zero. This also
+        applies to sensors with two mirrors.
 
     Returns
     -------
     Sensor
-        With the imager of the picture, and the mirror's pose. Of an ellipse whose axes differ by less than
-        :data:`LEAST_DIFFERENCE_PX` the tilt is none.
+        Sensor with the imager of the image, and the pose of the mirror. The tilt is zero for an
+        ellipse whose semi-axes differ by less than :data:`LEAST_DIFFERENCE_PX`.
 
     Raises
     ------
     InvalidParameter
-        The rim is not sure.
+        If the confidence of the rim is too low.
 
     Examples
     --------
@@ -187,31 +192,33 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
 
 @checked
 def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
-    """A known sensor in every pose in which it shows a rim: one, or two that are tilted to either side.
+    """Return a known sensor in all poses that produce a rim: one, or two with opposite tilts.
 
-    The camera's own image tells them apart: it lies where the mirror's normal goes through the lens, which is on the
-    side to which the mirror is tilted. Where it is not seen, or fits neither, both stay, the smaller decentre first.
+    The camera's own image selects between them: its position is that of the mirror normal through
+    the lens, on the side to which the mirror is tilted. If it is not detected, or agrees with
+    neither pose, both are returned, with the smaller decentre first.
 
     Parameters
     ----------
     rim
-        As :func:`omnimirror.find_rim` gives it.
+        Result of :func:`omnimirror.find_rim`.
     sensor
-        As :func:`sensor_from_rim` takes it.
+        As for :func:`sensor_from_rim`.
 
     Returns
     -------
     tuple of Sensor
-        One or two, the likelier first.
+        One or two sensors, most probable first.
 
     Raises
     ------
     InvalidParameter
-        The rim is not sure.
+        If the confidence of the rim is too low.
 
     Examples
     --------
-    An ellipse that is 2 % flatter than a circle is seen of a mirror tilted by about 11 deg, to one side or the other:
+    An ellipse with axes that differ by 2 % is the rim of a mirror tilted by about 11 deg to either
+    side:
 
     >>> import omnimirror as om
     >>> rim = FoundRim((511.5, 511.5), (500.0, 490.0), 90.0, 0.99, (1024, 1024))
@@ -236,7 +243,7 @@ def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
 
 
 def _told_apart(found: list[Sensor], rim: FoundRim) -> tuple[Sensor, ...]:
-    """Those of two sensors that show the camera where it is seen: one, or both where that does not tell."""
+    """Return the sensors that agree with the detected image of the camera; both if ambiguous."""
     if len(found) < 2 or rim.inner is None:
         return tuple(found)
     seen = [sensor.image_plane.flat_mm(np.array(rim.inner.centre_px))[0] / sensor.imager.pitch_mm for sensor in found]
@@ -246,23 +253,23 @@ def _told_apart(found: list[Sensor], rim: FoundRim) -> tuple[Sensor, ...]:
 
 
 def _own_image(sensor: Sensor) -> Array:
-    """Place (2,) px from the picture's centre at which the mirror shows the lens; NaN where it does not.
+    """Return the image of the lens (2,) in px from the image centre; NaN if it is not visible.
 
-    There a ray from the lens meets the mirror along its normal and goes back to where it came from.
+    A ray from the lens along the mirror normal is reflected into itself.
     """
     from scipy.optimize import least_squares
 
     pose, mirror, rim_mm = sensor.mirror_pose, sensor.mirror, sensor.mirror.rim_radius_mm
 
     def seen(place: Array) -> tuple[Array, Array]:
-        """A point (1, 3) of the mirror from the lens, and the direction (1, 3) from it towards the lens."""
+        """Return a mirror point (1, 3) relative to the lens, and the direction to the lens."""
         height = mirror.sag(np.array([np.hypot(*place)]))
         point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.optical_train.lens_offset
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
         return point, towards / np.linalg.norm(towards)
 
     def lean(place: Array) -> Array:
-        """How much (2,) the direction towards the lens leans from the normal, along two tangents."""
+        """Return the components (2,) of the direction to the lens along two tangents."""
         x, y = place
         away = max(float(np.hypot(x, y)), 1e-9)
         slope = float(mirror.slope(np.array([away]))[0]) / away
@@ -276,7 +283,7 @@ def _own_image(sensor: Sensor) -> Array:
 
 
 def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
-    """The sensor that shows the rim, its mirror tilted to one side or the other of the shorter axis, or not at all."""
+    """Return the sensor with the given rim, and a tilt to one side of the minor axis or no tilt."""
     from scipy.optimize import least_squares
 
     mirror, pitch_mm = sensor.mirror, sensor.imager.pitch_mm
@@ -297,7 +304,7 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
         return MirrorPose(float(numbers[1]), float(numbers[2]), 0.0, float(tilt[0]), float(tilt[1]))
 
     def miss(numbers: Array) -> Array:
-        """How far the points (n,) of the rim lie outside the ellipse, of an image enlarged by the first number."""
+        """Return offsets (n, 2) of the scaled image points of the rim from the ellipse centre."""
         points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
         towards = np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
         offsets: Array = numbers[0] * sensor.lens.image_of(points, towards) - middle
@@ -316,7 +323,7 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
 
 
 def _centred(rim: FoundRim, sensor: Sensor) -> Sensor:
-    """The aligned sensor with its axis in the middle of the rim."""
+    """Return the aligned sensor with its axis at the centre of the rim."""
     width, height = rim.image_size
     aligned = sensor.aligned()
     pitch_um = aligned.rim_radius_px * aligned.imager.pixel_pitch_um / rim.radius_px

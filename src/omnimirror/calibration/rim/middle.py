@@ -1,4 +1,4 @@
-"""The camera's own image in the middle of what the mirror shows: a disc in which little happens."""
+"""Detection of the camera's own image at the centre of the mirror: a disc with little texture."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from .edges import EdgePoints, Working
 from .ellipses import Ellipse, laid_through
 from .votes import circles_between
 
-LEAST, LARGEST = 0.04, 0.6  # of the rim's radius
+LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
 LEAST_PX = 5.0
 RADIUS_STEP = 1.06
-OFFSET, VOTED_OFFSET = 0.12, 0.15  # of the rim's radius, by which it and its circle may lie off its centre
+OFFSET, VOTED_OFFSET = 0.12, 0.15  # fractions of the rim's radius, for disc and circle
 TRIED = 20  # circles
-SUPPORT, CALM = 0.45, 0.4  # share of the way round with an edge; texture inside over that outside
+SUPPORT, CALM = 0.45, 0.4  # fraction of the circumference with an edge; ratio of texture
 BUSY = 0.08  # texture of a scene
-STRETCH_COST = 4.0  # share of the way round that a stretch must gain
+STRETCH_COST = 4.0  # fraction of the circumference that a stretch must gain
 REACHES_PX = (2.0, 1.2)
 
 
 def camera_image(working: Working, edges: EdgePoints, rim: Ellipse) -> Ellipse | None:
-    """The clearest calm disc in the middle of a rim, both at working size; None where there is none."""
+    """Return the clearest disc at the centre of a rim, both at working size; None if there is none."""
     away = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
     inner = edges.among(away < LARGEST + OFFSET)
     if not len(inner.points):
@@ -39,7 +39,7 @@ def camera_image(working: Working, edges: EdgePoints, rim: Ellipse) -> Ellipse |
 
 
 def _clear(working: Working, edges: EdgePoints, disc: Ellipse) -> float:
-    """How clear the edge of a round disc is in which little happens and about which much does; else 0."""
+    """Return the edge clarity of a round disc with little texture inside and much outside, else 0."""
     ring = ring_of(working, edges, disc)
     if ring is None:
         return 0.0

@@ -1,4 +1,4 @@
-"""A ring placed in the picture as it came: through the edges of profiles across it, to a part of a pixel."""
+"""Subpixel refinement of a ring in the full-size image, from edges of profiles across it."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ Array = NDArray[np.float64]
 
 PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides
-EDGE_PX = 1.5  # working pixels, from the picture's edge, from which on profiles say something
-SAMPLES = 4  # a working pixel, at most
-SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # the rim beside another edge
+EDGE_PX = 1.5  # working pixels; minimum distance of profiles from the image boundary
+SAMPLES = 4  # maximum number per working pixel
+SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # search range for a rim next to another edge
 REACHES_PX = (0.8, 0.4)
-CLEAR = 0.5  # share of the way round, from which on a ring is where it was seen, and not beside
+CLEAR = 0.5  # fraction of the circumference above which no search is needed
 CLOSE_PX, BESIDE_PX = 0.4, 1.5
-STRETCH_COST = 8.0  # share of the way round that a stretch must gain: rims are mostly round
-LEAN = 0.08  # of an edge's direction from the ring's, which it has but for noise
+STRETCH_COST = 8.0  # fraction of the circumference that a stretch must gain: most rims are round
+LEAN = 0.08  # slope of an edge relative to the ring, caused by noise
 
 
 def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ellipse, float]:
-    """The ellipse in the picture's own pixels, and the share of the way round with an edge close to it.
+    """Return the refined ellipse, and the fraction of the circumference with a close edge.
 
     Parameters
     ----------
     levels : (rows, columns, channels)
-        The picture, 0 to 255.
+        Image, 0 to 255.
     ring
-        In its pixels, right to about a working pixel.
+        Initial ellipse in pixels of the image, accurate to about one working pixel.
     scale
-        Working pixel in pixels.
+        Size of a working pixel in pixels.
 
     Returns
     -------
     tuple
-        Ellipse and share.
+        Ellipse and fraction.
     """
     edges = _edges_across(levels, ring, scale)
     shapes = {ring.stretch, (ring.stretch[0] / 2, ring.stretch[1] / 2), (0.0, 0.0)}
@@ -58,12 +58,12 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
 
 
 def clearness(ellipse: Ellipse, share: float) -> float:
-    """How well an ellipse is seen that has close edges over a share of the way round; a stretch must gain some."""
+    """Return the clarity of an ellipse: fraction of close edges minus a stretch penalty."""
     return share - STRETCH_COST * float(np.hypot(*ellipse.stretch))
 
 
 def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
-    """Where profiles across the ring are steepest, each of them several times perhaps."""
+    """Return the edges of profiles across the ring; a profile may have several."""
     import cv2
 
     step = max(0.5, scale / SAMPLES)
@@ -100,7 +100,7 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
     at = away[place + 1] + offset * step
     edge = on[which] + at[:, None] * out[which]
-    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # a stronger edge farther away may be a frame's
+    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # an outer frame may be stronger
     most = np.zeros(PROFILES)
     np.maximum.at(most, which, clear)
     weights = (clear / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
@@ -108,7 +108,7 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
 
 
 def _close(edges: EdgePoints, ellipse: Ellipse, close: float) -> float:
-    """Share of the profiles that have an edge close to the ellipse."""
+    """Return the fraction of the profiles with an edge close to the ellipse."""
     circle = ellipse.on_circle(edges.points)
     away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
     sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(int) % PROFILES

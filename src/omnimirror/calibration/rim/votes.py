@@ -1,4 +1,4 @@
-"""Where circles may be: every edge votes for the centres that lie before and behind it, radius by radius."""
+"""Hough transform for circles: each edge votes for centres on both sides, for each radius."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from .ellipses import Ellipse
 
 Array = NDArray[np.float64]
 
-LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # of the short side
+LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # relative to the short image side
 RADIUS_STEP = 1.016
 CELL_PX = 2
-BLUR_PX, BLUR_SHARE = 1.5, 0.016  # of an edge's direction, by which the centre is missed
+BLUR_PX, BLUR_SHARE = 1.5, 0.016  # px, and error of the centre relative to the radius
 PEAKS_A_RADIUS, PEAKS = 5, 50
-SAME_CIRCLE = 0.035  # of the radius, by which circles differ that lead to one ring
-LEAST_SEEN = 0.35  # share of the way round that lies in the picture
+SAME_CIRCLE = 0.035  # fraction of the radius; circles within it lead to the same ring
+LEAST_SEEN = 0.35  # minimum visible fraction of the circumference
 COARSE = 4
 
 
 def circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
-    """The circles that most edges vote for, of those of their size, best first."""
+    """Return the circles with the most votes relative to their size, best first."""
     short = min(size)
     largest = max(LARGEST_RADIUS * short, 0.52 * max(size))
     found = circles_between(edges, size, (LEAST_RADIUS * short, largest), RADIUS_STEP)
@@ -34,7 +34,7 @@ def circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
 def circles_between(
     edges: EdgePoints, size: tuple[int, int], radii: tuple[float, float], step: float
 ) -> Iterator[Ellipse]:
-    """Circles of radii between two, each so many times the last, of those of their size the most voted for first."""
+    """Yield circles with radii in a geometric series, ordered by votes relative to their size."""
     found: list[tuple[float, float, float, float]] = []
     radius, largest = radii
     while radius < largest:
@@ -49,7 +49,7 @@ def circles_between(
 
 
 def _peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
-    """Votes, centre and radius of the best circles of one radius."""
+    """Return votes, centre and radius of the best circles with one radius."""
     import cv2
 
     columns, rows = size[0] // CELL_PX + 1, size[1] // CELL_PX + 1
@@ -72,8 +72,10 @@ def _peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tupl
 
 
 def seen_share(size: tuple[int, int], radius: float) -> NDArray[np.float32]:
-    """Share (rows, columns) of circles about each pixel that lies in a picture of a size; between every fourth one,
-    as it changes slowly."""
+    """Return the visible fraction (rows, columns) of circles centred at each pixel.
+
+    It is interpolated between every fourth pixel, since it varies slowly.
+    """
     import cv2
 
     columns, rows = (np.linspace(0, side - 1, side // COARSE + 2) for side in size)

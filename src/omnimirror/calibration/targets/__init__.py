@@ -1,4 +1,4 @@
-"""Calibration targets: boards and how they are printed, found in distorted pictures, and their corners measured."""
+"""Calibration targets: definition, printing, detection, and corner refinement."""
 
 from .boards import Board
 from .choosing import choose_frames

@@ -1,4 +1,4 @@
-"""The boards that are photographed: where their corners lie, and which of them stand beside each other."""
+"""Calibration boards: kinds, corner positions, neighbourhoods and markers."""
 
 from __future__ import annotations
 
@@ -16,56 +16,60 @@ Kind = Literal["chessboard", "charuco", "aprilgrid"]
 
 KINDS: tuple[str, ...] = get_args(Kind)
 LARGEST = 200
-"""Corners, squares or tags along a side."""
+"""Maximum number of corners, squares or tags along a side."""
 MARKER_SHARE = 0.75
-"""Of a ChArUco square that its marker takes, where nothing else is said."""
+"""Default ratio of the marker side to the ChArUco square."""
 FAMILIES = {"charuco": "5X5_1000", "aprilgrid": "APRILTAG_36H11"}
-"""Of markers, by the kind of board: those that Kalibr prints, and OpenCV's with the fewest mistakes for their size."""
+"""Default marker families by kind of board: Kalibr's, and an OpenCV family with a low error rate.
+"""
 APRIL_BITS = 6
 BORDER_BITS = {"charuco": 1, "aprilgrid": 2}
-"""Width of the black frame of a marker, in its bits."""
+"""Width of the black frame of a marker, in bits."""
 
 
 class CornerWindow(NamedTuple):
-    """What about a corner shows two white and two black quarters and nothing else, in :attr:`Board.square_mm`."""
+    """Region around a corner that contains only its four quarters, in :attr:`Board.square_mm`."""
 
     half: float = 0.45
-    """Half of the side of a square about the corner."""
+    """0.5 times the side of a square around the corner."""
     arm: float = np.inf
-    """Half of the width of the cross along the edges that is free of markers."""
+    """0.5 times the width of the marker-free cross along the edges."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board with corners at known places.
+    """Flat calibration board with known corner positions.
 
-    Counted as the programs count that such boards are printed with: a chessboard by its inner corners and a ChArUco
-    board by its squares (OpenCV), an April grid by its tags (Kalibr). Its frame has X to the right, as one
-    reads it, and Z = 0; Y points down on chessboards and ChArUco boards and up on April grids, as in those programs.
-    The origin is the first corner: at the upper left, of April grids at the lower left.
+    Sizes follow the programs that such boards are printed with: inner corners of a chessboard and
+    squares of a ChArUco board (OpenCV), tags of an April grid (Kalibr). In the frame of the board,
+    X points right for the viewer and Z = 0; Y points down for chessboards and ChArUco boards, and
+    up for April grids, as in those programs. The origin is the first corner: upper left, for April
+    grids lower left.
 
     Parameters
     ----------
     kind
         ``"chessboard"``, ``"charuco"`` or ``"aprilgrid"``.
     columns, rows
-        Inner corners, squares or tags, from 2 on (a chessboard has at least 3 corners one way).
+        Number of inner corners, squares or tags, at least 2 (for a chessboard at least 3 in one
+        direction).
     square_mm : mm
         Side of a square, or of a tag to the outer edge of its black frame.
     marker_mm : mm, optional
-        ChArUco: side of a marker; three quarters of the square by default.
+        ChArUco: side of a marker; by default 0.75 times the square.
     spacing
-        April grid: the gap between tags over their side, as Kalibr's ``tagSpacing``.
+        April grid: ratio of the gap between tags to their side, Kalibr's ``tagSpacing``.
     family
-        Of the markers, as OpenCV names them without DICT\\_: ``"4X4_50"``. By default ``"5X5_1000"``, and on April
-        grids ``"APRILTAG_36H11"``.
+        Marker family by OpenCV's name without DICT\\_: ``"4X4_50"``. By default ``"5X5_1000"``, for
+        April grids ``"APRILTAG_36H11"``.
     legacy
-        ChArUco: whether the first square of a board with an even number of rows is white, as before OpenCV 4.6.
+        ChArUco: whether the first square of a board with an even number of rows is white, as before
+        OpenCV 4.6.
 
     Raises
     ------
     InvalidParameter
-        There is no such board.
+        If a value is out of range or does not apply to this kind of board.
 
     Examples
     --------
@@ -118,7 +122,7 @@ class Board:
 
     @property
     def lattice_size(self) -> tuple[int, int]:
-        """Columns and rows of its corners."""
+        """Number of columns and rows of corners."""
         if self.kind == "charuco":
             return self.columns - 1, self.rows - 1
         if self.kind == "aprilgrid":
@@ -127,51 +131,54 @@ class Board:
 
     @property
     def corner_count(self) -> int:
-        """Number of its corners."""
+        """Number of corners."""
         return int(np.prod(self.lattice_size))
 
     @property
     def lattice(self) -> NDArray[np.int_]:
-        """Column and row (n, 2) of each corner; the index is the corner's id."""
+        """Column and row (n, 2) of each corner, indexed by corner id."""
         columns, rows = self.lattice_size
         return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
 
     @property
     def points_mm(self) -> Array:
-        """Its corners (n, 3) in mm, in the frame of the board; the index is the corner's id."""
+        """Corners (n, 3) in mm in the frame of the board, indexed by corner id."""
         flat = self._along_mm(self.lattice.T).T
         return np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
 
     @property
     def marker_side_mm(self) -> float:
-        """Side of a marker in mm: of its black frame, where it has any."""
+        """Side of a marker in mm, to the outer edge of its black frame."""
         if self.kind == "charuco" and self.marker_mm is None:
             return MARKER_SHARE * self.square_mm
         return self.square_mm if self.marker_mm is None else self.marker_mm
 
     @property
     def marker_family(self) -> str:
-        """The markers' family, ``""`` for a chessboard."""
+        """Marker family; ``""`` for a chessboard."""
         return (self.family or FAMILIES.get(self.kind, "")).upper()
 
     @property
     def border_bits(self) -> int:
-        """Width of the black frame of its markers, in bits of a marker."""
+        """Width of the black frame of the markers, in bits."""
         return BORDER_BITS.get(self.kind, 0)
 
     @property
     def has_markers(self) -> bool:
-        """Whether its corners can be told from each other."""
+        """True if the board has markers that identify its corners."""
         return self.kind != "chessboard"
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether it looks the same after half a turn, so that the order of its corners changes between pictures."""
+        """True if a 180 deg rotation maps the board to itself.
+
+        The order of its corners is then ambiguous.
+        """
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
     @property
     def surroundings(self) -> CornerWindow:
-        """What about a corner shows the corner alone."""
+        """Region around a corner without markers or other corners."""
         if self.kind == "charuco":
             return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
         if self.kind == "aprilgrid":
@@ -180,26 +187,29 @@ class Board:
 
     @property
     def polarity(self) -> NDArray[np.int_]:
-        """Sign (n,) of each corner's contrast: -1 where the quarter towards the origin of x and y is black."""
+        """Sign (n,) of each corner's contrast.
+
+        It is -1 if the quarter towards the origin of x and y is black.
+        """
         first = 1 if self.kind == "charuco" and self.legacy and self.rows % 2 == 0 else -1
         return np.asarray(first * (1 - 2 * (self.lattice.sum(axis=1) % 2)))
 
     @property
     def marker_count(self) -> int:
-        """Number of its markers, which bear the numbers from 0."""
+        """Number of markers; their numbers start at 0."""
         if self.kind == "chessboard":
             return 0
         return self.columns * self.rows // (2 if self.kind == "charuco" else 1)
 
     def _along_mm(self, places: NDArray[Any]) -> Array:
-        """Where columns or rows lie along their side."""
+        """Return positions of columns or rows along their side."""
         if self.kind == "aprilgrid":
             return np.asarray(self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float)
         return self.square_mm * np.asarray(places, dtype=float)
 
 
 def families() -> list[str]:
-    """The families of markers that OpenCV knows.
+    """Return the marker families of OpenCV.
 
     >>> "4X4_50" in families()
     True
@@ -210,12 +220,12 @@ def families() -> list[str]:
 
 
 def capacity(family: str) -> int:
-    """How many markers a family has."""
+    """Return the number of markers in a family."""
     return len(dictionary(family).bytesList)
 
 
 def dictionary(family: str) -> Any:
-    """OpenCV's markers of a family."""
+    """Return OpenCV's marker dictionary of a family."""
     import cv2
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family.upper()}"))

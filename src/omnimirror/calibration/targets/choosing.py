@@ -1,4 +1,4 @@
-"""From a video of a board, the frames worth using: sharp, in new places of the picture, at new angles."""
+"""Selection of calibration frames from a video."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from .search.local_maps import maps_about
 Array = NDArray[np.float64]
 
 CELLS = 16
-"""Across the longer side of the picture, to count what of it boards have covered."""
+"""Number of cells along the longer image side in the count of covered cells."""
 SCALES = (0.12, 0.25, 0.25)
-"""What makes a new view: of the longer side that the board has moved, of its size, and of its slant and turn."""
+"""Scales of a new view: motion relative to the longer image side, relative size, tilt and rotation.
+"""
 ENOUGH_NEW = 0.5
-"""Least gain of a frame: half a new view, or ten new cells."""
+"""Minimum gain of a frame: 0.5 new views, or ten new cells."""
 CELL_GAIN = 0.05
 BLUR_LOSS = 0.5
-BLURRED = 2.0  # times the usual blur
-QUICK_PX = 500  # longer side of the picture that sharpness is compared in
+BLURRED = 2.0  # multiple of the median blur
+QUICK_PX = 500  # longer side of the reduced image for the comparison of sharpness
 
 
 @checked
@@ -46,43 +47,45 @@ def choose_frames(
     stored_orientation: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> list[Detection]:
-    """Frames of a video to calibrate with.
+    """Select calibration frames from a video.
 
-    Of each half second the sharpest frame is searched for the board. Of those that show it frames are chosen one after
-    the other, each as far as can be from those before in where the board lies in the picture, how large it is, and how
-    it is slanted and turned, until nothing new is left. The same video gives the same frames.
+    The board is detected in the sharpest frame of each interval (0.5 s by default). Frames are then
+    selected one after the other, each with the largest difference from the previous ones in
+    position, size, tilt and rotation of the board, until no frame adds a new view. The selection is
+    deterministic.
 
     Parameters
     ----------
     video
-        A video file, or numbered pictures such as ``f%04d.png``.
+        Video file, or numbered images such as ``f%04d.png``.
     board
-        The board in it.
+        Calibration board.
     count
-        How many frames to choose at most.
+        Maximum number of selected frames.
     every_s
-        Of how many seconds one frame is looked at.
+        Interval from which one frame is analysed.
     start_s, duration_s
-        The part of the video.
+        Part of the video.
     camera
         As for :func:`find_board`.
     stored_orientation
-        Take frames as stored, without the rotation in the display matrix of the video.
+        Use frames as stored, without the rotation in the display matrix of the video.
     progress
-        Called with the number of frames looked at, and how many there will be, where the file tells.
+        Callback with the number of analysed frames, and the total if known.
 
     Returns
     -------
     list[Detection]
-        Of every frame that was looked at, in their order, with its time; those chosen are the ones that are
-        :attr:`~Detection.used`, and the others say why not. Ctrl-C ends the search and chooses among what was found.
+        Detections of all analysed frames in order, with their times. The selected ones are
+        :attr:`~Detection.used`; the others contain the reason. Ctrl-C ends the analysis and selects
+        among the frames analysed so far.
 
     Raises
     ------
     InvalidParameter
-        The part does not lie in the video.
+        If the part is outside the video.
     MediaError
-        There is no such video, or it cannot be read at all.
+        If the video does not exist or cannot be read.
 
     Examples
     --------
@@ -117,16 +120,16 @@ def choose_frames(
 
 
 def chosen(detections: Sequence[Detection], board: Board, *, count: int = 30) -> list[Detection]:
-    """The same detections, those that add nothing to the others with a reason not to use them.
+    """Return the detections, with a reason against the use of those that add no new view.
 
     Parameters
     ----------
     detections
-        Of one sensor.
+        Detections of one sensor.
     board
-        The board in them.
+        Calibration board.
     count
-        How many to leave at most.
+        Maximum number of used detections.
 
     Examples
     --------
@@ -169,16 +172,16 @@ def chosen(detections: Sequence[Detection], board: Board, *, count: int = 30) ->
 
 
 def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) -> str | None:
-    """Why a picture adds nothing to those that were taken already, one phrase; None where it adds something.
+    """Return the reason for which an image adds no new view, None if it does.
 
     Parameters
     ----------
     candidate
-        What a camera sees now.
+        Detection in the current image.
     taken
-        Of the same camera; those that are not :attr:`~Detection.used` do not count.
+        Earlier detections of the same camera; only those that are :attr:`~Detection.used` count.
     board
-        The board in them.
+        Calibration board.
 
     Examples
     --------
@@ -203,7 +206,7 @@ def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) 
 
 
 def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]]]:
-    """Of each stretch of the video the sharpest frame and its time, s."""
+    """Yield the sharpest frame of each interval of the video, with its time in s."""
     from ...io.video.frames import image_of_frame
 
     stretch, best = 0, None
@@ -223,7 +226,7 @@ def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]
 
 
 def _view(detection: Detection, board: Board) -> Array:
-    """Where the board lies, how large it is and how it is slanted and turned, each in steps that make a new view."""
+    """Return position, size, tilt and rotation of the board in units of the scales of a new view."""
     places = board.points_mm[detection.ids, :2] / board.square_mm
     middle = places.mean(axis=0, keepdims=True)
     shape = maps_about(places, detection.corners_px, middle, reach=float(np.ptp(places, axis=0).max()))
@@ -234,6 +237,6 @@ def _view(detection: Detection, board: Board) -> Array:
 
 
 def _cells(detection: Detection) -> set[tuple[int, int]]:
-    """Cells of the picture that hold a corner of the board."""
+    """Return the image cells that contain a corner of the board."""
     side = max(detection.image_size) / CELLS
     return set(map(tuple, np.floor(detection.corners_px / side).astype(int).tolist()))

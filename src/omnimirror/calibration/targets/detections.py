@@ -1,4 +1,4 @@
-"""What was found of a board in a picture, or why nothing was."""
+"""Result of board detection in an image."""
 
 from __future__ import annotations
 
@@ -13,34 +13,36 @@ Ids = NDArray[np.int_]
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """The corners of a board in one picture.
+    """Corners of a board in one image, or the reason for a failed detection.
 
     Parameters
     ----------
     name
-        Of the picture, for messages and tables.
+        Name of the image, for messages and tables.
     image_size
-        Width and height of the picture, px.
+        Width and height of the image, px.
     ids : (k,)
-        Which corners of the board, as in :attr:`Board.points_mm`; none where the board was not found.
+        Corner ids, as in :attr:`Board.points_mm`; empty if the board was not found.
     corners_px : (k, 2)
-        Where they are in the picture as delivered.
+        Corner positions in the image as delivered.
     reason
-        Why the board was not found, or why the picture is not used: one phrase. None where it is used.
+        Reason for a failed detection, or against the use of the image, in one phrase; None if it is
+        used.
     sigma_px : (k,) or None
-        Standard deviation of a coordinate of each corner, from the image's noise and the scatter of the corners about a
-        smooth mapping; None before they are refined.
+        Standard deviation of a coordinate of each corner, from image noise and the scatter of the
+        corners around a smooth mapping; None before refinement.
     blur_px
-        Standard deviation over which edges are spread; of the board's edges where it was found.
+        Standard deviation of the edge blur, measured at the board's edges if found.
     is_reversed
-        Whether the picture is a mirror image, as markers show it; None where nothing shows it.
+        Whether the image is a mirror image according to the markers; None if unknown.
     begins_white
-        Whether the square before a chessboard's first corner is white: of pictures of one board that looks the same
-        after half a turn and is longer than it is high, those that differ in it are mirror images of each other.
+        Whether the square before a chessboard's first corner is white. For a board that is
+        symmetric under a 180 deg rotation and not square, images that differ in it are mirror
+        images of each other.
     is_part
-        Whether it is a part of a chessboard, numbered as if it were the middle of it.
+        Whether it is a part of a chessboard, numbered as if it were the centre.
     time_s
-        Of the frame in its video.
+        Time of the frame in its video.
 
     Examples
     --------
@@ -62,15 +64,15 @@ class Detection:
 
     @property
     def found(self) -> bool:
-        """Whether corners were found."""
+        """True if corners were found."""
         return len(self.ids) > 0
 
     @property
     def used(self) -> bool:
-        """Whether they are good for a calibration: found, and nothing speaks against them."""
+        """True if the detection is suitable for calibration: found, without a reason against it."""
         return self.found and self.reason is None
 
     @property
     def sharpness(self) -> float:
-        """One over :attr:`blur_px`: the larger, the sharper."""
+        """Inverse of :attr:`blur_px`."""
         return 1.0 / self.blur_px

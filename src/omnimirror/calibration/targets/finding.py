@@ -1,4 +1,4 @@
-"""Boards found in pictures, and of each picture in which one is not, why."""
+"""Detection of boards in images, with the reason for each failure."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from .search.rectified import LocalView, local_views
 Picture = NDArray[Any]
 
 BLURRED_PX = 2.5
-"""Spread of the edges from which on a picture in which nothing is found is called blurred."""
+"""Edge blur above which an image without a board is reported as blurred."""
 TINY_PX = 4.0
 LEAST_PART = 12
-"""Corners of a part of a board that are worth something."""
+"""Minimum number of corners of a part of a board."""
 LEAST_OF_MARKED = 4
 WHOLE_SHARE = 0.8
-"""Of a chessboard's corners that must be measured."""
+"""Minimum fraction of a chessboard's corners after refinement."""
 NOTHING = "no board was found"
 TILES = "squares were found that go on past {board}, as tiles, a checked cloth or a larger board have them"
-LONG_S = 2.0  # of pictures to come, from which on other processes are worth their beginning
+LONG_S = 2.0  # minimum remaining time for which worker processes are started
 STOPPED = "the search was stopped before this picture"
 
 
@@ -48,36 +48,37 @@ STOPPED = "the search was stopped before this picture"
 def find_board(
     picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None, quick: bool = False
 ) -> Detection:
-    """The board's corners in a picture, however a mirror or a fisheye bends it.
+    """Detect the corners of a board in an image distorted by a mirror or a fisheye.
 
-    Corners of four squares are looked for all over the picture; from nine that fit together the lattice is grown,
-    neighbour by neighbour. Where that fails OpenCV's detectors give their part to grow from, and so do views
-    straightened by a camera, if one is known. Markers are read in the mirror image too.
+    Corners of four squares are detected in the whole image. From nine that form a grid, the lattice
+    is grown neighbour by neighbour. If this fails, OpenCV's detectors provide a part to grow from,
+    as do dewarped views if a camera is given. Markers are also read in the mirror image.
 
     Parameters
     ----------
     picture : (height, width) or (height, width, 3)
-        RGB or grey, of any depth.
+        RGB or greyscale image of any depth.
     board
-        The board in it.
+        Calibration board.
     name
-        Of the picture, for tables and messages.
+        Name of the image, for tables and messages.
     camera
-        Roughly known, such as a calibration from other pictures.
+        Approximate camera, such as a calibration from other images.
     quick
-        Whether to look at one size of the picture alone, and without OpenCV's detectors, which take the longest where
-        there is no board: for pictures of a camera that runs.
+        Search at one image size only and without OpenCV's detectors, which are slow on images
+        without a board; for live images.
 
     Returns
     -------
     Detection
-        Its corners (k, 2), fitted to a few hundredths of a pixel, or why there are none. Of a chessboard of which only
-        a part is in view the corners are numbered as if they were its middle, and the reason says so.
+        Corners (k, 2) with an accuracy of a few 0.01 px, or the reason for the failure. The corners
+        of a partially visible chessboard are numbered as if they were its centre, and the reason
+        says so.
 
     Raises
     ------
     InvalidParameter
-        It is no picture, or no board; or the camera's pictures have another size.
+        If the image or the board is invalid, or the image size of the camera differs.
 
     Examples
     --------
@@ -108,12 +109,12 @@ def find_board(
 
 
 def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Board, name: str) -> Detection | None:
-    """What was seen in a straightened view, in the picture itself, which may be a mirror image of it."""
+    """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
     size = (values.shape[1], values.shape[0])
     pixels = view.back(seen.corners_px)
     known = np.isfinite(pixels).all(axis=1)
     ids, pixels = seen.ids[known], pixels[known]
-    if board.has_markers:  # with what of the board lies beside the view
+    if board.has_markers:  # including parts of the board outside the view
         ids, pixels = completed(values, board, ids, pixels)
         return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
     part = trimmed(grown(values, coloured(values, board.lattice[ids], pixels)))
@@ -132,37 +133,37 @@ def find_boards(
     stored_orientation: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Detection]:
-    """The board in each of several pictures of one sensor, and what speaks against using one.
+    """Detect the board in each of several images of one sensor, and check their consistency.
 
     Parameters
     ----------
     pictures
-        Picture files, or pictures (height, width, 3) or (height, width).
+        Image files, or images (height, width, 3) or (height, width).
     board
-        The board in them.
+        Calibration board.
     names
-        Of the pictures; by default the files' names, or ``picture 1``, ..
+        Names of the images; by default the file names, or ``picture 1``, ...
     camera
         As for :func:`find_board`.
     several
-        Whether a picture may show several such chessboards at once, of which each is then told: the first by the
-        picture's name, the others with a number behind it.
+        Whether an image may contain several such chessboards. Each becomes a detection: the first
+        with the name of the image, the others with a number appended.
     stored_orientation
-        Take the pixels of files as stored, without the orientation in their EXIF data.
+        Use the pixels of files as stored, without the orientation in their EXIF data.
     progress
-        Called with the number of pictures done, and of all.
+        Callback with the number of processed images and the total.
 
     Returns
     -------
     list[Detection]
-        One of each picture, in their order, unless ``several``. A picture that cannot be read, has another size than
-        the others, or is reversed where they are not, says so in its :attr:`~Detection.reason`. Ctrl-C ends the search
-        and keeps what was found.
+        One per image, in order, unless ``several``. The :attr:`~Detection.reason` reports images
+        that cannot be read, have a different size, or are reversed unlike the others. Ctrl-C ends
+        the search and keeps the results so far.
 
     Raises
     ------
     InvalidParameter
-        There are no pictures, or not as many names.
+        If there are no images, or the number of names differs.
 
     Examples
     --------
@@ -188,12 +189,12 @@ def find_boards(
             if progress is not None:
                 progress(done, len(given))
     except KeyboardInterrupt:
-        pass  # what was found until then is kept
+        pass  # keep the results so far
     return compared([one for boards in found.values() for one in boards], board)
 
 
 def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
-    """Boards of each picture, as they are found; by several processes where that takes long."""
+    """Yield the boards of each image, with worker processes for long searches."""
     for number, job in enumerate(jobs):
         began = time.perf_counter()
         yield number, _boards_in(*job)
@@ -213,7 +214,7 @@ def _boards_in(
     several: bool,
     stored_orientation: bool,
 ) -> list[Detection]:
-    """Boards of a picture or file, or why there is none."""
+    """Return the boards of an image or file, or a detection with the reason for the failure."""
     from ...io import read_image
 
     try:
@@ -227,7 +228,7 @@ def _boards_in(
 
 
 def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
-    """Detections of one sensor, with what speaks against one beside the others."""
+    """Return detections of one sensor with reasons against inconsistent ones."""
     judged = list(found)
     sizes = Counter(d.image_size for d in judged if d.used) or Counter(d.image_size for d in judged if d.found)
     usual = sizes.most_common(1)[0][0] if sizes else (0, 0)
@@ -252,19 +253,19 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
             reason = "it shows the mirror image of the board that the others show: it was flipped"
             judged[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
-            judged[i] = replace(detection, reason=None)  # others show that the board is the right one
+            judged[i] = replace(detection, reason=None)  # other images confirm the board
     return judged
 
 
 def _names(pictures: Sequence[Any]) -> list[str]:
     names = [Path(p).name if isinstance(p, str | Path) else f"picture {i}" for i, p in enumerate(pictures, 1)]
-    if len(set(names)) < len(names):  # files of the same name in several folders
+    if len(set(names)) < len(names):  # files with the same name in several folders
         names = [str(p) if isinstance(p, str | Path) else name for p, name in zip(pictures, names, strict=True)]
     return names
 
 
 def _several(picture: Picture, board: Board, name: str) -> list[Detection]:
-    """Every board of a picture that shows some, whole."""
+    """Return all complete boards in an image."""
     values = grey(picture)
     size = (values.shape[1], values.shape[0])
     names = (name if k == 1 else f"{name} ({k})" for k in count(1))
@@ -335,7 +336,7 @@ def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
 
 
 def _measured(values: Grey, found: Detection, board: Board) -> Detection:
-    """With its corners refined; not to be used where too few are left, or they are too small."""
+    """Return the detection with refined corners, rejected if these are too few or too small."""
     if not found.found:
         return found
     refined = refine_corners(values / np.float32(255), found, board)
@@ -354,8 +355,8 @@ def _measured(values: Grey, found: Detection, board: Board) -> Detection:
 
 
 def _runs_backwards(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
-    """Whether a board is a mirror image in a picture."""
+    """Return whether a board is mirrored in an image."""
     places = board.points_mm[ids, :2] / board.square_mm
     known = np.isfinite(pixels).all(axis=1)
     turn = float(np.median(np.linalg.det(maps_about(places[known], pixels[known], places[known]).first)))
-    return (turn < 0) != (board.kind == "aprilgrid")  # whose Y points up
+    return (turn < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

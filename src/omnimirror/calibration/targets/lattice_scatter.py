@@ -1,10 +1,11 @@
-"""Scatter of a board's corners about a smooth mapping: the scale of their standard deviations.
+"""Scatter of a board's corners around a smooth mapping: scale of their standard deviations.
 
-What the fit of a corner leaves in its pixels is a poor measure of how far off the corner is. Compression, saturation,
-sharpening and noise that was filtered are correlated between pixels and hardly show in it; the shape of motion blur or
-defocus shows, and does not move the corner. But any camera maps a board smoothly, so that a corner's error is what it
-does not share with its neighbours: corners are fitted by polynomials of their places, and the standard deviations are
-scaled until the reduced chi-square of the residuals is 1.
+The pixel residuals of a corner fit are a poor measure of the corner error. Compression,
+saturation, sharpening and filtered noise are correlated between pixels and contribute little to
+them, whereas the shape of motion blur or defocus contributes but does not shift the corner. Any
+camera maps a board smoothly: the error of a corner is its deviation from its neighbours.
+Therefore corners are fitted by polynomials of their board positions, and the standard deviations
+are scaled to a reduced chi-square of 1.
 """
 
 from __future__ import annotations
@@ -20,29 +21,32 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DEGREES = range(3, 9)
-"""Of the polynomials: a quadratic does not follow a board in a mirror, and from 35 corners on one of these does."""
-MOST_COEFFICIENTS = 0.75  # of the corners; more leave nothing to measure the scatter by
-DOUBT = 2.0  # degrees of freedom as many as which the scale that is expected, 1, counts
-OUTLYING = 5.0  # standard deviations (of a coordinate) from which on a corner is left out
+"""Degrees of the polynomials.
+
+A quadratic does not describe a board in a mirror; one of these does for 35 corners or more.
+"""
+MOST_COEFFICIENTS = 0.75  # maximum ratio of coefficients to corners; more leave no residuals
+DOUBT = 2.0  # prior weight of the expected scale 1, in degrees of freedom
+OUTLYING = 5.0  # standard deviations (of a coordinate) above which a corner is excluded
 PASSES = 3
 
 
 def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
-    """Return the factor by which standard deviations of corners are to be multiplied.
+    """Return the scale factor for standard deviations of corners.
 
     Parameters
     ----------
     places : (n, 2)
-        Corners on the board, in any unit.
+        Corner positions on the board, in any unit.
     pixels : (n, 2)
-        Where they are in the image.
+        Corner positions in the image.
     sigma_px : (n,)
-        Standard deviations of a coordinate, right but for a factor.
+        Standard deviations of a coordinate, up to a common factor.
 
     Returns
     -------
     float
-        1 where there are too few corners to measure it.
+        Scale factor; 1 if there are too few corners.
 
     Examples
     --------
@@ -67,7 +71,7 @@ def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
 
 
 def _best_fit(places: Array, pixels: Array, sigma_px: Array) -> tuple[float, Array] | None:
-    """Return scale and residuals (n, 2) of the degree that leaves the least scatter; None of too few corners."""
+    """Return scale and residuals (n, 2) of the best degree; None for too few corners."""
     best: tuple[float, Array] | None = None
     base = _in_perspective(places, pixels)
     weights = 1 / sigma_px[:, None]
@@ -87,9 +91,9 @@ def _best_fit(places: Array, pixels: Array, sigma_px: Array) -> tuple[float, Arr
 
 
 def _in_perspective(places: Array, pixels: Array) -> Array:
-    """Return places (n, 2) as a pinhole camera maps them, or themselves where it cannot: the start of the fit."""
+    """Return places (n, 2) after a homography to the image; unchanged if it is degenerate."""
     matrix: Any = cv2.findHomography(places, pixels)[0]
-    if matrix is None:  # of corners on a line, whatever OpenCV's stubs promise
+    if matrix is None:  # for collinear corners, despite OpenCV's stubs
         return places
     mapped = np.column_stack([places, np.ones(len(places))]) @ matrix.T
     depths = mapped[:, 2:]
@@ -97,7 +101,7 @@ def _in_perspective(places: Array, pixels: Array) -> Array:
 
 
 def _polynomials(points: Array, degree: int) -> Array:
-    """Return products of Chebyshev polynomials (n, k) of two coordinates, to a total degree."""
+    """Return products of Chebyshev polynomials (n, k) of two coordinates, up to a total degree."""
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = (2 * (points - low) / np.where(high > low, high - low, 1.0) - 1).T
     across, down = chebvander(x, degree), chebvander(y, degree)

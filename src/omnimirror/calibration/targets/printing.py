@@ -1,4 +1,4 @@
-"""Boards as they are printed: drawn from black rectangles, at true scale, with a line to check the scale by."""
+"""Printing of boards at true scale, with a reference line for checking the scale."""
 
 from __future__ import annotations
 
@@ -27,37 +27,39 @@ PAPERS_MM = {
 MOST_PX = 30_000
 RULER_MM, TEXT_MM, LINE_MM = 100.0, 3.0, 0.3
 POINTS_PER_MM = 72 / 25.4
-WHITE_MARGIN = 1.0  # of a square: what detectors want to see around a board
+WHITE_MARGIN = 1.0  # in squares; detectors require a white border around a board
 
 
 class BoardSheet(NamedTuple):
-    """What is printed, mm from the upper left of the paper."""
+    """Printed sheet, in mm from the upper left corner of the paper."""
 
     size_mm: tuple[float, float]
     """Width and height."""
     black_mm: Array
-    """(k, 4): left, top, width and height of what is black."""
+    """Black rectangles (k, 4): left, top, width and height."""
     first_corner_mm: tuple[float, float]
-    """Where the board's corner 0 lies."""
+    """Position of corner 0 of the board."""
     words: str
-    """What the foot of the sheet says."""
+    """Text at the foot of the sheet."""
 
 
 def sheet_of(board: Board, *, margin_mm: float | None = None, paper: str | None = None) -> BoardSheet:
-    """A board laid out on paper.
+    """Lay out a board on paper.
 
     Parameters
     ----------
     board
+        Board to print.
     margin_mm
-        White around it; a square wide by default.
+        White margin; by default one square.
     paper
-        One of :data:`PAPERS_MM`, turned as it fits; by default the sheet is as large as the board and its margin.
+        Paper size from :data:`PAPERS_MM`, in the orientation that fits; by default the size of the
+        board with its margin.
 
     Raises
     ------
     InvalidParameter
-        The board does not fit on the paper; or there is no such paper or margin.
+        If the board does not fit on the paper, or paper or margin are invalid.
     """
     black, (width, height), corner = _drawn(board)
     margin = number("margin_mm", WHITE_MARGIN * board.square_mm if margin_mm is None else margin_mm, low=0, unit="mm")
@@ -76,7 +78,7 @@ def sheet_of(board: Board, *, margin_mm: float | None = None, paper: str | None 
 
 
 def words_of(board: Board) -> str:
-    """What a board is, as the command line and Python take it.
+    """Return the description of a board, with the values for the command line and Python.
 
     >>> words_of(Board("chessboard", 11, 7, 30.0))
     'omnimirror chessboard 11x7, squares of 30 mm; the line is 100 mm long'
@@ -90,16 +92,16 @@ def words_of(board: Board) -> str:
 
 @checked
 def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None) -> NDArray[np.uint8]:
-    """A picture of a board, black on white.
+    """Draw a board, black on white.
 
     Parameters
     ----------
     board
-        What is drawn.
+        Board to draw.
     px_per_mm
-        Pixels per millimetre; edges lie where rounding to pixels leaves them.
+        Pixels per mm; edges are rounded to whole pixels.
     margin_mm
-        White around it; a square wide by default.
+        White margin; by default one square.
 
     Returns
     -------
@@ -108,7 +110,7 @@ def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None 
     Raises
     ------
     InvalidParameter
-        The picture would be larger than 30000 px a side.
+        If the image would be larger than 30000 px in one dimension.
 
     Examples
     --------
@@ -127,34 +129,36 @@ def write_board(
     paper: str | None = None,
     dpi: float = 300.0,
 ) -> Path:
-    """Write a board to print at true scale: without scaling to the page, and measured afterwards.
+    """Write a board for printing at true scale.
 
-    PDF and SVG hold rectangles in millimetres, and a line of 100 mm with what the board is; PNG holds its resolution.
+    Print without scaling to the page and check the scale by measurement. PDF and SVG contain
+    rectangles in mm, and a reference line of 100 mm with a description of the board. PNG files
+    contain their resolution.
 
     Parameters
     ----------
     board
-        What is printed.
+        Board to print.
     path
-        Its suffix says the kind of file: ``.pdf``, ``.svg`` or ``.png``.
+        Output file; the suffix selects the format: ``.pdf``, ``.svg`` or ``.png``.
     margin_mm
-        White around it; a square wide by default, with a paper what is left of it.
+        White margin; by default one square, or with a paper size the remaining space.
     paper
-        ``"A0"`` to ``"A4"`` or ``"letter"``; by default the page is as large as the board and its margin.
+        ``"A0"`` to ``"A4"`` or ``"letter"``; by default the size of the board with its margin.
     dpi
-        Dots per inch, of a PNG.
+        Resolution of a PNG file in dots per inch.
 
     Returns
     -------
     Path
-        Where it was written.
+        Written file.
 
     Raises
     ------
     InvalidParameter
-        The board does not fit on the paper, or makes no picture.
+        If the board does not fit on the paper, or the image size is out of range.
     MediaError
-        The suffix is none of these.
+        If the suffix is not supported.
 
     Examples
     --------
@@ -180,11 +184,11 @@ def write_board(
     return path
 
 
-# -- what is black -----------------------------------------------------------------------------------
+# -- layout -----------------------------------------------------------------------------------
 
 
 def _drawn(board: Board) -> tuple[Array, tuple[float, float], tuple[float, float]]:
-    """Black rectangles (k, 4), width and height of the board, and its corner 0, mm from its upper left, down."""
+    """Return black rectangles (k, 4), board size, and corner 0, in mm from the upper left, Y down."""
     side = board.square_mm
     if board.kind == "aprilgrid":
         gap = board.spacing * side
@@ -205,7 +209,11 @@ def _drawn(board: Board) -> tuple[Array, tuple[float, float], tuple[float, float
 
 
 def _april(board: Board, gap: float, height: float) -> Iterator[tuple[float, float, float, float]]:
-    """As Kalibr prints it: tags from the lower left, upside down, and a black square at every meeting of gaps."""
+    """Yield the rectangles of an April grid as printed by Kalibr.
+
+    Tags start at the lower left and are rotated by 180 deg, with black squares at the crossings of
+    the gaps.
+    """
     side = board.square_mm
     for row in range(board.rows + 1):
         for column in range(board.columns + 1):
@@ -217,7 +225,7 @@ def _april(board: Board, gap: float, height: float) -> Iterator[tuple[float, flo
 
 
 def _marker(board: Board, number: int) -> NDArray[np.bool_]:
-    """Which cells of a marker are black."""
+    """Return the mask of black cells of a marker."""
     import cv2
 
     family = dictionary(board.marker_family)
@@ -227,7 +235,7 @@ def _marker(board: Board, number: int) -> NDArray[np.bool_]:
 
 
 def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> list[tuple[float, float, float, float]]:
-    """Black cells, as one rectangle where they follow each other in a row."""
+    """Return black cells as rectangles, merged along rows."""
     found = []
     for row, cells in enumerate(black):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
@@ -235,7 +243,7 @@ def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> li
     return found
 
 
-# -- files -------------------------------------------------------------------------------------------
+# -- files ------------------------------------------------------------------------------------
 
 
 def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
@@ -252,18 +260,18 @@ def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
 
 
 def _png(picture: NDArray[np.uint8], dpi: float) -> bytes:
-    """A PNG that says how many pixels a metre has, so that it is printed at true scale."""
+    """Return a PNG file with its resolution in pixels per metre, for printing at true scale."""
     from ...io.pictures.images import encoded
 
     data = encoded(picture, ".png")
-    head = 8 + 25  # signature, and the first chunk, which is of one length
+    head = 8 + 25  # signature and first chunk, both of fixed length
     metre = round(dpi / 0.0254)
     chunk = b"pHYs" + struct.pack(">IIB", metre, metre, 1)
     return data[:head] + struct.pack(">I", 9) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[head:]
 
 
 def _foot(sheet: BoardSheet) -> tuple[float, float, float]:
-    """Left end and height of the line below the board, and how long it is; 0 where there is no room."""
+    """Return left end, height and length of the reference line; length 0 if there is no space."""
     width, height = sheet.size_mm
     below = height - float((sheet.black_mm[:, 1] + sheet.black_mm[:, 3]).max())
     has_room = below >= 4 * TEXT_MM and width >= RULER_MM + 2 * TEXT_MM
@@ -289,7 +297,7 @@ def _svg(sheet: BoardSheet) -> str:
 
 
 def _pdf(sheet: BoardSheet) -> bytes:
-    """One page of rectangles; PDF counts in points, from the lower left."""
+    """Return a PDF page of rectangles; PDF coordinates are points from the lower left."""
     width, height = sheet.size_mm
     scale = POINTS_PER_MM
     lines = [f"{scale:.9f} 0 0 {scale:.9f} 0 0 cm 0 g"]

@@ -1,4 +1,4 @@
-"""Corners measured: each saddle fitted in the distorted picture, to a few hundredths of a pixel."""
+"""Corner refinement: a saddle model fitted in the distorted image, accurate to a few 0.01 px."""
 
 from __future__ import annotations
 
@@ -19,50 +19,61 @@ from .search.saddles import fit_saddles
 
 PASSES = 2
 MOST_PASSES = 100
-"""The maps by which the edges bend are better the second time."""
-FARTHEST = 0.3  # squares that a corner may move
-WORST_FIT = 0.9  # contrasts that may be left over, rms
+"""Number of passes; edge curvature is more accurate in the second."""
+FARTHEST = 0.3  # maximum motion of a corner, in squares
+WORST_FIT = 0.9  # maximum rms residual in contrasts
 ODD_FIT, LEAST_ODD_FIT = 4.0, 0.15
-"""The same over what the board's corners usually leave: where more is, a hand, a clip or a highlight hides a part."""
+"""Limit on the residual relative to its median over the board.
+
+Larger values indicate occlusion or highlights.
+"""
 WORST_SIGMA_PX = 0.75
 MODEL_PX = 0.01
-"""What the bend of the edges leaves besides noise: 0.01 px on rendered images; the image as a whole scales it."""
+"""Error caused by edge curvature besides noise: 0.01 px on rendered images.
+
+The image as a whole scales it.
+"""
 SMOOTH_PX, BLUR_BIAS = 0.004, 1.5
-"""Bias that neighbouring corners share, which their scatter does not show, px; and its growth with blur, as the ratio
-of bias over side to (blur over side)^4: 0.03 px at a blur of 3 px and squares of 16 px, on rendered mirror images."""
+"""Common bias of neighbouring corners in px, and its growth with blur.
+
+The growth is the ratio of bias over side to (blur over side)^4: 0.03 px at a blur of 3 px and
+squares of 16 px, on rendered mirror images.
+"""
 
 
 @checked
 def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *, passes: int = PASSES) -> Detection:
-    """Corners fitted to the pixels around each, with the edges bent as the corners about it say.
+    """Refine corners by fitting the surrounding pixels, with edges curved by the local mapping.
 
     Parameters
     ----------
     picture : (height, width) or (height, width, 3)
-        RGB or grey.
+        RGB or greyscale image.
     detection
-        Corners to about a pixel or a tenth of a square.
+        Corners accurate to about 1 px or 0.1 squares.
     board
+        Calibration board.
     passes
-        How often.
+        Number of passes.
 
     Returns
     -------
     Detection
-        With corners (k, 2), their standard deviations and the blur of their edges; corners that have no such fit are
-        left out. The standard deviations follow from what the fits leave over in the pixels, and from 14 corners on are
-        scaled to the scatter of the corners about a smooth mapping, which blur, saturation and compression change too.
+        Detection with corners (k, 2), their standard deviations and edge blur; corners without a
+        valid fit are removed. The standard deviations follow from the pixel residuals. For 14
+        corners or more they are scaled to the scatter of the corners around a smooth mapping, which
+        includes the effects of blur, saturation and compression.
 
     Raises
     ------
     InvalidParameter
-        The picture is not of the detection's size, or none at all.
+        If the image is invalid, or its size differs from that of the detection.
 
     Notes
     -----
-    On pictures of boards in mirrors, rendered with blur, noise and JPEG, what is left is .01 to .03 px, without bias.
-    The usual iteration over gradients (OpenCV's cornerSubPix) takes edges for straight: it leaves three times as much,
-    a third of that along the radius.
+    On images of boards in mirrors, rendered with blur, noise and JPEG compression, the error is
+    0.01 to 0.03 px without bias. The usual iteration over gradients (OpenCV's cornerSubPix) assumes
+    straight edges: its error is 3 times as large, one third of it in the radial direction.
 
     Examples
     --------
@@ -98,6 +109,6 @@ def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *,
             return replace(detection, ids=ids[:0], corners_px=pixels[:0], reason="its corners are too faint to measure")
     sigma, blur = np.hypot(fit.sigma_px[good], MODEL_PX), float(np.median(fit.blur_px[good]))
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)
-    side = maps.spacing()[good]  # blur over a large part of a square shifts neighbouring corners alike
+    side = maps.spacing()[good]  # large blur shifts neighbouring corners equally
     sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[good] / side) ** 4)
     return replace(detection, ids=ids, corners_px=pixels, sigma_px=sigma, blur_px=blur)

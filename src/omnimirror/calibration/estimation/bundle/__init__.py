@@ -1,1 +1,1 @@
-"""Bundle adjustment: what was seen, what is estimated from it, residuals, normal equations, steps."""
+"""Bundle adjustment: observations, parameters, residuals, normal equations and iteration steps."""

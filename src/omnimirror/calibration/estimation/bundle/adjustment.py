@@ -1,7 +1,8 @@
-"""Bundle adjustment of a camera model, of where targets stand and of the board's shape, to everything that was seen.
+"""Bundle adjustment of a camera model, target poses and board shape to all observations.
 
-Levenberg and Marquardt's steps on normal equations with the motions eliminated; gross errors are held down by
-reweighting with Cauchy's weights at the scale of the noise (Hartley and Zisserman, "Multiple view geometry", A6).
+Levenberg-Marquardt steps on normal equations with eliminated poses. Gross errors are downweighted
+by iterative reweighting with Cauchy weights at the scale of the noise (Hartley and Zisserman,
+"Multiple view geometry", A6).
 """
 
 from __future__ import annotations
@@ -26,15 +27,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_STEPS = 80
-SCALES_ADJUSTED = 4  # times that the scale of robust weights is found anew
-CAUCHY = 2.385  # scale over noise at which Cauchy's weights lose 5 % where there are no gross errors
+SCALES_ADJUSTED = 4  # re-estimations of the scale of robust weights
+CAUCHY = 2.385  # scale over noise at which Cauchy weights have 95 % efficiency for normal noise
 EDGES_FORMED, EDGES_SETTLED = 6, 0.01
-"""Times that what edges say is formed anew, and the change (about pixels) below which it is what it was."""
-MEDIAN_OF_NOISE = 1.1774  # of the length of two-dimensional noise of 1 px a coordinate
+"""Maximum relinearisations of the edges, and the parameter change (about pixels) that ends them."""
+MEDIAN_OF_NOISE = 1.1774  # median length of two-dimensional noise of 1 px per coordinate
 
 
 class Prior(NamedTuple):
-    """What is known of a parameter beforehand, from a drawing or another measurement.
+    """Prior knowledge of a parameter, from a drawing or another measurement.
 
     Examples
     --------
@@ -43,33 +44,33 @@ class Prior(NamedTuple):
     """
 
     name: str
-    """Of the parameter, as the model has it."""
+    """Name of the model parameter."""
     value: float
-    """In its unit."""
+    """Expected value in the unit of the parameter."""
     sigma: float
-    """Standard deviation; 0: it is fixed to the value."""
+    """Standard deviation; 0 fixes the parameter to the value."""
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """What was found.
+    """Result of a bundle adjustment.
 
     Parameters
     ----------
     model
-        The camera.
+        Estimated camera model.
     sightings
-        With the motions that were found.
+        Observations with estimated poses.
     shape
-        Of the board, None where it was taken as flat.
+        Estimated shape of the board; None if assumed flat.
     linearised
-        Residuals and derivatives of all points of all sightings, one after the other.
+        Residuals and derivatives of all points of all sightings, in order.
     question
-        What was asked.
+        Problem that was solved.
     estimate
-        What was found, in the form of the arithmetic.
+        Solution in numerical form.
     fixed, priors, edges
-        With which it was found.
+        Constraints of the adjustment.
     """
 
     model: CameraModel
@@ -83,39 +84,39 @@ class Adjustment:
     edges: StraightEdges | None = None
 
     def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
-        """The same from here on with other sightings; options as of :func:`adjust`."""
+        """Adjust again from this solution with other sightings; options as of :func:`adjust`."""
         given = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
         return adjust(self.model, sightings, **given)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all shared parameters, free or not."""
+        """Names of all shared parameters, free or fixed."""
         return (*shared_names(self.model, self.shape), *_mark_names(self.question.stack))
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of all shared parameters."""
+        """Units of all shared parameters."""
         marks = ("mm",) * len(_mark_names(self.question.stack))
         return (*(p.unit for p in self.model.parameters), *(UNITS if self.shape else ()), *marks)
 
     @property
     def residuals(self) -> Array:
-        """Image minus pixel, px (n, 2); 0 where the model sees nothing."""
+        """Reprojection errors (n, 2), image minus pixel, px; 0 for invisible points."""
         return self.linearised.residuals
 
     @property
     def seen(self) -> Mask:
-        """Whether the model sees the points at all (n,)."""
+        """Visibility of the points in the model (n,)."""
         return self.linearised.seen
 
     @property
     def rms_px(self) -> float:
-        """``sqrt(mean |e|^2)``; a point that the model does not see counts as far off."""
+        """RMS reprojection error ``sqrt(mean |e|^2)``; invisible points count as gross errors."""
         return rms_px(np.where(self.seen[:, None], self.residuals, UNSEEN_PX))
 
     @property
     def noise_px(self) -> float:
-        """Noise of a coordinate, from the residuals and what they leave free."""
+        """Noise of a coordinate, estimated from residuals and degrees of freedom."""
         count = 2 * int(self.seen.sum()) - self.unknowns
         if self.question.stack.along is not None:
             count -= int(np.any(self.question.stack.along != 0, axis=1).sum())
@@ -124,22 +125,22 @@ class Adjustment:
 
     @property
     def unknowns(self) -> int:
-        """How many numbers were estimated: those that are shared, and how targets stand."""
+        """Number of unknowns: shared parameters and target poses."""
         moving = (s for s, m in zip(self.sightings, self.question.moving, strict=True) if m)
         return int(self.question.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
 
     def residuals_of(self, number: int) -> Array:
-        """Residuals (n, 2) of a sighting."""
+        """Return the residuals (n, 2) of a sighting."""
         return self.residuals[self.question.stack.slices[number]]
 
 
 def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...]:
-    """Names of the model's parameters, and of the board's."""
+    """Return the names of the parameters of the model and of the board."""
     return (*(p.name for p in model.parameters), *(NAMES if shape else ()))
 
 
 def _mark_names(stack: Stack) -> tuple[str, ...]:
-    """Names of where marks lie on their planes."""
+    """Return the names of the coordinates of marks on their planes."""
     return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
 
 
@@ -158,48 +159,48 @@ def adjust(
     on_step: Callable[[float], None] | None = None,
     edges: StraightEdges | None = None,
 ) -> Adjustment:
-    """Adjust a camera model, the places of targets and the board's shape to what was seen.
+    """Adjust a camera model, target poses and the board shape to observations.
 
     Parameters
     ----------
     model
-        Where the search begins.
+        Initial value of the camera model.
     sightings
-        Each with a motion, known or to begin with; of points, directions, lines or marks on planes, mixed as they come.
+        Observations of points, directions, lines or marks on planes in any combination, each with a
+        known pose or an initial pose.
     shape
-        Of the board that all near sightings but surveyed ones show, to be estimated from here; None: they are as they
-        say.
+        Initial shape of the board in all near sightings except surveyed ones; None: nominal points.
     fixed
-        Names of parameters that stay.
+        Names of parameters held at their initial values.
     priors
-        What is known of parameters beforehand.
+        Prior knowledge of parameters.
     loss
-        ``"squares"``, or ``"cauchy"`` or ``"huber"`` where some of what was seen is wrong.
+        ``"squares"``, or the robust ``"cauchy"`` or ``"huber"`` for observations with outliers.
     noise_px
-        Of a coordinate, against which priors are weighed and from which robust losses take their scale; found from the
-        residuals by default.
+        Noise of a coordinate, which weights priors and scales robust losses; by default estimated
+        from the residuals.
     most_steps
-        After which it ends in any case.
+        Maximum number of steps.
     settled
-        A step that makes the sum less by no more than this share of it is the last.
+        Relative decrease of the sum that ends the iteration.
     on_step
-        Called with the sum that is made least, after every step that makes it less.
+        Callback with the minimised sum after every successful step.
     edges
-        Straight edges that count beside what was seen.
+        Straight edges, as additional observations.
 
     Returns
     -------
     Adjustment
-        What was found.
+        Solution.
 
     Raises
     ------
     InvalidParameter
-        A name that is none, a sighting without a motion, nothing seen.
+        If a name is unknown, a sighting has no pose, or there are no observations.
 
     Examples
     --------
-    A camera from points of a room that was surveyed:
+    Camera from surveyed points of a room:
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
@@ -232,7 +233,7 @@ def _settled(
     estimate: Estimate, question: Question, loss: str, noise_px: float | None, most_steps: int, settled: float,
     on_step: Callable[[float], None] | None,
 ) -> tuple[Estimate, Question]:  # fmt: skip
-    """The least sum, at the noise that is said, or that is found from the residuals."""
+    """Return the minimum for the given noise, or for noise estimated from the residuals."""
     if noise_px is not None:
         question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
         return least(estimate, question, most_steps, settled, on_step), question
@@ -247,7 +248,7 @@ def _settled(
 
 
 def _furthest(before: CameraModel, after: CameraModel) -> float:
-    """The largest change of a parameter, in changes that move the picture by about a pixel."""
+    """Return the largest parameter change, in units that move the image by about 1 px."""
     pairs = zip(before.parameters, after.parameters, strict=True)
     return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
 
@@ -261,7 +262,7 @@ def _told(
 ) -> Adjustment:
     found = linearised(estimate, question.stack)
     moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
-    if question.stack.marks is not None:  # the sightings tell where on their planes the marks are
+    if question.stack.marks is not None:  # sightings hold the positions of the marks
         at = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack)
         moved = tuple(replace(s, points=at[where]) for s, where in zip(moved, question.stack.slices, strict=True))
     return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)
@@ -313,7 +314,7 @@ def _start(
 
 
 def _noise(estimate: Estimate, question: Question, *, robust: bool) -> float:
-    """Noise of a coordinate, px."""
+    """Return the noise of a coordinate, px."""
     found = linearised(estimate, question.stack)
     lengths = np.hypot(*found.residuals[found.seen].T)
     if not len(lengths):

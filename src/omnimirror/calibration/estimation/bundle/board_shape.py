@@ -1,9 +1,9 @@
-"""The shape of a board that is not quite flat and not quite square, estimated with everything else.
+"""Shape of a board that is not exactly flat and square, estimated in the bundle adjustment.
 
-A printed board is stretched a little, and bends and twists by a millimetre or two: on pictures whose corners are
-known to a tenth of a pixel that is what limits a calibration, not the camera. Five numbers describe it, all even under
-half a turn, so that they mean the same whichever of its two ends a detector takes for the first. They are regularised:
-where pictures say nothing of them, the board is flat.
+A printed board is stretched slightly and bends and twists by 1 to 2 mm. With corners accurate to
+0.1 px, this limits the calibration rather than the camera. Five parameters describe the shape.
+All are even under rotation by 180 deg, and therefore independent of the end at which a detector
+starts numbering. They are regularised: without evidence in the images, the board is flat.
 """
 
 from __future__ import annotations
@@ -15,25 +15,26 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-STRETCH_SIGMA = 0.003  # how much a print is usually wider or more skewed than it should be, relative
-BEND_SIGMA = 0.01  # how far a board's corners usually leave its plane, of half its diagonal
+STRETCH_SIGMA = 0.003  # typical relative stretch and shear of a print
+BEND_SIGMA = 0.01  # typical deviation of corners from the plane, relative to 0.5 times the diagonal
 NAMES = ("board_aspect", "board_shear", "board_bend_xx", "board_twist_xy", "board_bend_yy")
 UNITS = ("1", "1", "mm", "mm", "mm")
 
 
 @dataclass(frozen=True)
 class BoardShape:
-    """How a board differs from a flat one with square fields.
+    """Deviation of a board from a flat one with square fields.
 
     Parameters
     ----------
     centre_mm : (2,)
-        The middle of its corners.
+        Centre of its corners.
     half_diagonal_mm
-        From there to the farthest corner.
+        Distance from the centre to the farthest corner.
     values : (5,)
-        Aspect (how much wider than high, relative), shear (radians), and how far the board leaves its plane at a
-        distance of half its diagonal from the middle, mm: along x and y squared and, for twist, x times y.
+        Aspect (relative excess of width over height), shear (radians), and deviations from the
+        plane in mm at a distance of 0.5 times the diagonal from the centre: terms in x^2, x y
+        (twist) and y^2.
 
     Examples
     --------
@@ -49,28 +50,28 @@ class BoardShape:
 
     @classmethod
     def flat(cls, points_mm: ArrayLike) -> BoardShape:
-        """Of a board with corners (n, 3), as it should be."""
+        """Return the nominal shape of a board with corners (n, 3)."""
         points = np.asarray(points_mm, dtype=float)[:, :2]
         low, high = points.min(axis=0), points.max(axis=0)
         x, y = (low + high) / 2
         return cls((float(x), float(y)), float(np.hypot(*(high - low)) / 2))
 
     def with_values(self, values: ArrayLike) -> BoardShape:
-        """The same board with other numbers (5,)."""
+        """Return the same board with other shape values (5,)."""
         return BoardShape(self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values)))
 
     def is_flat_within(self, sigmas: Array) -> bool:
-        """Whether all numbers are 0 to three standard deviations (5,)."""
+        """Return whether all values are zero within three standard deviations (5,)."""
         return bool(np.all(np.abs(self.values) <= 3 * sigmas))
 
     @property
     def sigmas(self) -> Array:
-        """How large the numbers usually are (5,): the prior with which they are estimated."""
+        """Typical sizes of the values (5,): standard deviations of their prior."""
         bend = BEND_SIGMA * self.half_diagonal_mm
         return np.array([STRETCH_SIGMA, STRETCH_SIGMA, bend, bend, bend])
 
     def changes(self, points_mm: Array) -> Array:
-        """How points (n, 3) of the flat board move with each number: (n, 3, 5)."""
+        """Return derivatives (n, 3, 5) of board points (n, 3) with respect to the values."""
         x, y = (points_mm[:, :2] - self.centre_mm).T
         u, v = x / self.half_diagonal_mm, y / self.half_diagonal_mm
         change = np.zeros((len(points_mm), 3, 5))
@@ -80,6 +81,6 @@ class BoardShape:
         return change
 
     def applied(self, points_mm: Array) -> Array:
-        """Where points (n, 3) of the flat board really are."""
+        """Return the deformed positions of points (n, 3) of the flat board."""
         moved: Array = points_mm + self.changes(points_mm) @ np.array(self.values)
         return moved

@@ -1,10 +1,9 @@
-"""Straight edges beside boards and points: what they say of a camera, in the form in which a bundle takes it.
+"""Straight edges as additional observations of a bundle adjustment.
 
-An edge has no target whose place could be estimated: it lies in some plane through the viewpoint, which is found for
-each trial anew (:mod:`omnimirror.calibration.lines.fitting`). So all that edges say, near a camera, is a quadratic
-in its
-parameters. It is added to the normal equations like a prior, and formed anew where these lead, until nothing moves:
-there the sum of everything is least.
+An edge has no target pose: it is in a plane through the viewpoint, which is fitted for each
+trial (:mod:`omnimirror.calibration.lines.fitting`). Near a camera, the contribution of edges is
+therefore a quadratic form in its parameters. It is added to the normal equations like a prior and
+relinearised at each solution until convergence to the minimum of the total sum.
 """
 
 from __future__ import annotations
@@ -24,30 +23,30 @@ from ...lines.marked import LEAST_POINTS
 
 Array = NDArray[np.float64]
 
-FEWEST = 3  # edges that say something together
-INDEPENDENT = 4  # values by which an edge that is not quite straight is off, however many its points are
+FEWEST = 3  # minimum number of edges
+INDEPENDENT = 4  # independent values per edge, whatever its number of points
 LEAST_NOISE_PX = 0.05
-OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # of the median error of edges; and of any that is straight
-NOTHING = 1e-12  # of the largest eigenvalue: a combination of parameters of which edges say nothing
+OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
+NOTHING = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
 
 
 class Knowledge(NamedTuple):
-    """What is known of a model's parameters from edges."""
+    """Information on model parameters from edges."""
 
     information: Array
-    """(p, p) inverse of a covariance"""
+    """Information matrix (p, p), the inverse of a covariance."""
     expected: Array
-    """(p,)"""
+    """Expected values (p,)."""
 
 
 class Edge(NamedTuple):
-    """Points that were marked on one straight edge."""
+    """Points marked on one straight edge."""
 
     picture: str
     number: int
-    """in its picture, from 1"""
+    """Number in its image, from 1."""
     pixels: Array
-    """(n, 2)"""
+    """Pixels (n, 2)."""
 
     @property
     def name(self) -> str:
@@ -56,19 +55,19 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True)
 class StraightEdges:
-    """Edges of all pictures, at a distance that matters to cameras with several viewpoints."""
+    """Edges of all images, with a distance that is relevant for cameras with several viewpoints."""
 
     edges: tuple[Edge, ...]
     distance_mm: float = np.inf
 
     @classmethod
     def of(cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]) -> StraightEdges:
-        """Of what :func:`omnimirror.read_lines` gives.
+        """Create from the result of :func:`omnimirror.read_lines`.
 
         Raises
         ------
         InvalidParameter
-            Too few edges, or one of too few points or outside the pictures.
+            If there are too few edges or points, or points outside the image.
         """
         number("lines_distance_mm", distance_mm if np.isfinite(distance_mm) else 1.0, above=0.0)
         found = []
@@ -89,7 +88,7 @@ class StraightEdges:
         return cls(tuple(found), distance_mm)
 
     def fit(self, model: CameraModel) -> LinesFit:
-        """How straight a camera sees them, as it is."""
+        """Evaluate the straightness of the edges for a camera without changing it."""
         names = tuple((p.name,) for p in model.parameters)
         nothing = np.zeros(len(names))
         knobs = Knobs(names, np.eye(len(names)), nothing, nothing, np.array([p.scale for p in model.parameters]))
@@ -97,13 +96,17 @@ class StraightEdges:
         return fitted_lines(model, chains, knobs, distance_mm=self.distance_mm, most_steps=0)
 
     def rms_px(self, model: CameraModel) -> Array:
-        """How far (k,) their points are off a straight line's image; infinite where the camera does not see one."""
+        """Return the rms deviation (k,) of each edge from a straight line's image, px.
+
+        It is infinite for invisible edges.
+        """
         return self.fit(model).rms_of(edges_of([edge.pixels for edge in self.edges]))
 
     def known(self, model: CameraModel) -> Knowledge:
-        """What they say of the parameters of a camera near this one.
+        """Return the information on the parameters of a camera, linearised at this camera.
 
-        Points of one edge are wrong together, where it is not quite straight: they count as a few, however many.
+        Errors of points on one edge are correlated if it is not exactly straight: an edge counts as
+        a few independent values, whatever its number of points.
         """
         fit = self.fit(model)
         count = len(model.parameters)
@@ -111,7 +114,7 @@ class StraightEdges:
         for part, weight in zip(edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True):
             seen = np.isfinite(fit.residuals[part])
             r, a = fit.residuals[part][seen], fit.rates[part][seen]
-            independent = min(len(r) - 2, INDEPENDENT)  # two say where its plane is
+            independent = min(len(r) - 2, INDEPENDENT)  # two define its plane
             if independent < 1:
                 continue
             share = float(weight) * independent / len(r)
@@ -125,7 +128,7 @@ class StraightEdges:
         return Knowledge(matrix / noise**2, start - _solved(matrix, gradient, [p.scale for p in model.parameters]))
 
     def straight_for(self, model: CameraModel) -> StraightEdges:
-        """Those that a camera makes straight, and that it does not see, as others may; the rest is round or crooked."""
+        """Return the edges that a camera straightens or does not see; curved edges are removed."""
         rms = self.rms_px(model)
         seen = rms[np.isfinite(rms)]
         limit = min(max(OUTLYING * float(np.median(seen)), LEAST_OUTLYING_PX), MOST_PX) if len(seen) else 0.0
@@ -139,7 +142,7 @@ class StraightEdges:
 
 
 def _solved(matrix: Array, gradient: Array, scales: Sequence[float]) -> Array:
-    """The shortest step, in typical changes, to where a gradient vanishes."""
+    """Return the step of minimum norm, in typical parameter changes, to a zero gradient."""
     size = np.asarray(scales)
     inverse = np.linalg.pinv(matrix * size[:, None] * size, rcond=NOTHING, hermitian=True)
     return np.asarray(size * (inverse @ (size * gradient)))

@@ -1,4 +1,4 @@
-"""Residuals of an estimate and their derivatives: what a bundle adjustment is told of camera, motions and shape."""
+"""Residuals of an estimate and their derivatives with respect to camera, poses and shape."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 UNSEEN_PX = 1e3
-"""Residual of a point that the model does not see at all."""
+"""Residual of a point outside the model's field."""
 
 
 @dataclass(frozen=True)
 class Loss:
-    """How residuals count: as their squares, or less where they are far above the noise.
+    """Loss function: squares, or a robust loss that downweights residuals far above the noise.
 
     Parameters
     ----------
     kind
         ``"squares"``, ``"huber"`` or ``"cauchy"``.
     scale_px
-        Where residuals begin to count less.
+        Residual above which the weight decreases.
     """
 
     kind: str = "squares"
     scale_px: float = 1.0
 
     def weights(self, residuals: Array) -> Array:
-        """Of residuals (n, 2): (n,), by which their squares count in reweighted least squares."""
+        """Return the weights (n,) of squared residuals (n, 2) in reweighted least squares."""
         r = np.hypot(*residuals.T) / self.scale_px
         if self.kind == "cauchy":
             return np.asarray(1 / (1 + r * r))
@@ -45,7 +45,7 @@ class Loss:
         return np.ones(len(residuals))
 
     def sum(self, residuals: Array) -> float:
-        """What an adjustment makes least; with squares it is the sum of squares, px^2."""
+        """Return the loss that an adjustment minimises; for squares, the sum in px^2."""
         s = self.scale_px**2
         q = np.sum(residuals * residuals, axis=1) / s
         if self.kind == "cauchy":
@@ -56,34 +56,34 @@ class Loss:
 
 
 class Estimate(NamedTuple):
-    """What is estimated."""
+    """Estimated quantities."""
 
     model: CameraModel
     motions: tuple[Motion, ...]
     shape: BoardShape | None
     slides: Array
-    """(n,) mm; how far along its line each point lies"""
+    """Positions (n,) of points along their lines, mm."""
     marks: Array
-    """(2k,) mm; how far each mark lies from the point of its plane, along two axes"""
+    """Offsets (2k,) of marks from the points of their planes along two axes, mm."""
 
 
 class Linearised(NamedTuple):
     """Residuals of an estimate and their derivatives."""
 
     residuals: Array
-    """(n, 2) px, image minus pixel; 0 where the model sees nothing"""
+    """Residuals (n, 2) px, image minus pixel; 0 for invisible points."""
     seen: Mask
-    """(n,)"""
+    """Visibility (n,)."""
     d_shared: Array
-    """(n, 2, g), the model's parameters, then the board's, then the marks'"""
+    """Derivatives (n, 2, g) with respect to the parameters of model, board and marks, in order."""
     d_motion: Array
-    """(n, 2, 6), a turn in radians and a shift in mm"""
+    """Derivatives (n, 2, 6) with respect to a rotation in radians and a translation in mm."""
     d_slide: Array | None
-    """(n, 2)"""
+    """Derivatives (n, 2) with respect to positions along lines."""
 
 
 def linearised(estimate: Estimate, stack: Stack) -> Linearised:
-    """Residuals and derivatives of an estimate."""
+    """Compute residuals and derivatives of an estimate."""
     rotations = np.array([m.rotation for m in estimate.motions])[stack.owner]
     shifts = np.array([m.shift_mm for m in estimate.motions])[stack.owner]
     turned = np.einsum("nij,nj->ni", rotations, targets(estimate, stack))
@@ -98,7 +98,7 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
     if stack.marks is not None:
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2)
     d_motion = np.empty((len(points), 2, 6))
-    # d(turn x X) = -[X]x turn, so that a row g of d_points becomes X x g
+    # d(turn x X) = -[X]x turn: a row g of d_points becomes X x g
     (x, y, z), (gx, gy, gz) = turned.T[..., None], np.moveaxis(d_points, 2, 0)
     d_motion[..., 0], d_motion[..., 1], d_motion[..., 2] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
     d_motion[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
@@ -110,14 +110,14 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
 
 
 def as_placed(model: CameraModel, sightings: Sequence[Sighting]) -> Linearised:
-    """Residuals of points and directions, without any board's shape, where sightings have their targets."""
+    """Compute residuals of points and directions at their current poses, without a board shape."""
     stack = stacked(sightings)
     motions = tuple(s.motion or Motion.none() for s in sightings)
     return linearised(Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
 
 
 def targets(estimate: Estimate, stack: Stack) -> Array:
-    """Points (n, 3) in the frames of their targets, with the board's shape, and where they lie on lines and planes."""
+    """Return points (n, 3) in target frames, with board shape, lines and planes applied."""
     points = stack.points
     if estimate.shape is not None:
         points = np.where(stack.shaped[:, None], estimate.shape.applied(points), points)
@@ -129,7 +129,7 @@ def targets(estimate: Estimate, stack: Stack) -> Array:
 
 
 def without_slides(found: Linearised) -> Linearised:
-    """What is left when every point of a line may slide along it: residuals across the image of the line alone."""
+    """Project out positions along lines: residuals remain perpendicular to the image of the line."""
     if found.d_slide is None:
         return found
     length = np.sum(found.d_slide**2, axis=1)
@@ -143,7 +143,7 @@ def without_slides(found: Linearised) -> Linearised:
 
 
 def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Array:
-    """Steps (n,) along lines that go with steps of the shared parameters (g,) and the motions (m, 6)."""
+    """Return steps (n,) along lines for steps of the shared parameters (g,) and poses (m, 6)."""
     assert found.d_slide is not None
     e = found.residuals + found.d_shared @ shared + np.einsum("nki,ni->nk", found.d_motion, motions[stack.owner])
     length = np.sum(found.d_slide**2, axis=1)
@@ -151,7 +151,7 @@ def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Arra
 
 
 def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Mask, Array, Array]:
-    """Pixels, where they are valid and their derivatives, 0 where they are not, of points near and far."""
+    """Return pixels, validity and derivatives of near and distant points; 0 where invalid."""
     if distant.all() or not distant.any():
         image = model.image_to_the_end(points, distant=bool(distant.any()))
         seen = image.valid

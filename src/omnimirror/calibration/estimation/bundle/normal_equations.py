@@ -1,8 +1,8 @@
-"""Normal equations of a bundle adjustment, in the blocks in which they are nearly empty.
+"""Normal equations of a bundle adjustment in sparse block form.
 
-Parameters that all pictures share stand in one small dense block, the six numbers of each motion in a block of their
-own; motions are eliminated by the Schur complement, picture by picture, so that the cost grows with the number of
-pictures and no faster (Triggs et al., "Bundle adjustment: a modern synthesis", 2000, section 6).
+Shared parameters form one small dense block, and the six parameters of each pose a block of their
+own. Poses are eliminated image by image with the Schur complement, at a cost linear in the number
+of images (Triggs et al., "Bundle adjustment: a modern synthesis", 2000, section 6).
 """
 
 from __future__ import annotations
@@ -16,29 +16,33 @@ from .observations import Stack
 
 Array = NDArray[np.float64]
 
-MOST_PRODUCTS = 1 << 16  # of two numbers in one product of matrices; OpenBLAS takes threads for more
-FEWEST_ROWS = 32  # at a time, whatever that comes to: of wide ones its threads are worth it
+MOST_PRODUCTS = 1 << 16  # multiplications per product; OpenBLAS starts threads above
+FEWEST_ROWS = 32  # minimum rows per product; for wide matrices threads pay off
 
 
 class Blocks(NamedTuple):
-    """Normal equations ``H d = -g`` with g shared parameters and m motions."""
+    """Normal equations ``H d = -g`` with g shared parameters and m poses."""
 
     shared: Array
-    """(g, g)"""
+    """Shared block (g, g)."""
     cross: Array
-    """(m, g, 6)"""
+    """Coupling blocks (m, g, 6)."""
     motions: Array
-    """(m, 6, 6)"""
+    """Pose blocks (m, 6, 6)."""
     shared_gradient: Array
-    """(g,)"""
+    """Gradient of the shared parameters (g,)."""
     motion_gradients: Array
-    """(m, 6)"""
+    """Gradients of the poses (m, 6)."""
 
 
 def assembled(
     stack: Stack, residuals: Array, d_shared: Array, d_motion: Array, weights: Array, moving: NDArray[np.bool_]
 ) -> Blocks:
-    """Blocks from residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,); ``moving`` (m,) motions."""
+    """Assemble the normal equations.
+
+    Inputs are residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,), and a mask
+    ``moving`` (m,) of free poses.
+    """
     together = np.concatenate([d_shared, d_motion, residuals[..., None]], axis=2)
     weighted = (together * weights[:, None, None]).reshape(2 * len(weights), -1)
     together = together.reshape(weighted.shape)
@@ -58,10 +62,10 @@ def assembled(
 
 
 def _product(one: Array, other: Array) -> Array:
-    """``one.T @ other`` of rows (n, k), a few at a time.
+    """Return ``one.T @ other`` of rows (n, k), computed in chunks.
 
-    BLAS wakes its threads for so little already, which then spin for longer than it takes; for a matrix times itself
-    it does so from still fewer rows on, so that the weights go into one of the two.
+    BLAS starts threads even for small products, and they spin for longer than the product takes.
+    For a matrix times itself the limit is lower still, so the weights are applied to one factor.
     """
     most = max(MOST_PRODUCTS // one.shape[1] ** 2, FEWEST_ROWS)
     total = np.zeros((one.shape[1], one.shape[1]))
@@ -71,17 +75,19 @@ def _product(one: Array, other: Array) -> Array:
 
 
 def with_priors(blocks: Blocks, information: Array, pull: Array) -> Blocks:
-    """With priors on the shared parameters: information (g, g) and information times how far they are off (g,)."""
+    """Add priors on shared parameters: information (g, g), and information times deviations (g,)."""
     return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
 
 
 def solved(blocks: Blocks, damping: float, floor: Array) -> tuple[Array, Array]:
-    """Marquardt's step: shared (g,) and motions (m, 6); ``floor`` (g,) is added to the diagonal whatever the damping.
+    """Solve for Marquardt's step: shared (g,) and poses (m, 6).
+
+    ``floor`` (g,) is added to the diagonal independently of the damping.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        The equations do not determine it.
+        If the equations are singular.
     """
     motions = _damped(blocks.motions, damping)
     inverse_cross, inverse_gradient = _eliminated(motions, blocks)
@@ -93,7 +99,7 @@ def solved(blocks: Blocks, damping: float, floor: Array) -> tuple[Array, Array]:
 
 
 def reduced_system(blocks: Blocks) -> tuple[Array, Array]:
-    """What pictures say of the shared parameters when motions are free: Schur complement (g, g), and gradient (g,)."""
+    """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
     inverse_cross, inverse_gradient = _eliminated(_damped(blocks.motions, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
@@ -101,7 +107,7 @@ def reduced_system(blocks: Blocks) -> tuple[Array, Array]:
 
 
 def solved_scaled(matrix: Array, right: Array) -> Array:
-    """Solution of symmetric positive equations whose unknowns have very different sizes."""
+    """Solve symmetric positive definite equations with diagonal scaling of the unknowns."""
     if not len(right):
         return np.zeros(0)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -111,7 +117,7 @@ def solved_scaled(matrix: Array, right: Array) -> Array:
 
 
 def _damped(matrices: Array, damping: float) -> Array:
-    """Matrices (.., k, k) with their diagonals enlarged; a motion that nothing determines stays where it is."""
+    """Return matrices (..., k, k) with enlarged diagonals; undetermined poses remain unchanged."""
     diagonal = np.einsum("...ii->...i", matrices)
     least = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
     damped = matrices.copy()
@@ -120,7 +126,7 @@ def _damped(matrices: Array, damping: float) -> Array:
 
 
 def _eliminated(motions: Array, blocks: Blocks) -> tuple[Array, Array]:
-    """``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled, since they are radians and millimetres."""
+    """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", motions), 1e-300))
     scaled = motions * scale[:, :, None] * scale[:, None, :]
     right = np.concatenate([blocks.cross.transpose(0, 2, 1), blocks.motion_gradients[..., None]], axis=2)

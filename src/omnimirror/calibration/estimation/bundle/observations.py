@@ -1,8 +1,8 @@
-"""What pictures saw: pixels, and the points, directions, lines or planes that they are known to show.
+"""Observations: pixels with their known points, directions, lines or planes.
 
-One form serves all kinds. A :class:`Sighting` is what one picture shows of things that stand still together: corners
-of a board whose place is unknown, points of a room that was surveyed, stars, edges. Its points are in a frame of their
-own, and a :class:`Motion` takes them into the camera frame, known or to be found.
+One form serves all kinds. A :class:`Sighting` holds the observations of one rigid target in one
+image: corners of a board with unknown pose, surveyed points, stars, edges. Points are given in
+the target frame; a known or estimated :class:`Motion` transforms them to the camera frame.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 
 class Motion(NamedTuple):
-    """From a target's frame to the camera frame: ``X = rotation @ p + shift_mm``.
+    """Rigid transform from a target frame to the camera frame: ``X = rotation @ p + shift_mm``.
 
     Examples
     --------
@@ -32,39 +32,39 @@ class Motion(NamedTuple):
     """
 
     rotation: Array
-    """(3, 3)"""
+    """Rotation matrix (3, 3)."""
     shift_mm: Array
-    """(3,)"""
+    """Translation (3,)."""
 
     @classmethod
     def none(cls) -> Motion:
-        """The target's frame is the camera frame.
+        """Return the identity transform.
 
         Returns
         -------
         Motion
-            That moves nothing.
+            Identity.
         """
         return cls(np.eye(3), np.zeros(3))
 
     def __call__(self, points_mm: Array) -> Array:
-        """Points (n, 3) in the camera frame."""
+        """Return points (n, 3) in the camera frame."""
         moved: Array = points_mm @ self.rotation.T + self.shift_mm
         return moved
 
 
 def moved(motions: Sequence[Motion], steps: Array) -> tuple[Motion, ...]:
-    """Motions after small rotation vectors, applied after their rotations, and shifts: steps (m, 6)."""
+    """Apply steps (m, 6), rotation vectors and translations, to rigid transforms."""
     before = np.array([m.rotation for m in motions])
     rotations = rotations_of(steps[:, :3]) @ before
-    # rounding of many steps does not add up
+    # orthonormalise: rounding of many steps does not accumulate
     rotations = rotations @ (1.5 * np.eye(3) - 0.5 * rotations.transpose(0, 2, 1) @ rotations)
     shifts = np.array([m.shift_mm for m in motions]) + steps[:, 3:]
     return tuple(Motion(r, t) for r, t in zip(rotations, shifts, strict=True))
 
 
 def rotation_of(vector: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in radians.
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) in radians.
 
     >>> rotation_of(np.array([0.0, 0.0, np.pi / 2])).round(12) + 0.0
     array([[ 0., -1.,  0.],
@@ -76,7 +76,7 @@ def rotation_of(vector: Array) -> Array:
 
 
 def rotations_of(vectors: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) in radians, by Rodrigues' formula."""
+    """Return rotation matrices (n, 3, 3) of rotation vectors (n, 3) in radians (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     cross = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
@@ -88,39 +88,39 @@ def rotations_of(vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class Sighting:
-    """What one picture saw of one target.
+    """Observations of one target in one image.
 
     Parameters
     ----------
     name
-        Of the picture.
+        Name of the image.
     pixels : (n, 2)
-        Where the points were seen, px.
+        Observed pixels, px.
     points : (n, 3)
-        What was seen: points in the target's frame in mm, or directions in it where ``is_distant``.
+        Observed points in the target frame in mm, or directions where ``is_distant``.
     motion
-        Where the target stands, known or as a start; None: unknown, and to be found from nothing (boards alone).
+        Known or initial pose of the target; None: unknown, without an initial value (boards only).
     is_known
-        Whether ``motion`` is known, and is not estimated.
+        Whether ``motion`` is known and not estimated.
     is_distant
-        Whether what was seen is so far away that directions are all that counts, as stars and the sun; of each (n,)
-        where a picture shows both.
+        Whether the targets are at infinity, such as stars and the sun; one value, or one per point
+        (n,) if an image contains both.
     along : (n, 3), optional
-        Where lines were seen: the directions of the lines through ``points``, on which the point that was seen may lie
-        anywhere.
+        For observed lines: directions of the lines through ``points``. The observed point may be
+        anywhere on its line.
     normals : (n, 3), optional
-        Where marks on planes were seen: normals of the planes through ``points``, on which the mark may lie anywhere.
-        Somewhere on a plane any pixel looks: a mark says something where several pictures see it, under the same number
-        in ``ids``.
+        For marks on planes: normals of the planes through ``points``. The mark may be anywhere on
+        its plane. A single observation of a mark gives no constraint; several images must observe
+        it under the same number in ``ids``.
     ids : (n,), optional
-        Numbers of the points, such as those of a board's corners; 0, 1, .. by default.
+        Numbers of the points, such as corner numbers of a board; 0, 1, ... by default.
     is_surveyed
-        Whether the points are where they are said to be, whatever the shape of the board that other pictures show.
+        Whether the points are exact, independent of the board shape in other images.
 
     Raises
     ------
     InvalidParameter
-        Not as many of one as of the other, or a motion that is said to be known and is not given.
+        If the numbers of pixels and points differ, or a known pose is missing.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class Sighting:
             raise InvalidParameter(f"{self.name}: normals belong to planes, not to lines or to what is far away")
 
     def _directions(self, name: str, count: int) -> Array:
-        """Unit vectors (n, 3), one for each point."""
+        """Return unit vectors (n, 3), one per point."""
         given = finite(name, getattr(self, name), last=3)
         lengths = np.linalg.norm(given, axis=-1, keepdims=True)
         if given.shape != (count, 3) or not (lengths > 0).all():
@@ -175,37 +175,37 @@ class Sighting:
 
     @property
     def distant(self) -> Mask:
-        """Which of the points (n,) are directions."""
+        """Mask (n,) of points that are directions."""
         return np.broadcast_to(np.asarray(self.is_distant, dtype=bool), len(self.pixels))
 
     def before(self, motion: Motion) -> Array:
-        """What was seen, in the camera frame, if the target stands where a motion takes it.
+        """Return the observed targets in the camera frame for a given pose.
 
         Parameters
         ----------
         motion
-            From the target's frame to the camera's.
+            Transform from the target frame to the camera frame.
 
         Returns
         -------
         (n, 3) array
-            Points, mm, and directions where they are distant.
+            Points in mm, and directions of distant targets.
         """
         turned: Array = self.points @ motion.rotation.T
         return turned + np.where(self.distant[:, None], 0.0, motion.shift_mm)
 
     def only(self, kept: Mask | NDArray[np.int64]) -> Sighting:
-        """The same with some of its points.
+        """Return the sighting with a subset of its points.
 
         Parameters
         ----------
         kept : (n,) or (k,)
-            Which, as truth values or indices.
+            Mask or indices of the retained points.
 
         Returns
         -------
         Sighting
-            With k points.
+            Sighting with k points.
         """
         assert self.ids is not None
         along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
@@ -216,33 +216,33 @@ class Sighting:
         )  # fmt: skip
 
     def moved(self, motion: Motion | None) -> Sighting:
-        """The same with another motion.
+        """Return the sighting with another pose.
 
         Parameters
         ----------
         motion
-            From the target's frame to the camera's; None: unknown.
+            Transform from the target frame to the camera frame; None: unknown.
 
         Returns
         -------
         Sighting
-            Of the same pixels.
+            Sighting with the same pixels.
         """
         return replace(self, motion=motion)
 
 
 class Marks(NamedTuple):
-    """Marks somewhere on planes, each seen in several pictures, that find out together where it lies."""
+    """Marks at unknown positions on planes, each observed in several images."""
 
     ids: NDArray[np.int64]
-    """(k,)"""
+    """Mark numbers (k,)."""
     number: NDArray[np.int64]
-    """(n,) which mark each point is; -1 where it is none"""
+    """Index of the mark of each point (n,); -1 without a mark."""
     axes: Array
-    """(n, 3, 2) two directions of its plane; 0 where it is none"""
+    """Two directions in the plane of each mark (n, 3, 2); 0 without a mark."""
 
     def changes(self) -> Array:
-        """How points move with the marks: (n, 3, 2k)."""
+        """Return derivatives (n, 3, 2k) of the points with respect to the marks."""
         change = np.zeros((len(self.number), 3, 2 * len(self.ids)))
         at = np.flatnonzero(self.number >= 0)
         for axis in (0, 1):
@@ -251,30 +251,30 @@ class Marks(NamedTuple):
 
 
 class Stack(NamedTuple):
-    """All points of several sightings in one row, for arithmetic."""
+    """Concatenated points of several sightings."""
 
     pixels: Array
-    """(n, 2)"""
+    """Pixels (n, 2)."""
     points: Array
-    """(n, 3)"""
+    """Points (n, 3)."""
     owner: NDArray[np.int64]
-    """(n,) number of the sighting"""
+    """Index of the sighting (n,)."""
     distant: Mask
-    """(n,)"""
+    """Mask of directions (n,)."""
     shaped: Mask
-    """(n,) which move with the board's shape"""
+    """Mask of points that follow the board shape (n,)."""
     along: Array | None
-    """(n, 3); 0 where a point was seen; None where no line was"""
+    """Line directions (n, 3), 0 for points; None without lines."""
     slices: tuple[slice, ...]
-    """where each sighting's points are"""
+    """Range of points of each sighting."""
     ids: NDArray[np.int64]
-    """(n,)"""
+    """Point numbers (n,)."""
     marks: Marks | None
-    """on planes; None where there are none"""
+    """Marks on planes; None if there are none."""
 
 
 def stacked(sightings: Sequence[Sighting]) -> Stack:
-    """Sightings one behind the other."""
+    """Return the concatenation of sightings."""
     if not sightings:
         raise InvalidParameter("there is nothing to adjust: no picture saw anything")
     counts = [len(s) for s in sightings]
@@ -296,12 +296,12 @@ def stacked(sightings: Sequence[Sighting]) -> Stack:
 
 
 def _marks(sightings: Sequence[Sighting]) -> Marks:
-    """Marks on planes, by their numbers.
+    """Return the marks on planes by their numbers.
 
     Raises
     ------
     InvalidParameter
-        One that a single picture shows, or on two planes.
+        If only one image observes a mark, or a mark belongs to two planes.
     """
     ids = np.concatenate([s.ids for s in sightings if s.ids is not None])
     points = np.concatenate([s.points for s in sightings])
@@ -326,7 +326,7 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
 
 
 def rms_px(residuals: ArrayLike) -> float:
-    """``sqrt(mean |e|^2)`` of residuals (n, 2): per point in two dimensions, as OpenCV reports it.
+    """Return ``sqrt(mean |e|^2)`` of residuals (n, 2): per point in two dimensions, as in OpenCV.
 
     >>> rms_px([[3.0, 4.0], [0.0, 0.0]])  # sqrt((25 + 0) / 2)
     3.5355339059327378

@@ -1,8 +1,9 @@
-"""Levenberg and Marquardt's steps to the least sum of a bundle adjustment, bent along curved valleys.
+"""Levenberg-Marquardt steps with geodesic acceleration.
 
-Focal length, distortion and the like lie in a valley that is long, narrow and bent. A straight step leaves it at once;
-with the second derivative along the step taken into account, one follows it (Transtrum and Sethna, "Geodesic
-acceleration", 2012): the same equations are solved once more, for how the residuals bend.
+Focal length and distortion are correlated: the sum of squares has a long, narrow and curved
+valley, which straight steps leave. Geodesic acceleration (Transtrum and Sethna, "Geodesic
+acceleration", 2012) follows it with the second derivative of the residuals along the step, at
+the cost of one more solution of the same equations.
 """
 
 from __future__ import annotations
@@ -23,41 +24,44 @@ from .observations import Stack, moved
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SETTLED = 1e-7  # relative; a step that gains less is the last
+SETTLED = 1e-7  # relative decrease that ends the iteration
 MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10
-STIFFNESS = 1e-6  # what nothing determines moves less than its scale in a step, and what anything does freely
+STIFFNESS = 1e-6  # undetermined parameters move by less than their scale in a step
 LEAST_NOISE_PX = 1e-6
-PROBE = 0.1  # of a step, over which the bend of residuals is measured
-STRAIGHT_STEPS = 4  # before bends are measured
-MOST_BEND = 0.75  # of a step
-STOPPED = 1e12  # times the diagonal is added for a parameter that is to stay
+PROBE = 0.1  # fraction of the step used to measure the second derivative
+STRAIGHT_STEPS = 4  # number of steps before acceleration
+MOST_BEND = 0.75  # maximum acceleration relative to the step
+STOPPED = 1e12  # multiple of the diagonal that is added for held parameters
 
 
 @dataclass(frozen=True)
 class Question:
-    """What an adjustment is asked; names are those of the model's parameters, and of the board's shape."""
+    """Definition of an adjustment problem.
+
+    Names are those of the parameters of the model and of the board shape.
+    """
 
     stack: Stack
     moving: Mask
     free: Mask
-    """(g,) of the shared parameters"""
+    """Mask (g,) of free shared parameters."""
     information: Array
-    """(g,) of their priors, 1 / sigma^2"""
+    """Information (g,) of their priors, 1 / sigma^2."""
     expected: Array
-    """(g,) of their priors"""
+    """Expected values (g,) of their priors."""
     loss: Loss
     noise_px: float
-    """of a coordinate; what priors are weighed with"""
+    """Noise of a coordinate, which weights the priors."""
     edges: Knowledge | None = None
-    """what straight edges say of the model's parameters"""
+    """Information from straight edges on the model parameters."""
 
     @property
     def has_priors(self) -> bool:
-        """Whether anything is known of the shared parameters beforehand, or by edges."""
+        """True if there are priors on shared parameters, or edges."""
         return self.edges is not None or bool(self.information.any())
 
     def prior(self, values: Array) -> Foreknowledge:
-        """What is known of the free ones among shared parameters (g,), where they are now."""
+        """Return the prior information on free shared parameters at values (g,)."""
         information, off = np.diag(self.information * self.free), (values - self.expected) * self.free
         pull = information @ off
         cost = float(off @ pull)
@@ -71,31 +75,31 @@ class Question:
 
 
 class Foreknowledge(NamedTuple):
-    """What is known of f free shared parameters besides what was seen."""
+    """Prior information on the f free shared parameters."""
 
     information: Array
-    """(f, f)"""
+    """Information matrix (f, f)."""
     pull: Array
-    """(f,) the information times how far they are off"""
+    """Information times deviation (f,)."""
     cost: float
-    """squares of how far they are off, in standard deviations"""
+    """Squared deviation in standard deviations."""
 
 
 class Step(NamedTuple):
-    """A change of everything."""
+    """Change of all unknowns."""
 
     shared: Array
-    """(g,), 0 where fixed"""
+    """Shared parameters (g,), 0 if fixed."""
     motions: Array
-    """(m, 6)"""
+    """Poses (m, 6)."""
 
     def times(self, factor: float) -> Step:
-        """A part of it."""
+        """Return the step multiplied by a factor."""
         return Step(factor * self.shared, factor * self.motions)
 
 
 def shared_values(estimate: Estimate) -> Array:
-    """The model's parameters, the board's shape and where marks lie (g,)."""
+    """Return the shared parameters (g,): model, board shape and mark positions."""
     values = [p.value for p in estimate.model.parameters]
     return np.array([*values, *(estimate.shape.values if estimate.shape else ()), *estimate.marks])
 
@@ -107,7 +111,7 @@ def least(
     settled: float = SETTLED,
     on_step: Callable[[float], None] | None = None,
 ) -> Estimate:
-    """The estimate with the least sum, from another one."""
+    """Minimise the sum, starting from an estimate."""
     raw = linearised(estimate, question.stack)
     cost, damping = _cost(estimate, raw, question), 1e-3
     for number in range(most_steps):
@@ -132,7 +136,7 @@ def least(
 
 
 def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
-    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # whatever the loss: it was seen, so a camera has to see it
+    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: points must be visible
     known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
     total = question.loss.sum(found.residuals) + unseen + known
     return total if np.isfinite(total) else np.inf
@@ -150,7 +154,7 @@ def _blocks(estimate: Estimate, found: Linearised, question: Question) -> Blocks
 def _tried(
     estimate: Estimate, raw: Linearised, blocks: Blocks, question: Question, damping: float, is_bent: bool
 ) -> Estimate | None:
-    """The estimate a step farther; None where the equations or the model do not allow it."""
+    """Return the estimate after a step; None if the equations or the model do not permit it."""
     step = _solved(estimate, blocks, question, damping)
     if step is None:
         return None
@@ -168,7 +172,7 @@ def _tried(
 def _bend(
     estimate: Estimate, raw: Linearised, blocks: Blocks, question: Question, damping: float, step: Step
 ) -> Step | None:
-    """How the step bends; None where that is too much to be trusted."""
+    """Return the geodesic acceleration of a step; None if it is too large."""
     probe = _moved(estimate, raw, question, step.times(PROBE))
     if probe is None:
         return None
@@ -186,13 +190,13 @@ def _bend(
 
 
 def _length(step: Step, blocks: Blocks, question: Question) -> float:
-    """Length of a step, each part against what moves the residuals."""
+    """Return the length of a step, weighted by its effect on the residuals."""
     shared = step.shared[question.free] ** 2 @ np.diag(blocks.shared)
     return float(np.sqrt(shared + np.sum(step.motions**2 * np.einsum("mii->mi", blocks.motions))))
 
 
 def _stopped(estimate: Estimate, step: Step) -> Mask:
-    """Parameters (g,) of the model that cannot go on alone, since they are at the end of their range."""
+    """Return the mask (g,) of model parameters at the boundary of their range."""
     values = np.array([p.value for p in estimate.model.parameters])
     stopped = np.zeros(len(step.shared), dtype=bool)
     for i in np.flatnonzero(step.shared[: len(values)]):
@@ -208,7 +212,7 @@ def _stopped(estimate: Estimate, step: Step) -> Mask:
 def _solved(
     estimate: Estimate, blocks: Blocks, question: Question, damping: float, stopped: Mask | None = None
 ) -> Step | None:
-    """The step; parameters that are stopped stay where they are."""
+    """Return the step; stopped parameters are held."""
     scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
     scales += [1.0] * len(estimate.marks)
     floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
@@ -226,7 +230,7 @@ def _solved(
 
 
 def _moved(estimate: Estimate, raw: Linearised, question: Question, step: Step) -> Estimate | None:
-    """The estimate after a step; None where the numbers describe no camera."""
+    """Return the estimate after a step; None if the values do not describe a camera."""
     values = shared_values(estimate) + step.shared
     count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
     try:

@@ -1,4 +1,4 @@
-"""Files of what is known: pixels beside the points of a room, or the directions of stars, that they show."""
+"""Survey files: pixels with the surveyed points or star directions that they show."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ POINT = ("x_mm", "y_mm", "z_mm")
 DIRECTION = ("x", "y", "z")
 ANGLES = ("azimuth_deg", "elevation_deg")
 PICTURE = "picture"
-ONLY = "survey"  # the name of the one picture where no column names pictures
+ONLY = "survey"  # name of the image if no column names images
 
 
 class Surveys(NamedTuple):
-    """What files know."""
+    """Contents of survey files."""
 
     sightings: tuple[Sighting, ...]
-    """one for each picture"""
+    """One sighting per image."""
     places: dict[str, tuple[str, ...]]
-    """of each picture, file and line of its points, in their order"""
+    """File and line of each point, by image."""
 
 
 class _Row(NamedTuple):
-    """A line of a file."""
+    """Line of a survey file."""
 
     place: str
-    """file and line"""
+    """File and line number."""
     picture: str
     pixel: tuple[float, float]
     target: tuple[float, float, float]
@@ -47,30 +47,31 @@ class _Row(NamedTuple):
 
 @checked
 def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()) -> Surveys:
-    """Read what pixels are known to show, from tables with a head.
+    """Read surveyed points and directions with their pixels from CSV tables with a header line.
 
-    Lines of one picture, of all files, were seen from one place: a camera that did not move between pictures has one
-    name for all of them. All files of a picture share axes, which are right-handed, wherever they begin; where the
-    camera stood in them, and how, is not asked for.
+    Lines with the same image name, in all files, belong to one camera pose: a camera that did not
+    move between images has one name for all of them. All files of an image share one right-handed
+    coordinate system with arbitrary origin. The camera pose in it is not required.
 
     Parameters
     ----------
     points
-        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``picture`` if there are
-        several.
+        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``picture``
+        for several images.
     directions
-        CSV files with ``u_px``, ``v_px`` and either ``x``, ``y``, ``z`` of any length, or ``azimuth_deg`` (clockwise
-        from above, such as from north) and ``elevation_deg``: X is then at azimuth 0, Y to the left of it, Z up.
+        CSV files with ``u_px``, ``v_px`` and either ``x``, ``y``, ``z`` of any length, or
+        ``azimuth_deg`` (clockwise from above, for example from north) and ``elevation_deg``. X has
+        azimuth 0, Y points to its left, and Z up.
 
     Returns
     -------
     Surveys
-        A sighting for each picture, and where in the files its points are.
+        One sighting per image, with the file and line of each point.
 
     Raises
     ------
     InvalidParameter
-        A column that is missing or unknown, a value that is no number; the message names the line.
+        If a column is missing or unknown, or a value is not a number; the message names the line.
 
     Examples
     --------
@@ -95,7 +96,7 @@ def read_surveys(points: Sequence[str | Path] = (), directions: Sequence[str | P
 
 
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
-    """Lines of a file whose columns are pixels and one of several ways to say what they show."""
+    """Return the lines of a file with pixel columns and one of several sets of target columns."""
     text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:

@@ -1,1 +1,1 @@
-"""From no guess at all to a model: a stereographic camera, a unified one, and richer models from there."""
+"""Model sequence without an initial value: stereographic, unified, and richer models."""

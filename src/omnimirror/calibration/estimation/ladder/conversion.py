@@ -1,8 +1,9 @@
-"""From one model to another: the richer begins where it sees what the simpler one saw.
+"""Conversion between models: the initial value of a richer model reproduces a simpler one.
 
-A richer model that begins far from the truth does not find it; one whose projection is first fitted to that of a
-simpler model, over the whole picture and without any corner, does. A model with several viewpoints sees near things
-from another place than a central one: boards then move along the axis, to where they look best.
+A richer model does not converge from a distant initial value. Therefore its projection is first
+fitted to that of the simpler model, over the whole image and without corners. A model with
+several viewpoints projects near points from another position than a central one: boards are then
+shifted along the axis to minimise their residuals.
 """
 
 from __future__ import annotations
@@ -21,12 +22,10 @@ from ..bundle.observations import Motion, Sighting
 
 Array = NDArray[np.float64]
 
-RINGS, SPOKES = 40, 24  # directions that models are compared by
-AGREEMENT_PX = (
-    3.0  # about how far off models of near boards are for distant things: what is known beforehand counts more
-)
+RINGS, SPOKES = 40, 24  # directions for the comparison of models
+AGREEMENT_PX = 3.0  # typical parallax error of models fitted to near boards; weights priors
 SHIFTS_MM = np.concatenate([-np.geomspace(600, 5, 20), [0.0], np.geomspace(5, 600, 20)])
-"""Along the axis, tried for boards when a model with another viewpoint takes over."""
+"""Trial shifts of boards along the axis when a model with another viewpoint takes over."""
 
 
 def converted(
@@ -37,23 +36,23 @@ def converted(
     fixed: Iterable[str] = (),
     priors: Iterable[Prior] = (),
 ) -> CameraModel:
-    """A model of the kind of ``into`` that sees distant things as ``model`` does.
+    """Convert a model to another kind with the same projection of distant points.
 
     Parameters
     ----------
     model
-        What to agree with.
+        Reference model.
     into
-        Where the search begins; what it cannot agree in, it keeps.
+        Initial value; parameters without effect on the agreement keep its values.
     omega_max_deg : deg
-        Field angle up to which they agree.
+        Maximum field angle of the comparison.
     fixed, priors
         As for :func:`~omnimirror.calibration.estimation.adjustment.adjust`.
 
     Returns
     -------
     CameraModel
-        Of the kind of ``into``.
+        Model of the kind of ``into``.
     """
     directions = directions_of_field(model, omega_max_deg)
     image = model.image(directions, distant=True)
@@ -68,7 +67,7 @@ def converted(
 
 
 def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
-    """Directions (n, 3) of the camera frame, evenly over angles from the axis and about it."""
+    """Return directions (n, 3) in the camera frame on a uniform grid of field angle and azimuth."""
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))[:, None]
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)[None, :]
     forward = -1.0 if model.optics == "mirror" else 1.0
@@ -77,7 +76,7 @@ def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
 
 
 def farthest_angle_deg(fit: Adjustment) -> float:
-    """The largest field angle of what was seen, deg from the axis."""
+    """Return the maximum field angle of the observations, deg from the axis."""
     forward = -1.0 if fit.model.optics == "mirror" else 1.0
     largest = 0.0
     for sighting in fit.sightings:
@@ -88,7 +87,7 @@ def farthest_angle_deg(fit: Adjustment) -> float:
 
 
 def is_central(model: CameraModel) -> bool:
-    """Whether near and distant things in one direction are seen at one pixel."""
+    """Return whether a model has a single viewpoint (pixels independent of the object distance)."""
     directions = directions_of_field(model, 80.0)[::37]
     near, far = model.image(300.0 * directions), model.image(directions, distant=True)
     both = near.valid & far.valid
@@ -96,10 +95,10 @@ def is_central(model: CameraModel) -> bool:
 
 
 def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
-    """Near sightings moved along the axis, all alike, to where the model sees them best.
+    """Return near sightings shifted along the axis by the common distance of minimum residuals.
 
-    What a central model takes for its viewpoint lies elsewhere in the frame of a mirror and its camera, often 100 mm
-    from the origin; unless boards are moved by that first, no search of small steps arrives.
+    The viewpoint of a central model is elsewhere in the frame of a mirror and its camera, often
+    100 mm from the origin. Without this shift, a local search does not converge.
     """
     medians = []
     for shift in SHIFTS_MM:
@@ -111,7 +110,7 @@ def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> t
 
 
 def _along(sighting: Sighting, shift_mm: float) -> Sighting:
-    """Moved along Z, unless all of it is distant, or it is known."""
+    """Return a sighting shifted along Z, unless it is known or entirely distant."""
     if sighting.is_known or sighting.distant.all() or sighting.motion is None:
         return sighting
     rotation, place = sighting.motion

@@ -1,4 +1,4 @@
-"""Kinds of models that can be estimated, simple ones first, and where each begins."""
+"""Camera models for estimation, in order of complexity, with their initial values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ...physical.starting import guessed_size
 from ..bundle.adjustment import Adjustment
 
 Maker = Callable[[Unified, float], CameraModel]
-"""Of a model that resembles a unified one as far as a field angle in deg."""
+"""Constructor of a model that approximates a unified one up to a field angle in deg."""
 
 
 def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -43,7 +43,7 @@ def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _ocam(u: Unified, omega_max_deg: float) -> CameraModel:
-    """The stereographic camera of the same focal length is ``f(rho) = (rho^2 - f^2) / (2 f)``."""
+    """Return an OCam model; stereographic: ``f(rho) = (rho^2 - f^2) / (2 f)``."""
     f = 2 * u.scale_px / (1 + u.xi)
     polynomial = (-f / 2, 0.0, 1 / (2 * f), 0.0, 0.0)
     return OCam(polynomial, u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
@@ -62,16 +62,18 @@ def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel | None:
-    """An unknown mirror to begin with, as large as a fitted spline of viewpoints shows it; None where it shows none.
+    """Return an initial mirror model with the size given by fitted viewpoints.
+
+    None if the size is undetermined.
 
     Parameters
     ----------
     central
-        What it shows of distant things.
+        Model of the projection of distant points.
     fit
-        Of a :class:`~omnimirror.cameras.models.ViewpointSpline`, where its corners are.
+        Fit of a :class:`~omnimirror.cameras.models.ViewpointSpline`, with corner positions.
     omega_max_deg
-        Up to which field angle anything was seen.
+        Maximum field angle of the observations.
     """
     model = fit.model
     assert isinstance(model, ViewpointSpline)
@@ -81,7 +83,7 @@ def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> Sens
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // SOME)]
     try:
         guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
-    except OmnimirrorError:  # a mirror of such a mapping would fold before its rim
+    except OmnimirrorError:  # a mirror with such a mapping would fold before its rim
         return None
     if guess is None:
         return None
@@ -99,28 +101,32 @@ KINDS: dict[str, Maker] = {
     "viewpoint-spline": _viewpoint_spline,
     "sensor": _mirror,
 }
-"""By their names in files and on the command line, the mirror sensor as physics has it last."""
-RIM_MM, FARTHER = 40.0, 6.0  # of an unknown mirror, and its distance in rim radii where most have 3 to 5
-SOME = 300  # corners, by which a size is guessed
+"""Constructors by name in files and on the command line; the physical mirror sensor is last."""
+RIM_MM, FARTHER = 40.0, 6.0  # unknown mirror: rim radius; distance in rim radii (usual: 3 to 5)
+SOME = 300  # number of corners for the size estimate
 JUDGES = ("unified", "radial-spline", "viewpoint-spline")
-"""Kinds by which outliers are told: the most flexible ones, and one that no spline follows where radii grow fast."""
+"""Reference models for outlier rejection.
+
+They are the most flexible ones, and one for steep growth of the radius, which splines do not
+follow.
+"""
 
 
 def begun_as(kind: str, central: Unified, omega_max_deg: float) -> CameraModel:
-    """A model of a kind, to begin with, that resembles a unified one."""
+    """Return an initial model of a kind that approximates a unified model."""
     choice("model", kind, KINDS)
     instance("central", central, Unified, "a unified model")
     return KINDS[kind](central, min(omega_max_deg, _degrees(central.model_end)))
 
 
 def mirror_farther(central: Unified, omega_max_deg: float) -> SensorModel:
-    """An unknown mirror to begin with that is farther from its lens than most."""
+    """Return an initial mirror model with a larger distance from its lens than usual."""
     end = min(omega_max_deg, _degrees(central.model_end))
     return SensorModel.start_from(central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM)
 
 
 def _focal(u: Unified) -> tuple[float, float]:
-    """Focal lengths of models whose radius grows with the angle itself at the centre."""
+    """Return the focal lengths of models with ``r = f Omega`` near the centre."""
     return u.focal_px[0] / (1 + u.xi), u.focal_px[1] / (1 + u.xi)
 
 

@@ -1,4 +1,4 @@
-"""Where a target stands, from the directions in which its points are seen: linear equations, without any guess."""
+"""Linear pose estimation from bearings, without an initial value."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from ..bundle.observations import Motion, Sighting
 
 Array = NDArray[np.float64]
 
-LEAST_POINTS, LEAST_DIRECTIONS = 6, 3  # of a target, below which it is not placed
-FLAT = 1e-3  # of its extent: a target that leaves its plane by less has none of depth to be placed by
+LEAST_POINTS, LEAST_DIRECTIONS = 6, 3  # minimum numbers of points and of directions of a target
+FLAT = 1e-3  # relative to its extent; a target with smaller depth is treated as planar
 
 
 def placed(sighting: Sighting, bearings: Array) -> Motion | None:
-    """Where a target stands whose points and directions are seen in directions (n, 3) of the camera frame.
+    """Return the pose of a target observed at bearings (n, 3) in the camera frame.
 
-    None where there are too few, where they lie on a line or in one direction, or where they are a mirror image of what
-    they should be.
+    None if there are too few points, they are collinear or coincide in direction, or they are
+    mirrored.
     """
     if not sighting.is_surveyed:
         return board_motion(bearings, sighting.points) if len(sighting) >= LEAST_POINTS else None
@@ -32,14 +32,14 @@ def placed(sighting: Sighting, bearings: Array) -> Motion | None:
 
 
 def _off(sighting: Sighting, motion: Motion, bearings: Array) -> float:
-    """How far directions are off, the median of sines."""
+    """Return the median sine of the angular residuals."""
     seen = sighting.before(motion)
     seen = seen / np.linalg.norm(seen, axis=1)[:, None]
     return float(np.median(np.linalg.norm(seen - bearings, axis=1)))
 
 
 def _among_directions(sighting: Sighting, bearings: Array) -> Motion | None:
-    """The rotation that takes directions onto those seen, by Kabsch's method, and the shift for which points follow."""
+    """Return the rotation by Kabsch's method, and the translation that fits the points."""
     far = sighting.distant
     ways = sighting.points[far] / np.linalg.norm(sighting.points[far], axis=1)[:, None]
     u, size, vt = np.linalg.svd(bearings[far].T @ ways)
@@ -55,7 +55,7 @@ def _among_directions(sighting: Sighting, bearings: Array) -> Motion | None:
 
 
 def _among_points(bearings: Array, points_mm: Array) -> Motion | None:
-    """Where points in space stand: ``b x (P p) = 0``, or a homography where they lie in a plane."""
+    """Return the pose of points in space from ``b x (P p) = 0``, or from a homography if coplanar."""
     middle = points_mm.mean(axis=0)
     _, extents, axes = np.linalg.svd(points_mm - middle, full_matrices=False)
     if not extents[2] > FLAT * extents[0]:
@@ -73,10 +73,10 @@ def _among_points(bearings: Array, points_mm: Array) -> Motion | None:
 
 
 def _linear(bearings: Array, p: Array) -> Array | None:
-    """The matrix (3, k) that takes p (n, k) into the directions (n, 3) in which they are seen, up to its size.
+    """Return the matrix (3, k) that maps p (n, k) to bearings (n, 3), up to scale.
 
-    Unlike with pinholes the directions may be more than a right angle off the axis: the matrix's sign is the one for
-    which points lie in the directions in which they are seen.
+    Unlike for pinhole cameras, bearings may exceed 90 deg from the axis: the sign is the one for
+    which the mapped points agree with the bearings.
     """
     zero = np.zeros_like(p)
     bx, by, bz = bearings.T[:, :, None]
@@ -95,21 +95,22 @@ def _linear(bearings: Array, p: Array) -> Array | None:
 
 
 def board_motion(bearings: Array, points_mm: Array) -> Motion | None:
-    """Where a flat board stands, from directions (n, 3) to its points (n, 3) with z = 0, by a linear homography.
+    """Estimate the pose of a flat board from bearings (n, 3) by a linear homography.
 
-    ``b x (H p) = 0`` for all points; columns of H are two axes of the board and its place, up to one factor.
+    ``b x (H p) = 0`` for all points. The columns of H are two axes of the board and its position,
+    up to a common factor.
 
     Parameters
     ----------
     bearings : (n, 3)
         Unit vectors in the camera frame.
     points_mm : (n, 3)
-        On the board.
+        Points of the board with z = 0.
 
     Returns
     -------
     Motion or None
-        None where the points lie on a line, or all in one direction.
+        None if the points are collinear, or coincide in direction.
     """
     flat = points_mm[:, :2]
     middle, size = flat.mean(axis=0), float(np.abs(flat - flat.mean(axis=0)).max())

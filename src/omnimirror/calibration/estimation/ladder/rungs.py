@@ -1,4 +1,4 @@
-"""From nothing to a model: each rung begins where the simpler one below it ended, all of them robust."""
+"""Stages of the model sequence: each model starts at the robust fit of a simpler one."""
 
 from __future__ import annotations
 
@@ -21,29 +21,33 @@ from .placing import placed
 from .start import stereographic_start
 
 FIRST_FREE = (("xi", "fx", "fy", "cx", "cy"), ("fx", "fy", "cx", "cy", "k1", "k2"))
-"""What is adjusted first, one or the other, whichever leads farther down. With xi free a search among mirrors may slide
-to where boards in any row of pixels look nearly alike; without it one among fisheyes of 250 deg and more goes astray.
+"""Alternative sets of parameters for the first adjustment; the better result is used.
+
+With xi free, the search for mirrors may drift to solutions for which boards in any row of pixels
+have similar images; with xi fixed, the search for fisheyes of 250 deg and more may diverge.
 """
-ROUGHLY = 1e-4  # share of the sum below which a step is the last, where better models follow
-RADIUS_SIGMA = 0.02  # of the largest radius
+ROUGHLY = 1e-4  # relative decrease that ends an iteration if better models follow
+RADIUS_SIGMA = 0.02  # fraction of the largest radius
 VIEWPOINT_SIGMA_MM = 30.0
 ROUGH_START = {True: 2.0, False: 10.0}
-"""How much farther off boards, or surveys alone, may be before anything is adjusted: a board is placed to where a wrong
-camera sees it best."""
+"""Factor of the residual limit before adjustment, for boards and for surveys alone.
+
+It is larger for surveys: boards are placed at the best pose for any camera, even a wrong one.
+"""
 UNPLACED = (
     "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
     "and not mirror images of them"
 )
-BEYOND = 1.03  # of the farthest corner: so far models are made to agree
+BEYOND = 1.03  # maximum field angle of the model comparison relative to that of the farthest corner
 
 
 class Begun(NamedTuple):
-    """The lowest rung."""
+    """Result of the first stage."""
 
     fit: Adjustment
-    """of a unified model"""
+    """Fit of a unified model."""
     strangers: dict[str, str]
-    """pictures that no board explains: name and why"""
+    """Reasons for images without a consistent board pose, by name."""
 
 
 def begun(
@@ -56,14 +60,14 @@ def begun(
     fixed: tuple[str, ...] = (),
     priors: tuple[Prior, ...] = (),
 ) -> Begun:
-    """A unified model, robust, from boards and surveyed points that nobody has placed.
+    """Fit a unified model robustly to boards and surveyed points without poses.
 
-    What is fixed keeps the value of a stereographic camera without distortion.
+    Fixed parameters keep the values of a stereographic camera without distortion.
 
     Raises
     ------
     InvalidParameter
-        No camera explains the corners.
+        If no camera explains the corners.
     """
     width, height = image_size
     centre = centre_px or ((width - 1) / 2, (height - 1) / 2)
@@ -93,19 +97,19 @@ def begun(
 def _lowest(
     model: Unified, known: Sequence[Sighting], first: tuple[str, ...], fixed: tuple[str, ...], priors: tuple[Prior, ...]
 ) -> Adjustment:
-    """Of a unified model, some of whose parameters are adjusted first, and all of them then."""
+    """Return a unified model after adjustment of some of its parameters, then of all."""
     held = (p.name for p in model.parameters if p.name not in first)
     rough = adjust(model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
     return adjust(rough.model, again_placed(rough), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
 
 
 def _median_of(fit: Adjustment) -> float:
-    """How far off what was seen is, px."""
+    """Return the median residual, px."""
     return float(np.median(np.where(fit.seen, np.hypot(*fit.residuals.T), UNSEEN_PX)))
 
 
 def again_placed(fit: Adjustment) -> tuple[Sighting, ...]:
-    """Sightings with boards placed anew through the model, where that is better than where they are."""
+    """Return sightings with boards placed through the model, if that reduces their residuals."""
     world = fit.model.mount.rotation()
     result = []
     for number, sighting in enumerate(fit.sightings):
@@ -126,7 +130,7 @@ def _median_px(model: CameraModel, sighting: Sighting, motion: Motion | None) ->
 
 
 def field_of(fit: Adjustment) -> float:
-    """Field angle (deg) as far as models are made to agree: a little beyond the farthest corner."""
+    """Return the field angle (deg) of the model comparison, slightly beyond the farthest corner."""
     return min(BEYOND * farthest_angle_deg(fit), 179.0)
 
 
@@ -139,23 +143,23 @@ def climbed(
     priors: tuple[Prior, ...] = (),
     most_steps: int = MOST_STEPS,
 ) -> Adjustment:
-    """The next rung: another model, which first sees what the one below it sees, then is adjusted to the corners.
+    """Fit the next model: first to the projection of the previous model, then to the corners.
 
     Parameters
     ----------
     fit
-        The rung below.
+        Fit of the previous model.
     into
-        A model of the kind that is wanted.
+        Initial value of the requested kind.
     shape
-        Of the board, to be estimated from here.
+        Initial shape of the board.
     fixed, priors, most_steps
         As for :func:`~omnimirror.calibration.estimation.bundle.adjustment.adjust`.
 
     Returns
     -------
     Adjustment
-        Robust.
+        Robust fit.
     """
     names = {p.name for p in into.parameters}
     model = converted(
@@ -174,7 +178,7 @@ def climbed(
 
 
 def supports(model: CameraModel) -> tuple[Prior, ...]:
-    """Weak priors that hold the ends of splines where no corner lies: there they stay as the rung below had them."""
+    """Return weak priors that hold splines near the previous model in regions without corners."""
     if not isinstance(model, RadialSpline | ViewpointSpline):
         return ()
     reach = RADIUS_SIGMA * model.radii_px[-1]

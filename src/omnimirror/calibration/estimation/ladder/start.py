@@ -1,9 +1,10 @@
-"""Where a calibration begins when the user says nothing: centre of the picture, xi = 1, a searched focal length.
+"""Initial values of a calibration: image centre, xi = 1, and a searched focal length.
 
-With xi = 1 the unified model is the stereographic projection, ``r = f tan(Omega / 2)``, close enough to every mirror
-and fisheye to begin with. For each of a row of focal lengths the corners are lifted to the sphere, each target is
-placed by linear equations, and the median of what is left in pixels is compared. (Angles on the sphere would not do:
-they are least where the focal length is so short that all corners fall on one point.)
+With xi = 1 the unified model is the stereographic projection ``r = f tan(Omega / 2)``, which
+approximates every mirror and fisheye sufficiently. For each of a series of focal lengths, corners
+are back-projected to the unit sphere, each target is placed by linear equations, and the median
+residuals in pixels are compared. (Angular residuals are unsuitable: they vanish for focal lengths
+so short that all corners coincide.)
 """
 
 from __future__ import annotations
@@ -20,26 +21,27 @@ from .placing import placed
 Array = NDArray[np.float64]
 
 FOCALS = 25
-FOCAL_RANGE = (0.08, 1.6)  # of the larger side of the picture
+FOCAL_RANGE = (0.08, 1.6)  # relative to the larger image side
 
 
 class StereographicStart(NamedTuple):
-    """A stereographic camera, and where boards stand in front of it."""
+    """Stereographic camera with board poses."""
 
     focal_px: float
     centre_px: tuple[float, float]
     motions: tuple[Motion | None, ...]
-    """None where a board could not be placed"""
+    """Poses; None for boards that could not be placed."""
     median_px: float
-    """of the residuals"""
+    """Median residual."""
 
 
 def stereographic_start(
     sightings: Sequence[Sighting], image_size: tuple[int, int], centre_px: tuple[float, float], signs: Array
 ) -> StereographicStart:
-    """The focal length and the boards' places that leave the least median residual.
+    """Return the focal length and the board poses with the smallest median residual.
 
-    ``signs`` (3,) are those of right, down and the way the picture's centre looks, along X, Y and Z of the camera.
+    ``signs`` (3,) are the signs of right, down and the viewing direction at the image centre along
+    X, Y and Z of the camera.
     """
     larger = max(image_size)
     focals = np.geomspace(FOCAL_RANGE[0] * larger, FOCAL_RANGE[1] * larger, FOCALS)
@@ -64,7 +66,7 @@ def _start_at(
 
 
 def lifted(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
-    """Unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
+    """Return unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
 
     >>> lifted(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
     array([[1., 0., 0.]])
@@ -75,7 +77,7 @@ def lifted(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs
 
 
 def seen_at(points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
-    """Pixels (n, 2) at which a stereographic camera sees points (n, 3)."""
+    """Return pixels (n, 2) of points (n, 3) in a stereographic camera."""
     right, down, forward = (points * signs).T
     denominator = np.maximum(np.linalg.norm(points, axis=1) + forward, 1e-9)
     return np.asarray(centre_px + focal_px * np.stack([right, down], axis=1) / denominator[:, None])

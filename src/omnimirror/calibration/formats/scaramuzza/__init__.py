@@ -1,1 +1,1 @@
-"""Files of Scaramuzza's polynomial, as four programs write it."""
+"""File formats of Scaramuzza's polynomial model."""

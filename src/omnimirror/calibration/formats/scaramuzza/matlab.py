@@ -1,11 +1,13 @@
-"""MATLAB's ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients, as a script or as JSON.
+"""MATLAB ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients.
 
-MATLAB writes a pixel's ray as ``(u, v, a0 + a2 rho^2 + a3 rho^3 + a4 rho^4)``, u right, v down, Z towards the scene and
-a0 above 0; the pixel is ``[c d; e 1] (u, v) + centre``, and the centre of the picture's first pixel is (1, 1).
+In MATLAB the ray of a pixel is ``(u, v, a0 + a2 rho^2 + a3 rho^3 + a4 rho^4)``, with u right,
+v down, Z towards the scene and a0 above 0. The pixel is ``[c d; e 1] (u, v) + centre``, and the
+centre of the first pixel is (1, 1).
 
-A ``.m`` file is a script: ``run camera.m`` leaves ``intrinsics`` in the workspace. A ``.json`` file holds the four
-arguments: ``s = jsondecode(fileread("camera.json"));
-intrinsics = fisheyeIntrinsics(s.MappingCoefficients', s.ImageSize', s.DistortionCenter', s.StretchMatrix)``.
+A ``.m`` file is a script: ``run camera.m`` creates ``intrinsics`` in the workspace. A ``.json``
+file contains the four arguments: ``s = jsondecode(fileread("camera.json"));
+intrinsics = fisheyeIntrinsics(s.MappingCoefficients', s.ImageSize', s.DistortionCenter',
+s.StretchMatrix)``.
 """
 
 from __future__ import annotations
@@ -32,21 +34,25 @@ NAMES = ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix"
 
 
 class Taylor(NamedTuple):
-    """Scaramuzza's model as MATLAB and py-OCamCalib write it: right and down, Z towards the scene."""
+    """Scaramuzza's model as in MATLAB and py-OCamCalib: right and down, Z towards the scene."""
 
     coefficients: Array
-    """(n,) a0, a1, a2, .. with a0 > 0."""
+    """Coefficients (n,) a0, a1, a2, ... with a0 > 0."""
     centre_px: tuple[float, float]
-    """(u, v), integers at pixel centres, from 0."""
+    """Matrix (2, 2) from the symmetric image to the real one, both (right, down).
+
+    Its last element is 1.
+    """
     stretch: Array
-    """(2, 2), from the round picture to the real one, both (right, down); its last number is 1."""
+    """Matrix (2, 2) from the symmetric image to the real one, both (right, down); last element 1.
+    """
 
 
 def taylor_of(camera: OCam) -> Taylor:
-    """The numbers of a camera of OCamCalib.
+    """Convert the parameters of an OCamCalib camera.
 
-    OCamCalib's matrix, as (right, down), is ``[1 e; d c]``. So that its last number becomes 1, the round picture grows
-    by c, and ``a_n`` by ``c^(1 - n)``.
+    OCamCalib's matrix, as (right, down), is ``[1 e; d c]``. Normalisation of its last element to 1
+    scales the symmetric image by c, and ``a_n`` by ``c^(1 - n)``.
 
     >>> taylor_of(OCam((-100.0, 0.0, 0.002), (5.0, 5.0), (11, 11), (2.0, 0.0, 0.0))).coefficients
     array([ 2.e+02, -0.e+00, -1.e-03])
@@ -57,7 +63,7 @@ def taylor_of(camera: OCam) -> Taylor:
 
 
 def ocam_of(taylor: Taylor, image_size: tuple[int, int], reading: Reading) -> OCam:
-    """The camera of such numbers, the other way round."""
+    """Convert to an OCamCalib camera, the inverse of `taylor_of`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
         raise SpecError(f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1")
@@ -74,11 +80,11 @@ def ocam_of(taylor: Taylor, image_size: tuple[int, int], reading: Reading) -> OC
         raise SpecError(f"{reading.source}: {problem}") from None
 
 
-# -- reading -------------------------------------------------------------------------------------------
+# -- reading ----------------------------------------------------------------------------------
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file with its four arguments."""
+    """Read the camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file."""
     is_script = SCRIPT.search(file.data) is not None
     table = _arguments(file.text, reading.source) if is_script else file.entries
     a0, *rest = table[NAMES[0]].numbers(4)
@@ -93,7 +99,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def _arguments(text: str, source: str) -> Node:
-    """The arguments of the call of ``fisheyeIntrinsics`` in a script, each a row or a matrix in brackets."""
+    """Return the arguments of ``fisheyeIntrinsics`` in a script, each a row or matrix in brackets."""
     code = "\n".join(line.split("%")[0] for line in text.splitlines()).replace("...", "   ")
     call = re.search(r"fisheyeIntrinsics\s*\(([^()]*)\)", code)
     if not call:
@@ -135,11 +141,11 @@ def recognises(file: CameraFile) -> bool:
     return file.has(NAMES[0]) or (file.table is None and SCRIPT.search(file.data) is not None)
 
 
-# -- writing -------------------------------------------------------------------------------------------
+# -- writing ----------------------------------------------------------------------------------
 
 
 def write_script(camera: OCam, name: str = "") -> str:
-    """A script that makes the object ``intrinsics``."""
+    """Return a script that creates the object ``intrinsics``."""
     a, (height, width), centre, stretch = _numbers(camera)
     matrix = "; ".join(row(r, " ") for r in stretch)
     return (
@@ -153,7 +159,7 @@ def write_script(camera: OCam, name: str = "") -> str:
 
 
 def write_json(camera: OCam, name: str = "") -> str:
-    """The arguments of ``fisheyeIntrinsics``, as ``jsondecode`` reads them."""
+    """Return the arguments of ``fisheyeIntrinsics`` as JSON for ``jsondecode``."""
     a, size, centre, stretch = _numbers(camera)
     values = (a.tolist(), list(size), list(centre), stretch.tolist())
     return json.dumps(dict(zip(NAMES, values, strict=True)), indent=2) + "\n"

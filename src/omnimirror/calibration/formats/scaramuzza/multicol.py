@@ -1,6 +1,7 @@
-"""MultiCol-SLAM's camera YAML: OCamCalib's polynomials by name, ``Camera.a0 ..`` and ``Camera.pol0 ..``.
+"""MultiCol-SLAM camera YAML: OCamCalib's polynomials as ``Camera.a0 ...`` and ``Camera.pol0 ...``.
 
-The affine matrix applies to (x, y): ``u = c X + d Y + u0``, ``v = e X + Y + v0``. The format is read only.
+The affine matrix applies to (x, y): ``u = c X + d Y + u0``, ``v = e X + Y + v0``. The format is
+read-only.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""OCamCalib's ``calib_results.txt``: a polynomial in the distance from the centre, its inverse, and an affine matrix.
+"""OCamCalib ``calib_results.txt``: polynomial in the radius, its inverse, and an affine matrix.
 
-The file is described in :mod:`omnimirror.cameras.models.ocam`. It holds a direct polynomial of any degree; the inverse
-one, which OCamCalib's own ``world2cam`` projects with, is fitted when a file is written.
+The model is described in :mod:`omnimirror.cameras.models.ocam`. The direct polynomial may have
+any degree; the inverse, which OCamCalib's ``world2cam`` uses for projection, is fitted when a
+file is written.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from ..base import CameraFile, CameraFormat, Layout, Reading, Stored, row
 
 Array = NDArray[np.float64]
 
-CLOSE_PX = 0.01  # as OCamCalib's findinvpoly asks of the inverse polynomial
+CLOSE_PX = 0.01  # tolerance of the inverse polynomial, as in OCamCalib's findinvpoly
 MOST_TERMS = 30
 SAMPLES = 2000
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of a ``calib_results.txt``."""
+    """Read the camera of a ``calib_results.txt``."""
     camera, inverse = parse_polynomials(file.text, reading.source)
     camera = replace(camera, **reading.told)
     return [Stored("", camera, tuple(inverse_doubts(camera, inverse)))]
 
 
 def write(camera: OCam, name: str = "") -> str:
-    """The text of a ``calib_results.txt``."""
+    """Return the text of a ``calib_results.txt``."""
     (u, v), (width, height) = camera.centre_px, camera.image_size
     inverse, _ = inverse_polynomial(camera, np.pi / 2)
     return (
@@ -53,15 +54,20 @@ def write(camera: OCam, name: str = "") -> str:
 
 
 def inverse_polynomial(camera: OCam, start: float) -> tuple[Array, float]:
-    """Coefficients, lowest first, of the radius in px as a polynomial of the field angle less ``start``.
+    """Return the radius in px as a polynomial of the field angle minus ``start``.
 
-    The degree grows until it is within :data:`CLOSE_PX`, as in OCamCalib's ``findinvpoly``.
+    Coefficients are in order of increasing powers.
+
+    The degree is increased until the error is below :data:`CLOSE_PX`, as in OCamCalib's
+    ``findinvpoly``.
 
     Parameters
     ----------
     camera
+        Camera to approximate.
     start : radians
-        Field angle that counts as 0: OCamCalib counts from across the axis, py-OCamCalib from the axis.
+        Field angle of the origin: OCamCalib counts from the plane across the axis, py-OCamCalib
+        from the axis.
 
     Returns
     -------
@@ -80,7 +86,7 @@ def inverse_polynomial(camera: OCam, start: float) -> tuple[Array, float]:
 
 
 def recognises(file: CameraFile) -> bool:
-    """Check that the first line that is not empty is a count and that many numbers."""
+    """Check that the first non-empty line is a count followed by that many numbers."""
     for line in file.data[:4000].decode("utf-8-sig", "replace").splitlines():
         words = line.split("#")[0].split()
         if words:

@@ -1,8 +1,11 @@
-"""py-OCamCalib's JSON: Scaramuzza's polynomial with Z towards the scene, its inverse, a centre and a stretch matrix.
+"""py-OCamCalib JSON: Scaramuzza's polynomial, its inverse, centre and stretch matrix.
 
-Its ``cam2world`` is followed. Where the matrix's third number e is not 0, its ``world2cam`` puts the column that it
-has stretched already into the row, and so differs from its own ``cam2world`` by ``e (c - 1)`` of the distance. The file
-does not say how large the picture is; ours adds ``image_size``, which py-OCamCalib passes over.
+Z points towards the scene.
+
+The conventions are those of its ``cam2world``. If the matrix's third element e is not 0, its
+``world2cam`` inserts the already stretched column into the row equation, and differs from
+``cam2world`` by ``e (c - 1)`` times the distance. The file does not contain the image size; this
+module adds ``image_size``, which py-OCamCalib ignores.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from .ocamcalib import inverse_polynomial
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of a calibration file."""
+    """Read the camera of a calibration file."""
     table = file.entries
     coefficients = np.array(table["taylor_coefficient"].numbers())
     u, v = table["distortion_center"].numbers(2)
@@ -35,10 +38,10 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def write(camera: OCam, name: str = "") -> str:
-    """The text of a calibration file, without the pictures' poses."""
+    """Return the text of a calibration file, without poses."""
     taylor = taylor_of(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
-    scale = 1.0 / taylor.stretch[0, 0]  # the round picture of ours to theirs
+    scale = 1.0 / taylor.stretch[0, 0]  # to the symmetric image of py-OCamCalib
     values = {
         "camera_name": name or "camera",
         "taylor_coefficient": taylor.coefficients.tolist(),

@@ -1,7 +1,7 @@
-"""py-omnicalib's YAML: Scaramuzza's polynomial with Z towards the scene, its inverse, and the centre.
+"""py-omnicalib YAML: Scaramuzza's polynomial with Z towards the scene, its inverse, and the centre.
 
-Pixels are square and the picture is round: there is no affine matrix. The file does not say how large the picture is;
-ours adds ``image_size``, which py-omnicalib passes over.
+Pixels are square and the image is rotationally symmetric: there is no affine matrix. The file
+does not contain the image size; this module adds ``image_size``, which py-omnicalib ignores.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PLACES = frozenset({"cx", "cy", *(f"a{power}" for power in range(MOST_TERMS))})
 
 
 def read(file: CameraFile, reading: Reading) -> list[Stored]:
-    """The camera of a ``calibration.yml``, without the pictures' poses."""
+    """Read the camera of a ``calibration.yml``, without poses."""
     table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
     u, v = table["principal_point"].numbers(2)
@@ -29,7 +29,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
 
 
 def write(camera: OCam, name: str = "") -> str:
-    """The text of a ``calibration.yml``, without the pictures' poses."""
+    """Return the text of a ``calibration.yml``, without poses."""
     taylor = taylor_of(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
     width, height = camera.image_size

@@ -1,1 +1,1 @@
-"""How a board is searched for: seeds, growth, markers, local rectification; and how its corners are fitted."""
+"""Board search: seeds, lattice growth, markers, local rectification, and corner fitting."""

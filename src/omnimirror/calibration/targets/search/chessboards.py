@@ -1,4 +1,4 @@
-"""Chessboards found in distorted pictures: grown from any nine corners, or from what OpenCV's detectors see."""
+"""Chessboard detection in distorted images by lattice growth."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from .seeds import find_seeds
 Array = NDArray[np.float64]
 
 WHOLE = 0.9
-"""Share of the corners of a lattice that have to be found."""
-LEAST_PART = 9  # corners of a lattice that is looked at
-MOST_SEEDS, MOST_BOARDS = 12, 200  # seeds that are grown, and where several boards are looked for
-MOST_REFLECTED = 2  # columns or rows that a frame may add to a lattice
-LARGEST_FOR_OPENCV = 2_500_000  # px: its detectors take long
+"""Minimum fraction of the corners of a lattice."""
+LEAST_PART = 9  # minimum number of corners of a lattice
+MOST_SEEDS, MOST_BOARDS = 12, 200  # maximum number of seeds to grow, for one board and for several
+MOST_REFLECTED = 2  # maximum number of columns or rows that reflections add
+LARGEST_FOR_OPENCV = 2_500_000  # px; OpenCV's detectors are slow on larger images
 
 
 def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> LatticePart | None:
-    """The lattice in the picture that is the board or, where none is, the one with the most corners.
+    """Return the lattice that matches the board, otherwise the one with the most corners.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey, 0 to 255.
+        Greyscale image, 0 to 255.
     board
-        A chessboard.
+        Chessboard.
     is_quick
-        Whether to look at one size of the picture alone, and without OpenCV's detectors.
+        Search at one image size only and without OpenCV's detectors.
     """
     best: LatticePart | None = None
     for part in _grown_parts(picture, find_seeds(picture)) if is_quick else _parts(picture, board):
@@ -47,15 +47,18 @@ def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> L
 
 
 def _merit(part: LatticePart, board: Board) -> tuple[bool, int]:
-    """Order lattices: those that may be half of the board or more before larger ones, then by their corners."""
+    """Return a sort key of lattices.
+
+    Those that cover at least 0.5 of the board without excess are preferred, then larger ones.
+    """
     is_half = not is_larger(part, board) and 2 * len(part.places) >= board.corner_count
     return is_half, len(part.places)
 
 
 def inner_grids(part: LatticePart, board: Board) -> Iterator[LatticePart]:
-    """Grids of the board's size within a lattice that has up to two columns or rows more.
+    """Yield subgrids of the board's size in a lattice with up to two additional columns or rows.
 
-    What a frame reflects may continue the squares by a row, which then joins the lattice.
+    Reflections in a frame may continue the squares by a row, which then joins the lattice.
     """
     low, size = part.places.min(axis=0), np.array(part.size)
     for wanted in {board.lattice_size, board.lattice_size[::-1]}:
@@ -68,14 +71,14 @@ def inner_grids(part: LatticePart, board: Board) -> Iterator[LatticePart]:
 
 
 def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
-    """All lattices in the picture that are the board, where several of one kind stand about.
+    """Return all lattices in the image that match the board.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey, 0 to 255.
+        Greyscale image, 0 to 255.
     board
-        A chessboard.
+        Chessboard.
     """
     for scale in scales(picture.shape):
         smaller = scaled(picture, scale)
@@ -87,7 +90,7 @@ def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
 
 
 def is_whole(part: LatticePart, board: Board) -> bool:
-    """Whether a lattice has the board's columns and rows, and nearly all of its corners.
+    """Return whether a lattice has the size of the board and nearly all of its corners.
 
     >>> nine = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 2)
     >>> is_whole(LatticePart(nine, 10.0 * nine, -1), Board("chessboard", 3, 3))
@@ -108,9 +111,9 @@ def _is_filled(part: LatticePart) -> bool:
 
 
 def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
-    """Lattices, each in pixels of the picture itself.
+    """Yield lattices in pixels of the full image.
 
-    Those that are larger than the board are not grown again at other sizes of the picture.
+    Lattices larger than the board are not grown again at other image sizes.
     """
     has_seeds, is_complete, most, other = False, False, 0, np.empty((0, 2))
     for scale in scales(picture.shape):
@@ -125,7 +128,7 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
             elif _is_filled(part) and len(part.places) > board.corner_count / 2:
                 is_complete |= is_bounded(smaller, part)
             yield found
-    # to find nothing takes OpenCV the longest: what it finds begins somewhere, and a part is to be made whole
+    # OpenCV is slowest if it finds no board: it runs only for incomplete lattices
     if not has_seeds or most >= WHOLE * board.corner_count or is_complete:
         return
     for scale in scales(picture.shape)[:2]:
@@ -140,7 +143,7 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
 def _grown_parts(
     picture: Grey, seeds: Sequence[LatticePart], *, most: int = MOST_SEEDS, taken: Array | None = None
 ) -> Iterator[LatticePart]:
-    """What grows from every seed that is not in an earlier part, of so many seeds at most."""
+    """Yield the lattices grown from seeds outside earlier lattices, up to a maximum number."""
     taken = np.empty((0, 2)) if taken is None else taken
     grows = 0
     for seed in seeds:
@@ -158,7 +161,7 @@ def _grown_parts(
 
 
 def _at_full_size(picture: Grey, part: LatticePart, scale: float) -> LatticePart:
-    """The part's corners where a picture twice as large every time shows them, up to the picture's own size."""
+    """Refine the corners of a lattice in images of doubling size, up to the full image."""
     places, pixels = part.places.astype(float), unscaled_px(part.pixels, scale)
     for larger in upwards(scale):
         here = (pixels + 0.5) * larger - 0.5
@@ -170,7 +173,7 @@ def _at_full_size(picture: Grey, part: LatticePart, scale: float) -> LatticePart
 
 
 def _opencv_grids(picture: NDArray[np.uint8], board: Board) -> Iterator[Array]:
-    """Corners (rows, columns, 2) from OpenCV's detectors, the quicker first, at last those of a part."""
+    """Yield corners (rows, columns, 2) from OpenCV's detectors, fastest first, partial boards last."""
     import cv2
 
     size = board.lattice_size
@@ -189,10 +192,11 @@ def _opencv_grids(picture: NDArray[np.uint8], board: Board) -> Iterator[Array]:
 
 
 def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, bool]:
-    """Ids (k,) and pixels (k, 2) of a lattice that is the whole board, and whether the square before them is white.
+    """Return ids (k,), pixels (k, 2) and the colour of the first square of a complete board.
 
-    Columns and rows run clockwise in the picture. Where the board's colours tell its beginning, the square before the
-    first corner is black; else it begins at the corner nearest to the picture's upper left.
+    Columns and rows run clockwise in the image. If the colours of the board determine its first
+    corner, the square before it is black; otherwise the first corner is the one nearest to the
+    upper left of the image.
     """
     columns, rows = board.lattice_size
     places = part.places - part.places.min(axis=0)
@@ -205,7 +209,7 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, b
             continue
         ids = turned[1] * columns + turned[0]
         start = int(np.argmin(turned[0] + turned[1]))
-        # a quarter turn exchanges the colours of a corner's first square and its second
+        # a rotation by 90 deg exchanges the colours of a corner's first and second square
         parity = int(part.places[start].sum() + turned[0][start] + turned[1][start]) + turn
         first = part.polarity * (1 - 2 * (parity % 2))
         options.append((first > 0, float(part.pixels[start].sum()), ids))
@@ -215,15 +219,16 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, b
 
 
 def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | None:
-    """Ids (k,) and pixels (k, 2) of a part of a board as if it were its middle; None where it is none of this board.
+    """Return ids (k,) and pixels (k, 2) of a part of a board as if it were its centre.
 
-    Which part it is a chessboard does not tell, and the board's place in space takes up the difference.
+    None if it does not fit this board. A chessboard does not identify the part; the estimated pose
+    absorbs the difference.
     """
     columns, rows = board.lattice_size
     places = part.places - part.places.min(axis=0)
     width, height = part.size
     is_turned = width > columns or height > rows
-    if is_turned:  # a quarter turn, clockwise still
+    if is_turned:  # rotation by 90 deg, still clockwise
         places = np.stack([places[:, 1], width - 1 - places[:, 0]], axis=1)
         width, height = height, width
     if width > columns or height > rows or min(width, height) < 3:
@@ -231,7 +236,7 @@ def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | 
     corner = np.array([(columns - width) // 2, (rows - height) // 2])
     places = places + corner
     first = part.polarity * (1 - 2 * (int(part.places[0].sum() + places[0].sum() + is_turned) % 2))
-    if first > 0 and not board.is_symmetric:  # half a turn of the whole board brings the black square first
+    if first > 0 and not board.is_symmetric:  # black square first
         places = np.array([columns - 1, rows - 1]) - places
     ids = places[:, 1] * columns + places[:, 0]
     order = np.argsort(ids)

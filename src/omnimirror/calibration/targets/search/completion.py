@@ -1,4 +1,4 @@
-"""The rest of a board of which some corners are known by name: predicted, and taken where the picture shows them."""
+"""Completion of a partially identified board: predicted corners, verified in the image."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int_]
 
 SUPPORT = 2.0
-"""Least weight of known corners about one that is predicted."""
+"""Minimum total weight of known corners around a predicted one."""
 ASTRAY = (0.2, 0.6)
 
 
 def completed(picture: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
-    """Known corners and those that follow from them, in the order of their ids.
+    """Return known and predicted corners, ordered by id.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     board
+        Calibration board.
     ids : (k,)
-        Of the known corners.
+        Ids of known corners.
     pixels : (k, 2)
-        Of the known corners.
+        Pixels of known corners.
     """
     places = board.points_mm[:, :2] / board.square_mm
     asked: set[int] = set()
@@ -51,17 +52,18 @@ def completed(picture: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids
 
 
 def predicted(picture: Grey, board: Board, known_mm: Array, known_px: Array) -> tuple[Ids, Array]:
-    """Corners of a board that follow from other points on it.
+    """Return the corners of a board predicted from other points on it.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     board
+        Calibration board.
     known_mm : (m, 2)
-        Points of the board.
+        Known points of the board.
     known_px : (m, 2)
-        Where they are in the picture.
+        Pixels of these points.
     """
     places = board.points_mm[:, :2] / board.square_mm
     maps = maps_about(known_mm / board.square_mm, known_px, places)
@@ -75,7 +77,7 @@ def _found(picture: Grey, board: Board, ids: Ids, maps: LocalMaps) -> tuple[NDAr
     spacing = maps.spacing()
     margin = board.surroundings.half / 2 * spacing[:, None]
     inside = np.all((maps.pixels > margin) & (maps.pixels < np.array([width, height]) - 1 - margin), axis=1)
-    # in a picture that is reversed the board's two axes run anticlockwise, and colours stay where they are
+    # in a mirrored image the board's axes run anticlockwise, but colours do not change
     polarity = board.polarity[ids].astype(float)
     like = likeness(picture, maps, polarity, surroundings=board.surroundings)
     fit = fit_saddles(picture, maps._replace(pixels=like.pixels), board.surroundings, is_quick=True)
@@ -87,7 +89,10 @@ def _found(picture: Grey, board: Board, ids: Ids, maps: LocalMaps) -> tuple[NDAr
 
 
 def without_strays(board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
-    """Without corners that are not where the others say; the worst first, as each bends the maps of the others."""
+    """Remove corners that are inconsistent with their neighbours, worst first.
+
+    Each outlier distorts the local maps of the others.
+    """
     places = board.points_mm[:, :2] / board.square_mm
     while len(ids) > 8:
         maps = maps_about(places[ids], pixels, places[ids], leave_out=True)

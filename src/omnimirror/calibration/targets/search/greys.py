@@ -1,4 +1,4 @@
-"""A picture as finding a board needs it: grey, at several sizes, and how blurred it is."""
+"""Image preparation for board detection: greyscale conversion, image sizes and blur measurement."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 USUAL_PX = 900
-"""Longer side of the picture in which a board is looked for first: squares have ten pixels or more in most."""
+"""Longer side of the first image size of the search, at which most squares have 10 px or more."""
 MOST_PIXELS = 128_000_000
-"""Of a picture; the search takes up to 13 bytes of memory for each."""
+"""Maximum number of pixels; the search needs up to 13 bytes of memory per pixel."""
 SMALLEST_PX, LARGEST_PX = 200, 6000
-LARGEST_ENLARGED_PX = 3000  # of a picture that is looked at twice as large as it is, for squares of few pixels
+LARGEST_ENLARGED_PX = 3000  # for images enlarged by 2, to detect small squares
 FULL = {"u": 255.0, "f": 1.0}
 
 
 def grey(picture: NDArray[Any]) -> Grey:
-    """Convert a picture (height, width) or (height, width, 1 to 4), RGB, to its brightness on a scale of 0 to 255.
+    """Convert an image (height, width) or (height, width, 1 to 4) to brightness, 0 to 255.
 
     Raises
     ------
     InvalidParameter
-        It is no picture, or has more than :data:`MOST_PIXELS`.
+        If the image is invalid or has more than :data:`MOST_PIXELS` pixels.
     """
     picture = np.asarray(picture)
     if picture.ndim not in (2, 3) or picture.dtype.kind not in "uf" or min(picture.shape[:2]) < 16:
@@ -47,20 +47,23 @@ def grey(picture: NDArray[Any]) -> Grey:
     if values.ndim == 3:
         weights = np.array([0.299, 0.587, 0.114], np.float32) if values.shape[2] >= 3 else np.ones(1, np.float32)
         values = values[..., : len(weights)] @ weights
-    if picture.dtype.kind == "f":  # of high dynamic range: what is above white is no brighter
+    if picture.dtype.kind == "f":  # high dynamic range: clip values above white
         values = np.clip(np.nan_to_num(values), 0, max(1.0, float(np.percentile(values, 99.5))))
         full = max(1.0, float(values.max()))
     return np.ascontiguousarray(values * np.float32(255.0 / full))
 
 
 def bytes_of(picture: Grey) -> NDArray[np.uint8]:
-    """As OpenCV's detectors take it, the darkest and the brightest hundredth stretched to black and white."""
+    """Convert to bytes for OpenCV's detectors, with stretched contrast.
+
+    The 0.5 and 99.5 % percentiles become black and white.
+    """
     low, high = np.percentile(picture[::4, ::4], [0.5, 99.5])
     return np.asarray(np.clip((picture - low) * (255 / max(high - low, 1.0)), 0, 255), np.uint8)
 
 
 def scales(shape: tuple[int, ...]) -> list[float]:
-    """Sizes of the picture in which a board is looked for, in turn."""
+    """Return the scales at which a board is searched, in order."""
     longest = max(shape[:2])
     usual = min(1.0, 2.0 ** round(np.log2(USUAL_PX / longest)))
     sizes = [s for s in (usual, 2 * usual, usual / 2, 4 * usual) if s <= 2]
@@ -69,7 +72,7 @@ def scales(shape: tuple[int, ...]) -> list[float]:
 
 
 def scaled(picture: Grey, scale: float) -> Grey:
-    """The picture at another size."""
+    """Return the image at another size."""
     import cv2
 
     if scale == 1:
@@ -79,12 +82,15 @@ def scaled(picture: Grey, scale: float) -> Grey:
 
 
 def unscaled_px(pixels: Array, scale: float) -> Array:
-    """Pixels of the picture itself, of those of one at another size; pixel centres are whole numbers in both."""
+    """Convert pixels of a scaled image to pixels of the full image.
+
+    Pixel centres are integers in both.
+    """
     return np.asarray((pixels + 0.5) / scale - 0.5)
 
 
 def upwards(scale: float) -> Iterator[float]:
-    """Sizes from one up to the picture's own, doubled every time.
+    """Yield scales from one scale to full size, doubled at each step.
 
     >>> list(upwards(0.25)), list(upwards(2.0))
     ([0.5, 1.0], [1.0])
@@ -99,10 +105,11 @@ def upwards(scale: float) -> Iterator[float]:
 
 
 def edge_blur_px(picture: Grey) -> float:
-    """Standard deviation over which the stronger edges of a picture are spread, px.
+    """Return the standard deviation of the blur of the stronger edges of an image, px.
 
-    Where an edge is spread over s, its gradient's square sums to 1 / s; spread over b more it is 1 / sqrt(s^2 + b^2).
-    So the ratio of both sums tells s, whatever the contrast. Noise hides in the half of the gradient that is left out.
+    The squared gradient of an edge with blur s sums to 1 / s; after an additional blur b to
+    1 / sqrt(s^2 + b^2). The ratio of both sums gives s, independently of the contrast. Pixels with
+    weak gradients, which are dominated by noise, are excluded.
     """
     import cv2
 

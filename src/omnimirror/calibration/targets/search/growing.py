@@ -1,8 +1,9 @@
-"""A part of a board made whole: its neighbours predicted ring by ring, and taken where the picture shows them.
+"""Lattice growth: neighbours predicted ring by ring and verified in the image.
 
-What is known of the lattice says by its local map where the next corners must be and how their squares are bent. A
-corner is taken where the picture, straightened by that map, correlates with four squares of the right colours. So
-boards are found that no straight detector sees, without any model of the camera.
+The local map of the known lattice predicts the position of the next corners and the curvature of
+their squares. A corner is accepted if the image, rectified by that map, correlates with four
+squares of the correct colours. This detects boards without a camera model in images too distorted
+for conventional detectors.
 """
 
 from __future__ import annotations
@@ -21,27 +22,33 @@ Array = NDArray[np.float64]
 Places = NDArray[np.int_]
 Grey = NDArray[np.float32]
 
-HALF = 6  # samples from the middle of four squares to the edge of what is compared
-SEARCH = 5  # samples by which a corner may lie elsewhere than predicted
+HALF = 6  # samples from the centre of four squares to the edge of the template
+SEARCH = 5  # maximum offset from the prediction, in samples
 LIKENESS = 0.6
-"""Least correlation with four squares."""
+"""Minimum correlation with four squares."""
 SEEN = 0.45
-"""The same, where the corner is known rather than predicted."""
+"""Minimum correlation for known corners."""
 CLEARANCE = 0.25
-"""Least difference between the darker white and the lighter black square, in contrasts: not so at a board's rim."""
+"""Minimum difference of the darker white and the lighter black square, relative to the contrast.
+
+It is smaller at the boundary of a board.
+"""
 AWAY = 0.35
-"""How far from its prediction a corner may be, in squares."""
+"""Maximum distance from the prediction, in squares."""
 MISFIT = 0.75
 GOES_ON = 0.2
-"""Share of the places past a board's outer corners that look like corners: on a margin none does, on tiles half."""
+"""Maximum fraction of corner-like places beyond a board's outer corners.
+
+It is 0 on a margin and 0.5 on tiles.
+"""
 CONTRAST_OF_CORNER = 0.7
-"""Least contrast of a corner past a lattice, as a ratio to the nearest corner of the lattice."""
+"""Minimum contrast of a corner beyond a lattice, relative to the nearest corner of the lattice."""
 CONTRAST_OF_OUTLINE = (0.25, 0.66)
-"""The same ratio where the board's outline lies: four squares fitted to a T have half of its contrast."""
+"""Range of this ratio at the outline of a board; four squares fitted to a T-junction have 0.5."""
 OUTLINED = 0.5
-"""Least share of the places past every side of a framed board that show its outline."""
+"""Minimum fraction of the places beyond each side of a framed board that show its outline."""
 MOST_RINGS = 60
-ASTRAY = (0.2, 0.6)  # in squares, and px more: what lies farther from what its neighbours say is no corner of theirs
+ASTRAY = (0.2, 0.6)  # in squares, plus px; maximum distance from the prediction
 
 
 CHECKER = CornerWindow()
@@ -51,50 +58,51 @@ class LatticePart(NamedTuple):
     """Corners of one lattice."""
 
     places: Places
-    """(k, 2): column and row, counted from anywhere."""
+    """Column and row (k, 2) with an arbitrary origin."""
     pixels: Array
-    """(k, 2)"""
+    """Pixels (k, 2)."""
     polarity: int
-    """Sign of the contrast where column + row is even: -1 where the square to the upper left is black."""
+    """Sign of the contrast for even column + row: -1 if the upper left square is black."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and rows."""
+        """Number of columns and rows."""
         extent = np.ptp(self.places, axis=0) + 1
         return int(extent[0]), int(extent[1])
 
     def only(self, kept: NDArray[np.bool_]) -> LatticePart:
-        """Some of them."""
+        """Return a subset of the corners."""
         return LatticePart(self.places[kept], self.pixels[kept], self.polarity)
 
 
 class Likeness(NamedTuple):
-    """How a picture looks about places where corners may be."""
+    """Similarity of the image to corners at candidate places."""
 
     correlation: Array
-    """(m,): with four squares, the first of them white."""
+    """Correlation (m,) with four squares, the first of them white."""
     clearance: Array
-    """(m,): of white above black squares, in contrasts."""
+    """Difference (m,) of white and black squares, relative to the contrast."""
     pixels: Array
-    """(m, 2): where it is most like them."""
+    """Position (m, 2) of maximum correlation."""
 
 
 def likeness(
     picture: Grey, maps: LocalMaps, polarity: Array, search: int = SEARCH, surroundings: CornerWindow = CHECKER
 ) -> Likeness:
-    """Compare the picture, straightened by the maps, with four squares.
+    """Compare the image, rectified by the maps, with four squares.
 
     Parameters
     ----------
     picture : (height, width)
+        Greyscale image.
     maps
-        About m places, in sides of a square.
+        Local maps at m places, in sides of a square.
     polarity : (m,)
-        Signs of the contrast that is looked for; 0 for either.
+        Signs of the expected contrast; 0 for either.
     search
-        Samples to every side at which the corner is looked for.
+        Search range in samples.
     surroundings
-        What about a corner shows it alone.
+        Region around a corner without other structures.
     """
     import cv2
 
@@ -121,7 +129,7 @@ def likeness(
 
 
 def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32]:
-    """Of windows (.., side, side) with four squares, as far as a cross of a width shows them."""
+    """Return the correlation of windows (..., side, side) with four squares, within a cross."""
     steps = np.arange(-HALF, HALF + 1)
     ramp = np.clip(steps / 1.5, -1, 1)
     free = np.minimum(*np.abs(np.meshgrid(steps, steps))) <= max(arm - 0.5, 1)
@@ -138,7 +146,7 @@ def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32
 
 
 def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
-    """Of the darker white above the lighter black square, in differences of their means."""
+    """Return the relative difference of the darker white and the lighter black square."""
     low, high = slice(0, HALF - 1), slice(HALF + 2, None)
     quarters = np.stack([windows[:, i, j].mean(axis=(1, 2)) for i in (low, high) for j in (low, high)], axis=1)
     quarters = quarters * sign[:, None]
@@ -150,18 +158,18 @@ def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
 def grown(
     picture: Grey, part: LatticePart, *, largest: tuple[int, int] = (200, 200), rings: int = MOST_RINGS
 ) -> LatticePart:
-    """A part of a lattice and all that joins on to it.
+    """Grow a lattice by all adjacent corners.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     part
-        At least four corners, two by two.
+        At least four corners, 2 x 2.
     largest
-        Longer and shorter side, in corners, beyond which nothing is looked for.
+        Maximum size of the longer and shorter side, in corners.
     rings
-        How often neighbours are looked for.
+        Maximum number of rings.
     """
     refused: dict[tuple[int, int], int] = {}
     for _ in range(rings):
@@ -179,7 +187,7 @@ def grown(
 
 
 def _neighbours(part: LatticePart, largest: tuple[int, int], refused: dict[tuple[int, int], int]) -> Places:
-    """Places beside known ones, unless they were refused and little was learnt since."""
+    """Return places adjacent to known corners, except those recently rejected."""
     known = set(map(tuple, part.places))
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     sides = sorted(high - low + 1)
@@ -195,13 +203,13 @@ def _neighbours(part: LatticePart, largest: tuple[int, int], refused: dict[tuple
 
 
 def _found(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArray[np.bool_], Array]:
-    """Which of the candidates the picture shows, and where."""
+    """Return which candidates the image confirms, and their pixels."""
     maps = maps_about(part.places.astype(float), part.pixels, candidates.astype(float))
     height, width = picture.shape
     spacing = maps.spacing()
     reach = 0.3 * spacing[:, None]
     within = np.all((maps.pixels > reach) & (maps.pixels < np.array([width, height]) - 1 - reach), axis=1)
-    # neighbours that lie far off or on top of each other come from a map that has nothing to stand on
+    # neighbours that are far away or coincide result from a poorly supported map
     usual = np.median(
         np.linalg.norm(maps_about(part.places.astype(float), part.pixels, part.places.astype(float)).first, axis=1)
     )
@@ -223,46 +231,47 @@ def _found(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArra
 
 
 class BoardSurroundings(NamedTuple):
-    """What the picture shows one square past the outer corners of a lattice, at the m such places in the picture.
+    """Image content one square beyond the outer corners of a lattice, at m places in the image.
 
-    Past the outer corners of tiles, of a checked cloth and of a larger board lie further corners of four squares. Past
-    those of a board lies its outline, which meets the edges of the outer squares in the form of a T: four squares
-    fitted to that have half of the contrast.
+    Beyond the outer corners of tiles, a checked cloth or a larger board there are further corners
+    of four squares. Beyond those of a board there is its outline, which meets the edges of the
+    outer squares in T-junctions: four squares fitted to these have 0.5 of the contrast.
     """
 
     resembles: NDArray[np.bool_]
-    """(m,): whether it resembles four squares."""
+    """Similarity (m,) to four squares."""
     contrast: Array
-    """(m,): of four squares fitted to it, as a ratio to the nearest corner of the lattice."""
+    """Contrast (m,) of four squares fitted to it, relative to the nearest corner of the lattice."""
     sides: NDArray[np.bool_]
-    """(4, m): on which side of the lattice the place lies."""
+    """Side of the lattice (4, m) of each place."""
 
     @property
     def outlined(self) -> Array:
-        """Share (4,) of the places on each side that show an outline; NaN where the picture ends before them."""
+        """Fraction (4,) of the places on each side that show an outline; NaN if outside the image."""
         is_outline = (self.contrast > CONTRAST_OF_OUTLINE[0]) & (self.contrast < CONTRAST_OF_OUTLINE[1])
         count = self.sides.sum(axis=1)
         return np.where(count > 0, (self.sides & is_outline).sum(axis=1) / np.maximum(count, 1), np.nan)
 
     @property
     def has_corners(self) -> bool:
-        """Whether squares of full contrast continue."""
+        """True if squares of full contrast continue."""
         corners = self.resembles & (self.contrast > CONTRAST_OF_CORNER)
         return bool(corners.size) and bool(corners.mean() > GOES_ON)
 
 
 def goes_on(picture: Grey, part: LatticePart) -> bool:
-    """Check whether squares continue past a lattice, as those of tiles, of a checked cloth and of a larger board do.
+    """Check whether squares continue beyond a lattice, as in tiles or a larger board.
 
-    On a white margin nothing resembles a corner. On a narrow frame with textured surroundings some places do: then all
-    sides must show the outline, and few places corners of full contrast.
+    On a white margin no place resembles a corner. On a narrow frame with textured surroundings some
+    places do: then all sides must show the outline, and few places may have corners of full
+    contrast.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     part
-        A lattice that may be a whole board: past that is its margin.
+        Lattice that may be a complete board.
     """
     past = surroundings(picture, part)
     if not past.resembles.any() or past.resembles.mean() <= GOES_ON:
@@ -271,13 +280,13 @@ def goes_on(picture: Grey, part: LatticePart) -> bool:
 
 
 def is_bounded(picture: Grey, part: LatticePart) -> bool:
-    """Check whether the outline of a board is visible on all four sides of a lattice, so that it is complete."""
+    """Check whether the outline of a complete board is visible on all sides of a lattice."""
     past = surroundings(picture, part)
     return not past.has_corners and bool((past.outlined >= OUTLINED).all())
 
 
 def surroundings(picture: Grey, part: LatticePart) -> BoardSurroundings:
-    """Evaluate what the picture shows one square past the outer corners of a lattice."""
+    """Evaluate the image one square beyond the outer corners of a lattice."""
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     beside = _neighbours(part, (MOST_RINGS, MOST_RINGS), {})
     past = beside[np.any((beside < low) | (beside > high), axis=1)]
@@ -306,19 +315,19 @@ def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
 
 
 def _without_strays(part: LatticePart) -> LatticePart:
-    """Without corners that are not where those around them say."""
+    """Remove corners that are inconsistent with their neighbours."""
     if len(part.places) < 12:
         return part
     places = part.places.astype(float)
     maps = maps_about(places, part.pixels, places, leave_out=True)
     away = np.linalg.norm(maps.pixels - part.pixels, axis=1)
-    # at corners of the known part the map is extrapolated, and has less to say
+    # at the lattice boundary the map is extrapolated and less accurate
     allowed = (ASTRAY[0] * maps.spacing() + ASTRAY[1]) * np.where(maps.support > 4.5, 1.0, 3.0)
     return part.only(away < allowed)
 
 
 def trimmed(part: LatticePart, share: float = 0.5) -> LatticePart:
-    """Without outer columns and rows of which less than a share is there."""
+    """Remove outer columns and rows with less than a given fraction of corners."""
     while len(part.places):
         low, high = part.places.min(axis=0), part.places.max(axis=0)
         lengths = high - low + 1
@@ -337,7 +346,7 @@ def trimmed(part: LatticePart, share: float = 0.5) -> LatticePart:
 
 
 def from_grid(picture: Grey, pixels: Array) -> LatticePart:
-    """The part that a detector's corners (rows, columns, 2) are, with the colours that the picture shows."""
+    """Return the lattice of a detector's corners (rows, columns, 2), with colours from the image."""
     rows, columns = pixels.shape[:2]
     places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     flat = pixels.reshape(-1, 2).astype(float)
@@ -347,7 +356,10 @@ def from_grid(picture: Grey, pixels: Array) -> LatticePart:
 
 
 def coloured(picture: Grey, places: Places, pixels: Array) -> LatticePart:
-    """A part whose colours are taken from the picture, turned over where it runs anticlockwise; what it shows of it."""
+    """Return a lattice with colours from the image, in clockwise order.
+
+    Only corners that the image confirms are retained.
+    """
     maps = maps_about(places.astype(float), pixels, places.astype(float))
     if np.median(np.linalg.det(maps.first)) < 0:
         places = places[:, ::-1].copy()

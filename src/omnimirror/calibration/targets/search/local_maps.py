@@ -1,7 +1,8 @@
-"""How a board lies in the picture about one of its corners: a quadratic map, fitted to the corners around it.
+"""Local quadratic maps from a board to the image, fitted to the corners around a point.
 
-No camera is asked. Over two or three squares any mirror's picture of a plane is quadratic to a few hundredths of
-a pixel, which is enough to say where the next corner must be and how its edges bend.
+No camera model is required. Over two or three squares, the image of a plane in any mirror is
+quadratic within a few 0.01 px, which suffices to predict the next corner and the curvature of its
+edges.
 """
 
 from __future__ import annotations
@@ -14,48 +15,51 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 REACH = 1.3
-"""Standard deviation, in units of the board, of the weights that corners around have."""
+"""Standard deviation of the Gaussian weights of neighbouring corners, in board units."""
 STIFFNESS = np.array([0.0, 1e-6, 1e-6, 4e-3, 4e-3, 4e-3])
-"""What keeps the second derivatives small where too few corners tell them."""
+"""Regularisation of the second derivatives for few corners."""
 
 
 class LocalMaps(NamedTuple):
-    """From the board to the picture, about m points: second-order Taylor series in units of the board."""
+    """Second-order Taylor series from the board to the image around m points, in board units."""
 
     pixels: Array
-    """(m, 2): the points themselves, px."""
+    """Expansion points (m, 2), px."""
     first: Array
-    """(m, 2, 2): derivatives of the pixel (first axis) along the board's x and y, px per unit."""
+    """Derivatives (m, 2, 2) of the pixel (first axis) along the board's x and y, px per unit."""
     second: Array
-    """(m, 2, 2, 2): second derivatives of the pixel (first axis)."""
+    """Second derivatives (m, 2, 2, 2) of the pixel (first axis)."""
     support: Array
-    """(m,): sum of the weights of the corners that a map was fitted to."""
+    """Sum (m,) of the weights of the fitted corners."""
 
     def at(self, offsets: Array) -> Array:
-        """Pixels (m, n, 2) of points (n, 2) or (m, n, 2) of the board, counted from each map's own."""
+        """Return pixels (m, n, 2) of board points relative to each expansion point.
+
+        Points have the shape (n, 2) or (m, n, 2).
+        """
         bend = np.einsum("maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
                          self.second, offsets, offsets, optimize=True)  # fmt: skip
         straight = np.einsum("mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets)
         return np.asarray(self.pixels[:, None] + straight + bend / 2)
 
     def spacing(self) -> Array:
-        """The lesser of the two sides (m,) of the board's unit in the picture, px."""
+        """Return the smaller side (m,) of the board unit in the image, px."""
         return np.asarray(np.linalg.norm(self.first, axis=1).min(axis=1))
 
 
 def maps_about(places: Array, pixels: Array, at: Array, *, leave_out: bool = False, reach: float = REACH) -> LocalMaps:
-    """The maps about points of the board, by weighted least squares.
+    """Fit local maps around points of the board by weighted least squares.
 
     Parameters
     ----------
     places : (k, 2)
-        Of the known corners on the board, in units of about the distance between them.
+        Known corners on the board, in units of about their spacing.
     pixels : (k, 2)
-        Of the known corners in the picture.
+        Known corners in the image.
     at : (m, 2)
-        Places on the board to fit about.
+        Expansion points on the board.
     leave_out
-        Whether a corner that is itself such a place is left out of its own map, as a check of it needs.
+        Whether a corner at an expansion point is excluded from its own map, for checks.
     reach
         Standard deviation of the weights, in the same units.
     """
@@ -78,10 +82,11 @@ def maps_about(places: Array, pixels: Array, at: Array, *, leave_out: bool = Fal
 
 
 def inverted(maps: LocalMaps, u: Array, v: Array) -> tuple[Array, Array]:
-    """Places (2, m, n) on the board of pixels (m, n), and derivatives (2, 2, m, n) of places (first axis) by pixels.
+    """Return board places (2, m, n) of pixels (m, n), and their derivatives (2, 2, m, n).
 
-    Newton's method from the straight part of the map, which three steps bring to rounding over a square. Components
-    stand apart, since sums over axes of two are slow.
+    The first axis of the derivatives is that of the places. Newton's method from the linear part of
+    the map converges to rounding over a square in three steps. Components are separate arrays
+    because sums over axes of length 2 are slow.
     """
     (a, b), (c, d) = maps.first.transpose(1, 2, 0)[..., None]
     (aa, ab), (_, bb) = maps.second[:, 0].transpose(1, 2, 0)[..., None]

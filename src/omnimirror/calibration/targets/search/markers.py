@@ -1,4 +1,4 @@
-"""Boards with markers: these read in the picture and in its mirror image, and the board's corners found from them."""
+"""Boards with markers: marker detection and prediction of the corners."""
 
 from __future__ import annotations
 
@@ -16,45 +16,54 @@ Ids = NDArray[np.int_]
 
 LEAST_MARKERS = 2
 ENOUGH = 0.6
-"""Share of a board's markers after which they are not looked for in larger pictures as well."""
+"""Fraction of a board's markers above which larger image sizes are skipped."""
 KALIBR_CORNERS = ((1, 0), (0, 0), (0, 1), (1, 1))
-"""Column and row, of a tag on an April grid, of OpenCV's four corners: Kalibr prints tags upside down."""
+"""Column and row, on an April grid tag, of OpenCV's four corners; Kalibr rotates tags by 180 deg.
+"""
 
 
 KALIBR_RIGHT = -1
-"""What a tag's number is greater by on the right of another that stands upright; below it, by the columns of a grid."""
+"""Difference of tag numbers between an upright tag and its right neighbour.
+
+For the tag below, the difference is the number of columns.
+"""
 BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
-"""Which tag is one's neighbour: how far off the way there it is at most, of its distance, and how far away, in sides of
-a tag; and how many pairs tell how tags lie."""
+"""Criteria for neighbouring tags.
+
+They are the maximum lateral offset relative to the distance, the maximum distance in tag sides,
+and the minimum number of pairs that determine the layout.
+"""
 FRAME = "{} tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
 SPACING_OFF = 0.25
-"""Of a tag's side, from which on the gaps between tags are other than was said."""
+"""Deviation of the gaps between tags, in tag sides, above which the spacing is reported as wrong.
+"""
 
 
 class Markers(NamedTuple):
-    """Markers that were read in a picture."""
+    """Markers detected in an image."""
 
     ids: Ids
-    """(k,)"""
+    """Marker numbers (k,)."""
     corners_px: Array
-    """(k, 4, 2): clockwise from the marker's upper left, as it is drawn."""
+    """Corners (k, 4, 2): clockwise from the upper left of the marker as drawn."""
     is_reversed: bool
-    """Whether they were read in the mirror image of the picture."""
+    """Whether they were detected in the mirror image."""
 
 
 def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Markers:
-    """Read the board's markers; those of the picture or of its mirror image, whichever are more.
+    """Detect the board's markers in the image and its mirror image; return the larger set.
 
-    In a picture that shows most of them its mirror image, where a marker of this family is hardly ever seen, is spared.
+    The mirror image is skipped if most markers are detected in the image, since false detections of
+    a family in mirror images are rare.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     board
-        With markers.
+        Board with markers.
     is_quick
-        Whether to look at one size of the picture alone.
+        Search at one image size only.
     """
     detector = _detector(board)
     width = picture.shape[1]
@@ -80,15 +89,16 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
 
 
 def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids, Array]:
-    """Ids (k,) and pixels (k, 2) of the board's corners that follow from its markers.
+    """Return ids (k,) and pixels (k, 2) of the board's corners predicted from its markers.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     board
+        Board with markers.
     markers
-        From :func:`read_markers`.
+        Result of :func:`read_markers`.
     """
     if len(markers.ids) < LEAST_MARKERS:
         return np.empty(0, dtype=int), np.empty((0, 2))
@@ -105,18 +115,18 @@ def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids,
 
 
 def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False) -> str | None:
-    """How the tags of an April grid are, where that is not as on Kalibr's of this size: a sentence.
+    """Return a description of the layout of an April grid if it differs from Kalibr's of this size.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     board
-        An April grid.
+        April grid.
     markers
-        From :func:`read_markers`.
+        Result of :func:`read_markers`.
     is_quick
-        Whether not to look for tags with another frame where hardly any of the board's are read.
+        Skip the search for tags with another frame if few tags of the board are detected.
     """
     if len(markers.ids) <= LEAST_MARKERS:
         if is_quick:
@@ -143,7 +153,10 @@ def laid_otherwise(picture: Grey, board: Board, markers: Markers, *, is_quick: b
 
 
 def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[int, float] | None:
-    """How numbers and distances, in sides of a tag, grow to the next tag in a direction; None where too few tell."""
+    """Return the differences in number and distance (tag sides) to the next tag in a direction.
+
+    None if there are too few pairs.
+    """
     ahead = towards @ place
     off = np.abs(towards @ place[::-1])
     ahead = np.where((ahead > 0.5) & (ahead < FARTHEST) & (off < BESIDE * ahead), ahead, np.inf)
@@ -157,14 +170,14 @@ def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[i
 
 
 def marker_corners_mm(board: Board, ids: Ids) -> Array:
-    """Where the corners (4 k, 2) of a ChArUco board's markers lie on it, mm, as OpenCV draws it."""
+    """Return the corners (4 k, 2) of a ChArUco board's markers, mm, as in OpenCV."""
     drawn = opencv_board(board)
     corners = {int(i): np.array(quad)[:, :2] for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)}
     return np.concatenate([corners[int(i)] for i in ids]) - board.square_mm
 
 
 def opencv_board(board: Board) -> Any:
-    """A ChArUco board as OpenCV has it."""
+    """Return a ChArUco board as an OpenCV object."""
     import cv2
 
     size, side, marker = (board.columns, board.rows), board.square_mm, board.marker_side_mm
@@ -180,7 +193,7 @@ def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:
 
 
 def _detector(board: Board, border_bits: int | None = None) -> Any:
-    """With wider limits than usual: quads have curved sides in a mirror, and are small."""
+    """Return a detector with wider limits for small quadrilaterals with curved sides."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()

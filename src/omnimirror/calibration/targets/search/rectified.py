@@ -1,4 +1,4 @@
-"""A picture straightened here and there by a camera that is roughly known, to look for a board again."""
+"""Perspective views of an image, dewarped with an approximate camera."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ LONGEST_PX = 900
 
 
 class LocalView(NamedTuple):
-    """A perspective view of a part of the picture."""
+    """Perspective view of a part of the image."""
 
     picture: Grey
     back: Callable[[Array], Array]
-    """Pixels (k, 2) of the picture of those (k, 2) of the view; NaN where it has none."""
+    """Mapping of view pixels (k, 2) to image pixels (k, 2); NaN outside the image."""
 
 
 def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
-    """Perspective views that together show all of the picture, as finely as it does.
+    """Yield perspective views that together cover the image at its resolution.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey, of the camera's size.
+        Greyscale image of the camera's size.
     camera
-        To a few degrees.
+        Camera accurate to a few degrees.
     """
     import cv2
 
@@ -56,7 +56,7 @@ def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
 
 
 def _directions(camera: Camera) -> Iterator[tuple[Array, float]]:
-    """Directions (3,) that lie apart, and how many pixels of the picture a radian has there."""
+    """Yield separate directions (3,) with the image resolution there, pixels per radian."""
     width, height = camera.image_size
     grid = np.stack(np.meshgrid(np.linspace(0, width - 2, 25), np.linspace(0, height - 2, 25)), axis=-1).reshape(-1, 2)
     here, beside, below = (camera.backproject(grid + step) for step in ([0, 0], [1, 0], [0, 1]))
@@ -71,7 +71,7 @@ def _directions(camera: Camera) -> Iterator[tuple[Array, float]]:
 
 
 def _axes(direction: Array) -> Array:
-    """Right, down and ahead (3, 3) of a view in a direction, upright in the world."""
+    """Return the axes right, down and ahead (3, 3) of a view in a direction, upright in the world."""
     up = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     right = np.cross(direction, up)
     right /= np.linalg.norm(right)

@@ -1,10 +1,10 @@
-"""The picture of a corner where four squares meet, fitted to the pixels around it in the distorted picture.
+"""Saddle model of a corner, fitted to the pixels of the distorted image.
 
-The picture about a corner is a linear background and a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)), where p
-and q are the distances to the two edges and s is the blur, the pixel's own width included. The edges run as the
-quadratic map between board and picture bends them. Free are the corner's place, the blur, the background, the
-contrast and two small angles by which the edges may be turned. All corners of a picture are fitted at once, by the
-method of Gauss and Newton.
+The model is a linear background plus a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)).
+Here p and q are the distances to the two edges, and s is the blur, including the pixel width.
+The edges are curved by the quadratic map between board and image. Parameters are corner position,
+blur, background, contrast and two small rotations of the edges. All corners of an image are
+fitted simultaneously by Gauss-Newton iteration.
 """
 
 from __future__ import annotations
@@ -23,50 +23,50 @@ Array = NDArray[np.float64]
 LARGEST_WINDOW_PX = 14.0
 SMALLEST_WINDOW_PX = 2.5
 NOISE = 0.02
-"""Of the contrast, against which the priors are weighed."""
+"""Noise relative to the contrast, which weights the priors."""
 ANGLE_PRIOR = 0.03  # rad
-BLUR_PRIOR = (0.9, 0.6)  # px, and the spread of its logarithm
+BLUR_PRIOR = (0.9, 0.6)  # px, and standard deviation of its logarithm
 PIXEL_VARIANCE = 1 / 12
-"""Of the width that a pixel integrates over, px^2: of edges that are sharper nothing else tells where they lie."""
+"""Variance of the pixel aperture, px^2; it limits the localisation of sharper edges."""
 STEPS = 12
-SIZES = (3, 4, 5, 7, 9, 11, 14)  # of windows, px from the middle: corners with about equal ones are fitted at once
-MARGIN_PX = 1.5  # within which blur carries over what stands beside the edges
+SIZES = (3, 4, 5, 7, 9, 11, 14)  # window sizes, px from the centre; one fit per size
+MARGIN_PX = 1.5  # range of blur from structures next to the edges
 CLOSE_PX = 2e-3
-CLOSE_BLUR = 0.02  # of the usual blur, which converges more slowly than places where a picture is dull
+CLOSE_BLUR = 0.02  # relative to the median blur; convergence is slow in dark images
 AT_ONCE = 400_000  # pixels
 
 
 class Saddles(NamedTuple):
-    """Corners fitted to a picture."""
+    """Corners fitted to an image."""
 
     pixels: Array
-    """(m, 2)"""
+    """Pixels (m, 2)."""
     sigma_px: Array
-    """(m,): standard deviation of a coordinate, from what the fit leaves over."""
+    """Standard deviation (m,) of a coordinate, from the residuals of the fit."""
     blur_px: Array
-    """(m,): standard deviation of the edges' blur."""
+    """Standard deviation (m,) of the edge blur."""
     contrast: Array
-    """(m,): half of white minus black; negative where the first quadrant is black."""
+    """Contrast (m,): 0.5 times white minus black; negative if the first quadrant is black."""
     misfit: Array
-    """(m,): rms of what the fit leaves over, in contrasts."""
+    """RMS residual (m,) relative to the contrast."""
 
 
 def fit_saddles(
     picture: NDArray[np.float32], maps: LocalMaps, surroundings: CornerWindow, *, is_quick: bool = False
 ) -> Saddles:
-    """Fit the corners at the middles of the maps.
+    """Fit the corners at the centres of the maps.
 
     Parameters
     ----------
     picture : (height, width)
-        Grey.
+        Greyscale image.
     maps
-        From the board, in sides of a square, to the picture about each corner; the corners begin at their
-        :attr:`~LocalMaps.pixels`.
+        Maps from the board, in sides of a square, to the image around each corner;
+        :attr:`~LocalMaps.pixels` are the initial values.
     surroundings
-        Which part of the picture about a corner shows it alone.
+        Region around a corner without other structures.
     is_quick
-        Whether a tenth of a pixel will do.
+        Whether an accuracy of 0.1 px suffices.
     """
     count = len(maps.pixels)
     found = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
@@ -78,7 +78,7 @@ def fit_saddles(
 
 
 def _alike(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
-    """Corners whose windows are about equally large, and how many pixels these reach from the middle."""
+    """Yield corners with windows of similar size, and the window reach from the centre in px."""
     reach = half * np.abs(maps.first).sum(axis=2).max(axis=1) + 0.5
     reach = np.array(SIZES)[np.searchsorted(SIZES[:-1], reach)]
     for size in np.unique(reach):
@@ -99,7 +99,7 @@ def _fit(
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     values = picture[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(float)
     pixels = maps.pixels.copy()
-    for _ in range(1 if is_quick else 2):  # the second time about the corner that the first has found
+    for _ in range(1 if is_quick else 2):  # second pass centred on the fitted corner
         places, back = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
         offsets = np.stack([u - pixels[:, :1], v - pixels[:, 1:]])
         used = inside & _in_window(places, offsets, surroundings, maps.spacing()[:, None])
@@ -113,7 +113,10 @@ def _fit(
 
 
 def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
-    """Pixels within the square of the board, and not too far away; where squares are tiny, a few at least."""
+    """Return the mask of pixels within the square of the board and a distance limit.
+
+    For tiny squares, a minimum number of pixels is included.
+    """
     far = offsets[0] ** 2 + offsets[1] ** 2
     x, y = np.abs(places)
     near = (np.maximum(x, y) < surroundings.half) & (far < LARGEST_WINDOW_PX**2)
@@ -123,14 +126,17 @@ def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacin
 
 
 def _packed(used: NDArray[np.bool_], *fields: Array) -> Iterator[Array]:
-    """Fields (..., m, n) with the pixels that each corner uses first, as far as any has some; then their weights."""
+    """Yield fields (..., m, n) with the used pixels of each corner first, then their weights."""
     order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(axis=1).max()]
     for field in (*fields, used.astype(float)):
         yield np.take_along_axis(field, order[(None,) * (field.ndim - 2)], axis=-1)
 
 
 class _Fit:
-    """Least squares of many corners: terms are background (3), contrast, shift (2), logarithm of blur, angles (2)."""
+    """Least squares for many corners.
+
+    Terms are background (3), contrast, shift (2), logarithm of blur, angles (2).
+    """
 
     def __init__(self, places: Array, back: Array, offsets: Array, values: Array, weights: Array) -> None:
         lengths = np.hypot(back[:, 0], back[:, 1])
@@ -140,7 +146,7 @@ class _Fit:
         self.count = weights.sum(axis=1)
 
     def run(self, steps: int) -> tuple[Array, Array, Array]:
-        """Terms (m, 9), standard deviations (m,) of the corners in px and rms (m,) of what is left over."""
+        """Return terms (m, 9), standard deviations (m,) in px, and rms residuals (m,)."""
         terms = self._start()
         scale = np.abs(terms[:, 3]) + 1e-6
         prior = np.zeros((len(terms), 9))
@@ -168,7 +174,7 @@ class _Fit:
         return terms, sigma, np.sqrt(variance)
 
     def _start(self) -> Array:
-        """Background and contrast that fit an ordinary corner in the middle."""
+        """Return initial background and contrast, for a standard corner at the centre."""
         terms = np.zeros((len(self.values), 9))
         terms[:, 6] = np.log(BLUR_PRIOR[0])
         terms[:, 3] = 1.0
@@ -179,7 +185,7 @@ class _Fit:
         return terms
 
     def _model(self, terms: Array) -> tuple[Array, Array]:
-        """Values (m, n) and derivatives (m, 9, n)."""
+        """Return values (m, n) and derivatives (m, 9, n)."""
         from scipy.special import erf
 
         constant, right, down, contrast, u, v, blur, *angles = terms.T[..., None]
@@ -191,7 +197,7 @@ class _Fit:
         z = turned / root
         soft = erf(z)
         both = soft[0] * soft[1]
-        # of the product, by each distance
+        # derivatives of the product with respect to each distance
         slopes = contrast * (2 / np.sqrt(np.pi)) / root * np.exp(-(z**2)) * soft[::-1]
         derivatives = np.empty((len(terms), 9, both.shape[1]))
         derivatives[:, 0] = 1.0

@@ -1,4 +1,4 @@
-"""Places where a board may begin: corners of four squares anywhere in a picture, and nine of them that fit together."""
+"""Seeds of the board search: corners of four squares, and sets of nine that form a grid."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 BLUR_PX = 1.5  # of the derivatives
-MOST = 1500  # corners that are looked at
-LEAST_RESPONSE = 0.02  # of the strong ones
+MOST = 1500  # maximum number of corner candidates
+LEAST_RESPONSE = 0.02  # relative to the strong responses
 RING_PX = 4.5
-LEAST_RING = 0.6  # correlation of the ring about a corner with two white and two black quarters
+LEAST_RING = 0.6  # minimum correlation of the ring with four alternating quarters
 MOST_SEEDS = 200
-LEAST_OF_SEED = 7  # of its nine corners that the picture must show on a second look
+LEAST_OF_SEED = 7  # minimum number of the nine corners that the image confirms
 
 
 class Crossings(NamedTuple):
-    """Places where two white and two black quarters meet."""
+    """Crossings of two white and two black quarters."""
 
     pixels: Array
-    """(m, 2)"""
+    """Pixels (m, 2)."""
     angles: Array
-    """(m,): of the first edge that is met clockwise from a white quarter's middle, radians."""
+    """Angle (m,) of the first edge clockwise from the centre of a white quarter, radians."""
 
 
 def crossings(picture: Grey) -> Crossings:
-    """Saddles of the picture whose surroundings change four times between dark and light.
+    """Return saddle points with four alternating dark and light quarters around them.
 
-    The saddle's strength is the determinant of the second derivatives, negative at a crossing of edges.
+    The strength of a saddle is the negative determinant of the second derivatives.
     """
     import cv2
 
@@ -57,7 +57,7 @@ def crossings(picture: Grey) -> Crossings:
 
 
 def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
-    """Phase of the second harmonic on a ring about each pixel, and how much of the ring's changes it holds."""
+    """Return the phase of the second harmonic on a ring around each pixel, and its power fraction."""
     import cv2
 
     turn = 2 * np.pi * np.arange(24) / 24
@@ -67,12 +67,12 @@ def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
     values -= values.mean(axis=1, keepdims=True)
     even, odd = product(values, np.stack([np.cos(2 * turn), -np.sin(2 * turn)], axis=1)).T / len(turn)
     power = 2 * (even * even + odd * odd)
-    # a ring of steep edges has a part of its changes in higher harmonics: 8 / pi^2 is in this one
+    # for sharp edges the second harmonic holds 8 / pi^2 of the power
     return -np.arctan2(odd, even) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
 
 
 def find_seeds(picture: Grey) -> list[LatticePart]:
-    """Find sets of nine crossings that lie like three by three corners, the most regular first."""
+    """Find sets of nine crossings in a 3 x 3 arrangement, most regular first."""
     found = crossings(picture)
     if len(found.pixels) < 9:
         return []
@@ -97,10 +97,10 @@ def find_seeds(picture: Grey) -> list[LatticePart]:
 
 
 def _nine(found: Crossings, tree: Any, near: NDArray[np.int_]) -> tuple[float, NDArray[np.int_]] | None:
-    """A crossing and its eight neighbours in the order of the board, and how irregular they are."""
+    """Return a crossing and its eight neighbours in board order, and their irregularity."""
     middle, others = near[0], near[1:]
     ways = found.pixels[others] - found.pixels[middle]
-    # a neighbour along an edge has its white quarters where this one has the black: a quarter turn
+    # a neighbour along an edge has exchanged colours: a phase difference of 90 deg
     quarter = np.abs(np.cos(found.angles[others] - found.angles[middle])) < 0.6
     others, ways = others[quarter], ways[quarter]
     if len(others) < 4:
