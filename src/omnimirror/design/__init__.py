@@ -1,4 +1,6 @@
-"""From requirements to a mirror: mappings, families, fits, and what they cost."""
+"""Design of sensors from requirements: mappings, mirror families, fits, optimisation and
+verification.
+"""
 
 from ..optics.mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES

@@ -1,4 +1,4 @@
-"""How large and how heavy designs are as a whole, where a limit asks for it: with derivatives, for searches."""
+"""Overall dimensions and mass of designs, with derivatives, for limits in a search."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ Array = NDArray[Any]
 
 
 def with_size(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> FieldValues:
-    """What is known of designs (b, dim) with what limits ask of the whole (b, 1), as :func:`whole_of` counts it."""
+    """Return field values of designs (b, dim) with the limited overall quantities (b, 1), as in
+    :func:`whole_of`.
+    """
     asked = {limit.quantity for limit in space.problem.limits}
     return field._replace(**{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked})
 
@@ -38,7 +40,7 @@ def _diameter(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Arr
 
 
 def _cover(space: DesignSpace, y: Array, g: Given) -> Any:
-    """Outer diameter of a tube or a dome, fitted as to a sensor, or of the window that has one."""
+    """Return the outer diameter of a tube or a dome fitted to a design, or of a bounded window."""
     housing = space.problem.housing
     if housing.shell is None or housing.shell.diameter_mm is not None:
         return 0.0 if housing.shell is None else housing.shell.diameter_mm

@@ -1,7 +1,8 @@
-"""Discrete alternatives where requirements cannot all be met: apex, mirror family or mapping, filled side, imager.
+"""Discrete alternatives for infeasible requirements: apex, mirror family or mapping, filled side,
+imager.
 
-Each alternative is verified by a search of its own. The search is shorter than that of the design itself, so that an
-alternative may do better than reported, never worse.
+A separate search verifies each alternative. It is shorter than the search of the main design;
+therefore the result of an alternative may be better than reported, but never worse.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ MIN_GAIN = 0.01  # relative decrease of the largest violation that makes an alte
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another value of a discrete choice, and the result with it.
+    """Alternative value of a discrete choice, with its result.
 
     Attributes
     ----------
     entry
         Entry of the requirement file, for example ``"mirror.apex"``.
     asked, value
-        The requested value and the alternative.
+        Requested value and alternative.
     missed
         Requirements that the alternative misses; empty if it meets all.
     worst
@@ -50,7 +51,7 @@ class Alternative:
 
     @property
     def is_met(self) -> bool:
-        """Whether the alternative meets all requirements."""
+        """Return whether the alternative meets all requirements."""
         return not self.missed
 
 
@@ -60,9 +61,9 @@ def find_alternatives(requirements: Requirements, verdict: Verdict, say: Say) ->
     Parameters
     ----------
     verdict
-        The design with the requested choices.
+        Design with the requested choices.
     say
-        Called with a few words before each alternative.
+        Callback for progress messages, called before each alternative.
     """
     for entry, asked, value, other in _choices(requirements):
         say(f"alternative {entry} = {value}")
