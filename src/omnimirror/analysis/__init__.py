@@ -1,1 +1,3 @@
-"""What a sensor does: imaging characteristics, viewpoints, virtual images, blur, and all of it together."""
+"""Analysis of a sensor: imaging characteristics, viewpoints, virtual images, blur and complete
+evaluation.
+"""

@@ -1,1 +1,3 @@
-"""What the chief ray and its neighbours do: imaging, viewpoints, virtual images, and blur against focus."""
+"""Meridional analysis from chief rays: imaging characteristics, viewpoints, virtual images, and
+through-focus blur.
+"""

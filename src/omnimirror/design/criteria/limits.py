@@ -459,7 +459,7 @@ class Limit:
         return share
 
     def excess(self, field: FieldValues, distances: int = 1) -> Array:
-        """Return the relative violations as rows (.., r) that are each smooth; negative where the limit is met.
+        """Return the relative violations as smooth rows (..., r); negative if the limit is met.
 
         Parameters
         ----------
@@ -471,7 +471,7 @@ class Limit:
         Returns
         -------
         (.., r) array
-            Relative violations; positive where the limit is violated.
+            Relative violations; positive if the limit is violated.
         """
         blocks = [field]
         if distances > 1 and self.of.takes in ("spread", "ratio"):

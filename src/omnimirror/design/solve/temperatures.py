@@ -1,4 +1,4 @@
-"""Temperature range over which a sensor meets its requirements."""
+"""Temperature range of a sensor with all requirements met."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CLOSE_K = 0.1
 
 @dataclass(frozen=True)
 class TemperatureRange:
-    """Temperature range about the reference over which all requirements are met.
+    """Temperature range about the reference with all requirements met.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class TemperatureRange:
 def temperature_range(
     requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
 ) -> TemperatureRange:
-    """Compute the temperature range over which a sensor meets its requirements.
+    """Compute the temperature range of a sensor with all requirements met.
 
     Parameters
     ----------
