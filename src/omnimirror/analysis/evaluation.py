@@ -435,9 +435,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     """
     number("step_deg", step_deg, low=LEAST_STEP_DEG, unit="deg")
     low, high = sensor.field_deg
-    angles = (
-        step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0
-    )  # avoid -0
+    angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
     return angles if angles.size else np.array([low, high])
 
 

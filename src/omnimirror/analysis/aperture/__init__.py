@@ -1,1 +1,3 @@
-"""What the whole aperture does: bundles of real rays, spots, point spread, transfer of contrast, light."""
+"""Analysis over the whole aperture: ray bundles, spot diagrams, point-spread function, MTF and
+illumination.
+"""
