@@ -113,7 +113,7 @@ class CameraMapping:
         }
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table as CSV with 17 significant digits, which represent every double exactly."""
+        """Write the table as CSV with 17 significant digits, exact for double precision."""
         columns = self.columns()
         rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
         write_text(path, "\n".join([",".join(columns), *rows]) + "\n")

@@ -199,7 +199,7 @@ def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
     ]
 
 
-# -- what is compared ------------------------------------------------------------------------------
+# -- compared quantities ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ class Study:
 
     @property
     def hidden(self) -> tuple[float, float]:
-        """Return the end of the central obscuration (deg) and the obscured share of the image, %."""
+        """Return the end of the central obscuration, deg, and the obscured image share, %."""
         return self.sensor.hidden_to_deg, self.sensor.hidden_percent
 
     def rim_radius(self) -> float:

@@ -155,7 +155,7 @@ class Evaluation:
         return {name: [QUANTITIES[name].text(v) for v in column] for name, column in values.items()}
 
     def summary(self) -> dict[str, Any]:
-        """Return the scalar results and settings: focus, depth of field, diffraction and methods."""
+        """Return scalar results and settings: focus, depth of field, diffraction and methods."""
         near, far = self.depth_of_field_mm
         values: dict[str, Any] = {
             "sensor": self.sensor.name,
@@ -191,7 +191,7 @@ class Evaluation:
 
     @checked
     def to_csv(self, path: str | Path, deviations: bool = False) -> None:
-        """Write the table as CSV with 17 significant digits, which represent every double exactly.
+        """Write the table as CSV with 17 significant digits, exact for double precision.
 
         With ``deviations``, each column affected by a measured profile is followed by its standard
         deviation, ``..._sd``.
@@ -359,7 +359,7 @@ PARALLEL = 1e-12
 
 
 def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) -> dict[str, Array]:
-    """Return the lengths (n,), mm per pixel, on a plane and on a cylinder through objects at a distance.
+    """Return the lengths (n,), mm per pixel, on a plane and a cylinder at an object distance.
 
     Parameters
     ----------
@@ -377,6 +377,8 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     """
     across = np.asarray(object_distance_mm) * (np.pi / 180)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # One degree is p pi/180 across the ray; on a plane or a cylinder, inclined to it by Omega,
+        # the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
         t = across / dh
         cosine = np.abs(np.cos(omega))
         return {

@@ -57,7 +57,7 @@ def lens_height(sensor: Sensor) -> float:
 
 
 def lens_half_width(sensor: Sensor) -> float:
-    """Return half the width (mm) of the drawn lens; for a telecentric lens the width of its field."""
+    """Return half the width (mm) of the drawn lens; the width of its field if telecentric."""
     rim = sensor.mirror.rim_radius_mm
     return float(sensor.meridian.trace(rim).first.x[()]) if sensor.lens.TELECENTRIC else LENS_HALF_WIDTH * rim
 
@@ -135,7 +135,7 @@ def image_curves(result: Evaluation, object_distance_mm: float | None = None) ->
 
 
 def _seen(result: Evaluation, distance: Array) -> SectionCurve:
-    """Return the positions of images at axial distances (n,), mm, from the lens, on the chief rays."""
+    """Return the positions of images at axial distances (n,), mm, from the lens on chief rays."""
     if result.sensor.lens.TELECENTRIC:
         x = result.sensor.meridian.trace(result.x_mm).first.x
     else:

@@ -106,6 +106,7 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
             f"{warmer:+g} K bring the imager to {behind:.4f} mm behind a lens of {f:.4f} mm, where nothing is in "
             "focus; the sensor is valid as long as it is farther away"
         )
+    # The imager stays at its expanded distance b: the focus follows from 1/L0 = 1/f - 1/b.
     return replace(lens, focal_length_mm=f, focus_distance_mm=1 / (1 / f - 1 / behind))
 
 

@@ -1,4 +1,4 @@
-"""Propagation of the scatter of a measured profile to standard deviations of computed quantities."""
+"""Propagation of the scatter of a measured profile to standard deviations of results."""
 
 from __future__ import annotations
 

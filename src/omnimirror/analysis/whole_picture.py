@@ -71,7 +71,7 @@ class WholePicture:
 
     sensor: Sensor
 
-    # -- where ------------------------------------------------------------------------------------
+    # -- directions -------------------------------------------------------------------------------
 
     @cached_property
     def grid(self) -> Grid:
@@ -111,7 +111,7 @@ class WholePicture:
         towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
         return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
 
-    # -- what is traced ---------------------------------------------------------------------------
+    # -- traced rays ------------------------------------------------------------------------------
 
     @cached_property
     def bundles(self) -> Bundles:
@@ -141,7 +141,7 @@ class WholePicture:
         outwards, around = ((self._pixels(lens, a) - self._pixels(lens, b)) / angle for a, b in self._neighbours)
         return outwards, around
 
-    # -- what follows -----------------------------------------------------------------------------
+    # -- derived quantities -----------------------------------------------------------------------
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Return resolution and blur (n,) with the lens focused at an object distance."""

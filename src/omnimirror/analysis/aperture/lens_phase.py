@@ -25,7 +25,7 @@ ROUND = 2e-3  # relative to the radius: largest deviation of a section treated a
 
 
 class LightCone(NamedTuple):
-    """Cone of light behind a real lens: its section in direction cosines, scaled to the unit disk."""
+    """Cone of light behind a real lens: section in direction cosines, scaled to the unit disk."""
 
     points: Array
     """Tangential and sagittal coordinates (n, 2) of rays in the section."""

@@ -159,6 +159,7 @@ def psf(
     else:
         density = _by_waves(wave, offset * pitch, wavelength_mm) * pitch**2
     F_t, F_s = wave.f_numbers
+    # Peak of the Airy pattern per area: aperture area / (lambda b)^2 = pi / (4 lambda^2 F_t F_s).
     ideal = np.pi / (4 * wavelength_mm**2 * F_t * F_s) * pitch**2
     return Psf(density, offset, float(omega_deg), float(azimuth_deg), focus, kind, ideal)
 

@@ -53,7 +53,7 @@ def fitted_at(points: Array) -> Array:
 
 @cache
 def slopes() -> tuple[Array, Array]:
-    """Return derivatives (n, terms), (n, terms) of the products by x and by y at the fitted pupil."""
+    """Return derivatives (n, terms), (n, terms) of the products by x and y at the fitted pupil."""
     turned = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
     (x, y), (dx, dy) = (
         [make(c) for c in FITTED.points.T]

@@ -117,6 +117,7 @@ def illumination(
             (light, reflected, filled), _through(sensor, height[cut], gaussian(FINE_RINGS), reflectivity), strict=True
         ):
             whole[cut] = part
+    # Area of the aperture over the squared image distance: pi (D/2)^2 / b0^2 = pi / (4 F_w^2).
     open_aperture = np.pi * transmission / (4 * sensor.lens.image_f_number() ** 2)
     pupil = gaussian(RINGS)
     on_axis = normal * float(sensor.lens.falloff(np.zeros_like(pupil.points), pupil.points) @ pupil.weights)

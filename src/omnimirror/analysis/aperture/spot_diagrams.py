@@ -1,4 +1,4 @@
-"""Spot diagrams: ray intersections with the imager for one object, at one focus or through focus."""
+"""Spot diagrams: ray intersections with the imager for one object, in focus or through focus."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Spots(Recorded):
         return np.hypot(*self.rms_px())
 
     def extent_px(self) -> tuple[Array, Array]:
-        """Return the full tangential and sagittal widths (k, m) of unvignetted rays; 0 without any."""
+        """Return the full tangential and sagittal widths (k, m) of unvignetted rays, 0 if none."""
         passes = self.bundles.passes[:, None, :]
         t, s = (
             np.max(a, axis=-1, where=passes, initial=-np.inf) - np.min(a, axis=-1, where=passes, initial=np.inf)

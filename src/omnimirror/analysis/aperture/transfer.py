@@ -253,7 +253,7 @@ def _all_light(wave: Wavefront, nodes: int) -> float:
 
 
 def _points(place: tuple[Array, Array], axis: int) -> Array:
-    """Return points (n, 2) of the aperture from coordinates parallel and perpendicular to an axis."""
+    """Return points (n, 2) of the aperture from coordinates along and perpendicular to an axis."""
     return np.stack(place if axis == 0 else place[::-1], axis=-1).reshape(-1, 2)
 
 

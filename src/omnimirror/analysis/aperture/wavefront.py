@@ -96,7 +96,7 @@ class Wavefront:
         return range(EDGES, self.coefficients.shape[1])
 
     def _square(self, column: int) -> Array:
-        """Return the coefficients (orders, orders) of a fitted function, by orders in t and in s."""
+        """Return the coefficients (orders, orders) of a fitted function by orders in t and s."""
         square = np.zeros((DEGREE + 1, DEGREE + 1))
         square[orders()] = self.coefficients[:, column]
         return square
@@ -210,7 +210,7 @@ def _softened(clearance: Array, width: Array | float) -> Array:
 
 
 def _cuts(clearance: Array) -> bool:
-    """Return whether an edge vignettes the aperture, from its clearance (n,) at the fitted points."""
+    """Return whether an edge vignettes the aperture, from the clearance (n,) at fitted points."""
     known = clearance[np.isfinite(clearance)]
     return bool(known.size and known.min() < CLEAR_OF * np.ptp(known))
 

@@ -134,7 +134,7 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
         Key of :data:`FIGURES`.
     sensors
         One to six sensors; their names are used as labels, their order determines the colours.
-    basis
+    conditions
         :data:`EXACT`, or :data:`PAPER` for the method of the paper.
 
     Raises

@@ -1,4 +1,4 @@
-"""Figures of a comparison: curves with a common legend, cross-sections at a common scale, images."""
+"""Figures of a comparison: curves with a common legend, cross-sections at one scale, images."""
 
 from __future__ import annotations
 

@@ -243,11 +243,11 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
     return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None)
 
 
-# -- Fig. 15: one viewpoint for all ------------------------------------------------------------
+# -- Fig. 15: single viewpoint -----------------------------------------------------------------
 
 
 def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
-    """Draw Fig. 15: error of the best single viewpoint, for objects at 7, 10, 20 and 40 rim radii."""
+    """Draw Fig. 15: error of the best single viewpoint, for objects at 7 to 40 rim radii."""
     columns = min(len(subjects), 3)
     rows = -(-len(subjects) // columns)
     figure = new_figure(COLUMN if columns == 1 else PAGE, 2.5 * rows)

@@ -126,7 +126,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
     return figure
 
 
-# -- Figs. 13 and 14: straightening ----------------------------------------------------------------
+# -- Figs. 13 and 14: dewarping --------------------------------------------------------------------
 
 
 def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
@@ -316,7 +316,7 @@ def _draw_prototype(ax: Axes, p: Prototype) -> None:
     _camera(ax, p.sensor, 0.75 * M, camera.diameter_mm / 2 if camera else None)
 
 
-# -- parts of drawings -----------------------------------------------------------------------------
+# -- drawing elements ------------------------------------------------------------------------------
 
 
 def _top(sensor: Sensor) -> float:

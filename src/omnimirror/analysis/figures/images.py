@@ -61,7 +61,7 @@ def object_outline(omega_deg: float, phi_deg: float, side_deg: float = OBJECT_DE
 
 
 def _objects(subject: Subject) -> list[tuple[float, float, Array]]:
-    """Return (Omega, phi, outline) of all objects completely within the field, in four directions."""
+    """Return (Omega, phi, outline) of all objects completely within the field, at four azimuths."""
     low, high = np.cos(np.radians(subject.sensor.field_deg)) + np.array([1e-9, -1e-9])
     found = []
     for omega in np.arange(0, 181, OBJECT_DEG):
@@ -263,7 +263,7 @@ def _spot(ax: Axes, centre: tuple[float, float], along_x: float, along_y: float,
     return spot
 
 
-# -- Fig. 11: in object space ------------------------------------------------------------------
+# -- Fig. 11: blur in object space -------------------------------------------------------------
 
 
 def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:

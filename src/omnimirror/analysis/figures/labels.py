@@ -87,7 +87,7 @@ def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
 
 @dataclass
 class EndLabels:
-    """Labels to the right of the axes of a figure, one per line; call :meth:`settle` after drawing."""
+    """Labels to the right of the axes, one per line; call :meth:`settle` after drawing."""
 
     figure: Figure
     size: float = 6.5
@@ -124,7 +124,7 @@ class EndLabels:
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
-        """Place all labels at each layout of the figure. Call it last, with final limits and sizes."""
+        """Place all labels at each layout of the figure; call it last, with final limits and sizes."""
         self.place()
         self.figure.set_layout_engine(_LayoutWithLabels(self))
         return self.figure

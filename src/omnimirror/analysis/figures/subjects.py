@@ -137,5 +137,5 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
 
 
 def widest(subjects: Sequence[Subject]) -> float:
-    """Return the largest field angle of all subjects, deg, rounded to avoid values such as 135.005."""
+    """Return the largest field angle of all subjects, deg, rounded to 0.1 deg."""
     return round(max(s.sensor.field_deg[1] for s in subjects), 1)

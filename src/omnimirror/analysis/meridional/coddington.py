@@ -79,6 +79,7 @@ def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
     """Return images of tangential and sagittal objects at distances that are negative for
     converging light.
     """
+    # Coddington equations (Eqs. 15, 19), solved for q.
     cos_gamma = np.cos(rays.gamma)
     with np.errstate(divide="ignore"):
         q_t = 1 / (2 / (rays.radius_t() * cos_gamma) + 1 / p_t)

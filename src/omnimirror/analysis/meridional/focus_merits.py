@@ -72,17 +72,18 @@ class FocusedBlur:
 
         In contrast to the product of the blurs, it does not vanish with one of its factors.
         """
+        # Sum of squares per direction, px^2; division by Ds converts to square degrees (Eq. 11).
         floor = 1 + self.airy_px**2
         with np.errstate(divide="ignore", invalid="ignore"):
             t, s = self.t_px**2 + floor + self.own_t_px**2, self.s_px**2 + floor + self.own_s_px**2
             return np.sqrt(t * s) / self.imaging.area
 
 
-# -- the same as functions of the focus ----------------------------------------------------------------
+# -- merits as functions of the focus -------------------------------------------------------------
 
 
 class Sides(NamedTuple):
-    """Focus-independent quantities of n field angles, with lengths along v normalised to a range."""
+    """Focus-independent quantities of n field angles, with lengths along v in units of a range."""
 
     t: Array
     """(n,) focus coordinates of the tangential images."""

@@ -55,6 +55,8 @@ def imaging_characteristics(
     degree = np.pi / 180
     height = dh_domega_px * degree
     with np.errstate(divide="ignore", invalid="ignore"):
+        # Dh = dh/dOmega (Eq. 9). One degree perpendicular to the meridian subtends the azimuth
+        # 1 deg / sin(Omega), which is an arc of h / sin(Omega) per radian in the image (Eq. 10).
         width = np.where(omega == 0.0, height, h_px * degree / np.sin(omega)) / parallax_s
         height = height / parallax_t
         return ImagingCharacteristics(height, width, height * width, width / height)

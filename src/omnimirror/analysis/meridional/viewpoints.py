@@ -38,6 +38,8 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
     ``tan eps = v sin(Omega) / (n + x/sin(Omega) + v cos(Omega))``, ``v = V0 - z_v``: from V0, the
     object at the field angle Omega has the apparent angle ``Omega - eps``.
     """
+    # Triangle of the object, V0 and the viewpoint z_v on the axis (Eq. 23): the ray from z_v to the
+    # object has the length d + x/sin(Omega).
     v = viewpoint - viewpoint_z(rays)
     x, z = rays.start
     to_axis = np.hypot(x, viewpoint_z(rays) - z)  # x / sin(Omega), without the singularity 0/0

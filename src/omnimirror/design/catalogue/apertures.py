@@ -130,6 +130,7 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
         blur = study.at(focus)
         t, s = float(np.abs(blur.t_px).max()), float(np.abs(blur.s_px).max())
         open_ = {"tangential": t, "sagittal": s, "together": max(t, s)}[side]
+        # (B/F)^2 + (a F)^2 is stationary at F^2 = B/a; B and a are blur and Airy disk at F = 1.
         F = float(np.clip(np.sqrt(open_ / blur.airy_px), *f_range))
         return BestAperture(side, F, focus, float(np.hypot(open_ / F, blur.airy_px * F)), open_ / F, blur.airy_px * F)
 

@@ -87,7 +87,7 @@ def density_of(material: str | None) -> float:
 
 @cache
 def gauss_nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return nodes (n,) in (-1, 1) and weights of the Gauss-Legendre quadrature used for volumes."""
+    """Return nodes (n,) in (-1, 1) and weights of the Gauss-Legendre quadrature for volumes."""
     u, weight = np.polynomial.legendre.leggauss(POINTS)
     return u, weight
 

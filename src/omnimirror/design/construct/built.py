@@ -61,7 +61,7 @@ class LensAndCover:
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
-        """Trace the chief rays (n,) of mirror points to the outside; blocked rays are not finite."""
+        """Trace the chief rays (n,) of mirror points to the outside; NaN or inf for blocked rays."""
         return self._tracer(made)(x)
 
     def _cover(self, made: MountedMirror) -> Cover | None:
@@ -71,7 +71,7 @@ class LensAndCover:
         return cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
 
     def _tracer(self, made: MountedMirror) -> Callable[[Array], ChiefRays]:
-        """Return the function that traces chief rays (n,) from points of one mirror to the outside."""
+        """Return the function that traces chief rays (n,) from one mirror to the outside."""
         with np.errstate(all="ignore"):
             cover = self._cover(made)
 
@@ -202,7 +202,7 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
 
 
 def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int) -> float:
-    """Return the largest deviation of the image height from a mapping, relative to the rim height."""
+    """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
     rays = lens_and_cover.rays(made, x)
     tau = lens_and_cover.heights(rays)

@@ -36,6 +36,8 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     >>> round(vertex_radius(RimRay(135.0, 12.0, 1.0), conic=0.0), 3)
     1.138
     """
+    # Slope of a conic: z'(x) = x / sqrt(R^2 - (1 + k) x^2). Setting z'(M) = tan(beta) (Eqs. 2-5)
+    # gives (R/M)^2 = cot(beta)^2 + 1 + k.
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
         raise InvalidParameter(

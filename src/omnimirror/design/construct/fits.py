@@ -49,7 +49,8 @@ class FitForm(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> FitForm:
-        """
+        """Parse a form such as ``polynomial:4`` or ``asphere:3``.
+
         >>> FitForm.parse("polynomial:4")
         FitForm(kind='polynomial', terms=4)
         """
@@ -142,7 +143,9 @@ class _Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """Fit problem with lengths in rim radii. Unknowns: coefficients, for an asphere after R and k."""
+    """Fit problem with lengths in rim radii. Unknowns: coefficients, preceded by R and k for an
+    asphere.
+    """
 
     target: Meridian
     form: FitForm
@@ -207,6 +210,8 @@ class _Problem:
             theta, tau = np.arctan2(x, w), x / w / tangent
             dtheta, dtau = -(x / (w**2 + x**2))[:, None] * dw, -(x / w**2 / tangent)[:, None] * dw
         omega, rate = self._target_at(tau)
+        # Omega = 2 beta + theta (Eqs. 2-5). The difference from the target at equal image height,
+        # divided by dOmega/dtau, is to first order the deviation of the height at equal Omega.
         value = (omega - 2 * np.arctan(slope.value) - theta) / rate
         return _Linear(value, dtau - (2 * dbeta + dtheta) / rate[:, None])
 
@@ -290,7 +295,7 @@ class _Problem:
         return p
 
     def _lawson(self, p: Array, linear: _Linear, hold: bool) -> Array:
-        """Minimise the largest deviation of a linear model; with ``hold``, subject to 0 at the rim."""
+        """Minimise the largest deviation of a linear model; ``hold`` requires 0 at the rim."""
         value, J = linear.value, linear.jacobian / (size := np.linalg.norm(linear.jacobian, axis=0))
         onto, free = np.zeros(p.size), np.eye(p.size)
         if hold:

@@ -51,7 +51,7 @@ class FieldValues(NamedTuple):
     image_distance: Array
     """Distance from the lens to the imager, mm; 0 for a telecentric lens."""
     length: Array
-    """Axial distance from the lens (telecentric: the vertex) to the farther of rim and vertex, mm."""
+    """Axial distance from the lens (telecentric: vertex) to the farther of rim and vertex, mm."""
     sag: Array
     """Axial height of the mirror, mm."""
     airy_px: Array
@@ -188,7 +188,7 @@ def _in_quadrature(blur: Array, own: Array) -> Array:
 
 
 def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
-    """Return field values of mirror points (..., k) for a camera focused at vergences v (..., 1)."""
+    """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
     look = camera.at(o, v)
     floor = 1 + look.airy_px**2
     t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px

@@ -1,4 +1,4 @@
-"""Object distances: fixed distances from the mirror, or intersections of chief rays with surfaces."""
+"""Object distances: fixed distances from the mirror, or intersections of rays with surfaces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ Array = NDArray[Any]
 
 
 def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array) -> Array:
-    """Return 1/distance (1, k), 1/mm, from points (k,) to the first object surface along field angles (k,) in radians.
+    """Return inverse distances (1, k), 1/mm, to the first object surface.
+
+    The rays start from points (k,) at field angles (k,) in radians.
 
     The distance of a ray without an intersection is infinite.
 

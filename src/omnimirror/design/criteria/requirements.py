@@ -280,7 +280,10 @@ class LensRequirements(Entries):
 
     @property
     def fills_imager(self) -> bool:
-        """Return whether the missing lens parameter is chosen to fill the imager, within its range."""
+        """Return whether the missing lens parameter is chosen to fill the imager.
+
+        A range limits this parameter.
+        """
         if self.is_telecentric:
             return self.magnification is None
         return any(value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm))

@@ -188,13 +188,15 @@ class _UnderPerspective:
         place = v / np.cos(self.theta) * (W - 1) / W
         D = place
         for _ in range(8):  # k depends weakly on the focus, in the exact form not at all
+            # S = k cos(theta) (D W' - B (W' - 1)) = t at the rim, solved for D.
             D = place + t / (k * np.cos(self.theta) * W)
             k = self.scale(D)
         return float(D)
 
     def _rate(self, theta: float, v: float, t: float, D: float) -> float:
-        """Return the largest dOmega/dtheta with a tangential blur of at least -t; inf if unbounded."""
+        """Return the largest dOmega/dtheta with a tangential blur of at least -t; inf if none."""
         allowed, B = t / (self.scale(D) * np.cos(theta) ** 2), v / np.cos(theta)
+        # T = k cos^2(theta) (B - (B - D) W') = -t, solved for W' = dOmega/dtheta + e, e = near/v.
         return np.inf if B <= D else float((B + allowed) / (B - D) - self.near / v)
 
     def _path(self, t: float, D: float) -> tuple[float, Callable[[Array], Array]]:
@@ -210,7 +212,7 @@ class _UnderPerspective:
         return _followed(rates, self.theta, start, self.omega_min)
 
     def _too_steep(self, t: float) -> float:
-        """Return a value that is positive if no mirror attains t: the remaining field at the axis."""
+        """Return the remaining field at the axis, positive if no mirror attains t."""
         D = self._focus(t)
         if not np.isfinite(self._rate(self.theta, np.sin(self.theta) / self.rim, t, D)):
             return -self.theta

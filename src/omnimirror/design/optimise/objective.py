@@ -54,7 +54,7 @@ class Slack:
 
 @dataclass(frozen=True)
 class Objective:
-    """Merit, or slack of requirements, over fractions u of the rim radius; the last of them is 1."""
+    """Merit, or slack of requirements, over fractions u of the rim radius, the last of them 1."""
 
     space: DesignSpace
     goal: Merit | Slack
@@ -155,7 +155,7 @@ class Objective:
         return requirements_of(self.space, state.field, self._counting(state), state.omega, state.hidden, state.image)
 
     def _counting(self, state: State) -> Counting:
-        """Return the counted columns of the first design; all derivatives refer to the same rows."""
+        """Return the counted columns of the first design, to which all derivatives refer."""
         return partial(self.space.counting, state.omega[:1].real, state.hidden[:1].real)
 
 

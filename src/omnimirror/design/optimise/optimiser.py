@@ -249,7 +249,7 @@ def _start_of_many(
 
 
 def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> Minimum:
-    """Optimise one start; if the result is infeasible, repeat from the point of minimum violation."""
+    """Optimise one start; if infeasible, repeat from the point of minimum violation."""
     found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
     if found.violation < KEPT:
         return found

@@ -62,6 +62,7 @@ def _mass(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Array:
     z = g.M * space.sags(y, g, u)
     top = g.M * space.sags(y, g, np.ones(1))
     depth = np.where(top.real > 0, top, 0 * top) + _rim(space).thickness_mm - z
+    # V = 2 pi integral of x depth dx with x = M u; the weights refer to 2 u - 1 in (-1, 1).
     volume = np.pi * g.M**2 * (u * depth * weights).sum(axis=-1, keepdims=True)
     mass: Array = density_of(space.problem.mirror_material) * volume / 1000
     return mass

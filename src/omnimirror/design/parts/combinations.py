@@ -4,10 +4,11 @@ A combination is rejected if a necessary condition is violated for any mirror. E
 derived from the equations of the paper, for the largest rim image permitted by imager and lens (N
 pixels, radius r = N pitch):
 
-    viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                                    Eqs. 7, 25
-    size             lens to rim M/tan(Theta) > M f/r, and the imager is at least f behind the lens
-    resolution       the mean of dh/dOmega from a to b is at most N/(b - a); Dw = 2 pi h/(360 sin(Omega))     Eqs. 9, 10
-    diffraction      Airy >= 2.44 lambda F_min, which contrast and total blur only add to
+    viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                             Eqs. 7, 25
+    size             lens to rim M/tan(Theta) > M f/r; the imager is at least f behind the lens
+    resolution       mean of dh/dOmega from a to b <= N/(b - a)                     Eq. 9
+    Dw = 2 pi h/(360 sin(Omega))                                   Eq. 10
+    diffraction      Airy >= 2.44 lambda F_min, a lower bound of the total blur
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ ROOM = 1 + 1e-9  # rounding tolerance of bounds
 
 @dataclass(frozen=True)
 class PartsCombination:
-    """Combination of a lens and an imager, optionally with a mirror ball, a dome and accessories."""
+    """Combination of a lens and an imager, optionally with mirror ball, dome and accessories."""
 
     lens: LensComponent | TelecentricComponent
     imager: ImagerComponent

@@ -242,7 +242,7 @@ class _Tally:
 
     @property
     def most_area_deg2(self) -> float:
-        """Return, for a front, the upper limit of the blur area of the next, more expensive design."""
+        """Return, for a front, the upper limit of the blur area of the next design."""
         areas = [design.worst_floored_area_deg2 for design in self.found] if self.front else []
         return min(areas, default=np.inf)
 

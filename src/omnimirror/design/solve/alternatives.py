@@ -77,7 +77,7 @@ def find_alternatives(requirements: Requirements, verdict: Verdict, say: Say) ->
 
 
 def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requirements]]:
-    """Yield entry, requested value and other value of each discrete choice, with the requirements after it."""
+    """Yield entry, requested value, other value and changed requirements of each choice."""
     mirror, lens, imager = requirements.mirror, requirements.lens, requirements.imager
     apex = "smooth" if mirror.is_pointed else "pointed"
     choices: list[tuple[str, str, str, dict[str, Any]]] = []
@@ -107,7 +107,7 @@ def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requir
 
 
 def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:
-    """Return the imagers of the bundled catalogue with more pixels on the short side, the smallest of them first."""
+    """Return the bundled imagers with a larger short side in pixels, smallest first."""
 
     def short_side(imager: Imager | ImagerComponent) -> int:
         return min(imager.width_px, imager.height_px)

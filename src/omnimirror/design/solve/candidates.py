@@ -129,7 +129,7 @@ PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
 
 
 def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Mapped | None:
-    """Return the mirror with the exact directional mapping for a pinhole; None for other mirrors."""
+    """Return the mirror with an exact directional mapping for a pinhole; None for others."""
     if mirror.mapping is None:
         return None
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
@@ -254,6 +254,7 @@ def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     theta, focal = ends_or_none(lens.theta_max_deg), ends_or_none(lens.focal_length_mm)
     if focal is None or (is_free(focal) and not is_free(theta)):
         assert theta is not None
+        # tan(Theta) = r / b0 with 1/b0 = 1/f - 1/L0 (Eqs. 7, 25), solved for f.
         filling = radius / (np.tan(np.radians(theta[0])) + radius * nearness)
         return theta[0], float(filling if focal is None else min(filling, focal[1]))
     if theta is not None and not is_free(theta):

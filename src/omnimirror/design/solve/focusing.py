@@ -140,7 +140,7 @@ class Focusing:
         missed: Array = np.maximum.reduce([*others, image])
         return missed
 
-    # -- what does not depend on the focus ---------------------------------------------------------
+    # -- focus-independent quantities --------------------------------------------------------------
 
     @property
     def _is_telecentric(self) -> bool:
@@ -221,7 +221,7 @@ class Focusing:
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
     def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
-        """Return field values for a limit, or for the whole evaluated field, at vergences v (b, 1)."""
+        """Return field values at vergences v (b, 1), for a limit or for the whole evaluated field."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]

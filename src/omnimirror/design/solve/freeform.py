@@ -92,7 +92,7 @@ class FreeFormSpace:
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
-        """Return the limits, and the requirements on imager and camera that a design can violate."""
+        """Return the limits, and the imager and camera requirements that a design can violate."""
         return self._objective(()).asked
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> FreeFormSpace:
@@ -124,7 +124,9 @@ class FreeFormSpace:
         return self._objective(()).missed(self.y(point))
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Return the mirror near a point that violates other requirements least, if it meets them."""
+        """Return the mirror near a point with the smallest violation of other requirements, if
+        feasible.
+        """
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeFormSpace(requirements, problem)
         y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y

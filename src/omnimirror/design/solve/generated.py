@@ -162,7 +162,7 @@ class GeneratedSpace:
             low, high = [*low, ends_of[0] / self._unit], [*high, ends_of[1] / self._unit]
         return np.array(low), np.array(high)
 
-    # -- what may give -----------------------------------------------------------------------------
+    # -- numbers that may be relaxed ---------------------------------------------------------------
 
     @cached_property
     def numbers(self) -> dict[str, float]:
@@ -221,7 +221,7 @@ class GeneratedSpace:
         made = self.found_from_scratch(requirements, [requirements.changed(**(settled | numbers))], starts)
         return None if made is None else self.point(made.settled, made.sensor)
 
-    # -- what is missed ----------------------------------------------------------------------------
+    # -- violations --------------------------------------------------------------------------------
 
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point."""

@@ -168,11 +168,11 @@ def find_conflict(
 
 
 def _by_share(r: Relaxation) -> tuple[bool, float]:
-    """Return the sort key: smallest relative change first, requirements without a threshold last."""
+    """Return the sort key: smallest relative change first, missing thresholds last."""
     return r.needed is None, r.share or 0.0
 
 
-# -- advice is tried -------------------------------------------------------------------------------
+# -- verification of relaxations -------------------------------------------------------------------
 
 
 def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirements:
@@ -255,7 +255,7 @@ def nearest(r: Relaxation, holds: Holds) -> Relaxation:
 
 
 def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
-    """Return several simultaneous relaxations as :func:`verified`; none if they remain infeasible."""
+    """Return several simultaneous relaxations as :func:`verified`; none if infeasible."""
     rounded = tuple(r.widened(0.0) for r in given)
     found = _least_wide([tuple(r.widened(more) for r in given) for more in MORE], holds)
     # a number may be at the end of its possible range; then only the limits can be widened
@@ -295,7 +295,7 @@ def outwards(value: float, way: int) -> float:
     return float(f"{(np.ceil(steps) if way > 0 else np.floor(steps)) * unit:.{DIGITS}g}")
 
 
-# -- one gives -------------------------------------------------------------------------------------
+# -- individual relaxations ------------------------------------------------------------------------
 
 
 def _names(space: Space, best: BestDesign) -> list[str]:
@@ -403,7 +403,7 @@ def _span(space: Space, name: str, way: int) -> Span:
     return (low, asked) if way < 0 else (asked, high)
 
 
-# -- all give --------------------------------------------------------------------------------------
+# -- joint relaxations -----------------------------------------------------------------------------
 
 
 class Joint(NamedTuple):

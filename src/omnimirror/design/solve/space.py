@@ -66,7 +66,7 @@ class Space(Protocol):
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Return the other requirements that a design can violate: limits by index, others by name."""
+        """Return the other requirements that a design can violate: limits by index, or names."""
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> Space:
         """Return the space with additional free numbers."""
