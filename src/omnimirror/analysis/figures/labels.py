@@ -124,7 +124,7 @@ class EndLabels:
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
-        """Place all labels at each layout of the figure; call it last, with final limits and sizes."""
+        """Place all labels at each layout of the figure; call it last, with final limits."""
         self.place()
         self.figure.set_layout_engine(_LayoutWithLabels(self))
         return self.figure

@@ -27,7 +27,7 @@ class VirtualImages(NamedTuple):
     x_s: Array
     z_s: Array
     object_distance: Array = np.array(np.inf)
-    """() or (n,): distance p of the objects from the mirror points, mm."""
+    """Distance p of the objects from the mirror points, () or (n,), mm."""
 
 
 def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:

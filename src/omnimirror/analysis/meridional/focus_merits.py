@@ -86,16 +86,16 @@ class Sides(NamedTuple):
     """Focus-independent quantities of n field angles, with lengths along v in units of a range."""
 
     t: Array
-    """(n,) focus coordinates of the tangential images."""
+    """Focus coordinates of the tangential images (n,)."""
     s: Array
     w_t: Array
-    """(n,) magnification of the blur by distortion."""
+    """Magnification of the tangential blur by distortion (n,)."""
     w_s: Array
     Dh: Array
-    """(n,) px per deg, at the scale g = 1."""
+    """Radial resolution (n,), px per deg, at the scale g = 1."""
     Dw: Array
     own2: tuple[Array, Array] | None = None
-    """(n,), (n,) px^2 of the lens blur, nearly independent of the focus; None for an ideal lens."""
+    """Squared lens blur (n,), (n,), px^2, nearly independent of the focus; None if ideal."""
 
 
 class Scales(NamedTuple):

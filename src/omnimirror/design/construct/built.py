@@ -61,7 +61,7 @@ class LensAndCover:
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
-        """Trace the chief rays (n,) of mirror points to the outside; NaN or inf for blocked rays."""
+        """Trace the chief rays (n,) of mirror points to the outside; not finite if blocked."""
         return self._tracer(made)(x)
 
     def _cover(self, made: MountedMirror) -> Cover | None:

@@ -37,7 +37,7 @@ from .limits import Limit
 from .ranges import Range, between, is_free
 
 FARTHEST_FOCUS = 1e7
-"""mm; represents a focus at infinity."""
+"""Representation of a focus at infinity, mm."""
 Radius = Annotated[Range, between(0.1, 1e5)]
 FocalLength = Annotated[Range, between(1e-2, 1e5)]
 Theta = Annotated[Range, between(0.1, 60.0)]

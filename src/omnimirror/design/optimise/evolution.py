@@ -51,7 +51,7 @@ class Contest:
         return y, np.where(usable[:, None], values, REFUSED), np.where(usable, broken, 1.0)
 
     def best_of(self, y: Array) -> tuple[Array, Array]:
-        """Return the non-dominated designs (n, dim), sorted by the first merit, with their merits."""
+        """Return the non-dominated designs (n, dim), sorted by the first merit, and merits."""
         y, values, broken = self.compare(y)
         better: Any = (values[:, None] <= values).all(axis=2) & (values[:, None] < values).any(axis=2)
         keep = np.flatnonzero((broken <= 0) & ~better[broken <= 0].any(axis=0))

@@ -44,7 +44,7 @@ class Given(NamedTuple):
     theta: Array
     """0 for a telecentric lens."""
     tangent: Array
-    """tan(Theta); NaN for a telecentric lens."""
+    """Tangent of Theta; NaN for a telecentric lens."""
     focal: Array
     """Focal length; magnification for a telecentric lens."""
     f_number: Array
@@ -60,7 +60,7 @@ class State(NamedTuple):
     field: FieldValues
     omega: Array
     domega_du: Array
-    """dOmega/du, radians; positive for a one-to-one mapping."""
+    """Derivative dOmega/du, radians; positive for a one-to-one mapping."""
     cos_incidence: Array
     """Cosine of the angle of incidence; positive for the front of the mirror."""
     hidden: Array

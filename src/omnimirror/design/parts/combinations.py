@@ -6,8 +6,8 @@ pixels, radius r = N pitch):
 
     viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                             Eqs. 7, 25
     size             lens to rim M/tan(Theta) > M f/r; the imager is at least f behind the lens
-    resolution       mean of dh/dOmega from a to b <= N/(b - a)                     Eq. 9
-    Dw = 2 pi h/(360 sin(Omega))                                   Eq. 10
+    resolution       mean of dh/dOmega from a to b <= N/(b - a)                    Eq. 9
+                     Dw = 2 pi h/(360 sin(Omega))                               Eq. 10
     diffraction      Airy >= 2.44 lambda F_min, a lower bound of the total blur
 """
 

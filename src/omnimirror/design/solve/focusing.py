@@ -221,7 +221,7 @@ class Focusing:
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
     def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
-        """Return field values at vergences v (b, 1), for a limit or for the whole evaluated field."""
+        """Return field values at vergences v (b, 1), for a limit or the whole evaluated field."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
