@@ -1,3 +1,1 @@
-"""Analysis of a sensor: imaging characteristics, viewpoints, virtual images, blur and complete
-evaluation.
-"""
+"""Sensor analysis: imaging characteristics, viewpoints, virtual images, blur and evaluation."""

@@ -1,6 +1,4 @@
-"""Evaluation of a calibrated camera: image radius, resolution, viewpoint and direction uncertainty
-over the field angle.
-"""
+"""Evaluation of a calibrated camera: mapping, resolution, viewpoint and uncertainty."""
 
 from __future__ import annotations
 
@@ -197,9 +195,7 @@ def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
 
 
 def _middle(camera: CameraModel, end: float) -> Array:
-    """Return the pixel (2,) at the centre of the smallest completely visible ring, possibly outside
-    the image.
-    """
+    """Return the pixel (2,) at the centre of the smallest completely visible ring."""
     rings = np.append(NEXT_TO_AXIS, np.radians(np.arange(SCANNED_DEG, end, SCANNED_DEG)))
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
     whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
@@ -209,9 +205,7 @@ def _middle(camera: CameraModel, end: float) -> Array:
 
 
 def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> Array:
-    """Return the heights (n,) of the points nearest to the rays of each ring; NaN if too few are
-    visible.
-    """
+    """Return the heights (n,) of the points nearest to the rays of each ring, or NaN."""
     heights = np.full(len(seen), np.nan)
     world = camera.mount.rotation()
     for i in np.flatnonzero(seen.sum(axis=1) > 1):
@@ -244,9 +238,7 @@ def _field_end_deg(camera: CameraModel) -> float:
 
 
 def _rings(camera: CameraModel, omega: Array) -> tuple[Array, Array, Array]:
-    """Return directions (n, k, 3) in the camera frame at field angles (n,), and radial and
-    azimuthal unit vectors.
-    """
+    """Return directions (n, k, 3) at field angles (n,), with radial and azimuthal vectors."""
     phi = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
     sin, cos = np.sin(omega)[:, None], np.cos(omega)[:, None]
     ahead, ones = (-1.0 if camera.looks_back else 1.0), np.ones((len(omega), AZIMUTHS))
@@ -273,9 +265,7 @@ def every_step(end_deg: float) -> Array:
 
 
 def mean_sigma_deg(camera: CameraModel, omega: Array) -> Array:
-    """Return the RMS uncertainty of directions (n,) in deg over the visible azimuths, at field
-    angles in radians.
-    """
+    """Return the RMS uncertainty (n,) of directions in deg, at field angles in radians."""
     directions = _rings(camera, omega)[0].reshape(-1, 3)
     assert camera.uncertainty is not None
     covariance = camera.uncertainty.of([p.name for p in camera.parameters])

@@ -1,6 +1,4 @@
-"""Comparison of sensors: table of their properties over the whole field, with the best values
-marked.
-"""
+"""Comparison of sensors: table of their properties over the whole field."""
 
 from __future__ import annotations
 
@@ -60,9 +58,7 @@ class Compared:
 
     @property
     def best(self) -> list[bool]:
-        """Return the mask of the best sensors, by formatted value; empty for descriptive quantities
-        or equal values.
-        """
+        """Return the mask of the best sensors; empty for descriptive or equal values."""
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
@@ -98,9 +94,7 @@ class Comparison:
         raise InvalidParameter(f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}")
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table as CSV, a line per quantity and a column per sensor, with 17 significant
-        digits.
-        """
+        """Write the table as CSV, a line per quantity and a column per sensor."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *map(csv_cell, self.names)])
@@ -109,9 +103,7 @@ class Comparison:
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
-        """Write the sensors as JSON objects with their quantities; non-finite numbers become
-        strings.
-        """
+        """Write the sensors as JSON objects; non-finite numbers become strings."""
         sensors = [
             {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
         ]
@@ -166,9 +158,7 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
 
 
 def _study(sensor: Sensor) -> Study:
-    """Return the data source for the rows of a sensor: a meridional study, or a three-dimensional
-    one if misaligned.
-    """
+    """Return the data source for the rows of a sensor, three-dimensional if misaligned."""
     if sensor.is_axial:
         return Study(sensor)
     is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
@@ -211,9 +201,7 @@ class Study:
 
     @cached_property
     def own(self) -> Any:
-        """Return the columns over the whole field at the focus of the sensor, by their names in an
-        evaluation.
-        """
+        """Return the columns over the whole field at the focus of the sensor."""
         return self.evaluation
 
     @cached_property
@@ -229,9 +217,7 @@ class Study:
         return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
 
     def object_size(self, surface: str) -> float:
-        """Return the smallest length per pixel, mm, on a plane or a cylinder, the larger of both
-        directions.
-        """
+        """Return the smallest length per pixel, mm, the larger of both directions."""
         t = getattr(self.near, f"{surface}_t_mm_per_px")
         return float(np.fmin.reduce(np.maximum(t, self.near.object_s_mm_per_px)))
 
@@ -263,9 +249,7 @@ class Study:
         return float(50 * (low - high))
 
     def nonlinearity(self) -> float:
-        """Return the largest deviation of the image height from a linear mapping, % of the rim
-        height.
-        """
+        """Return the largest deviation from a linear mapping, % of the rim height."""
         h, omega = self.own.h_px, self.own.omega_deg
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
@@ -411,9 +395,7 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "sag_mm": ("low", _sag),
     "rim_slope_deg": ("low", lambda s: float(s.evaluation.beta_deg[-1])),
 }
-"""Direction of improvement and value of each quantity; pixels, blur and depth of field are those of
-each sensor.
-"""
+"""Direction of improvement and value of each compared quantity."""
 
 
 def _compared(name: str, studies: Sequence[Study]) -> Compared:

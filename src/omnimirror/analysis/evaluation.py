@@ -119,9 +119,7 @@ class Evaluation:
 
     @property
     def depth_of_field_mm(self) -> DepthOfField:
-        """Return the nearest and farthest distance with a blur of at most ``tolerance_px`` pixels
-        (Eqs. 30, 31).
-        """
+        """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
         return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
 
     def columns(self) -> dict[str, Array]:
@@ -409,8 +407,7 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
 
 @checked
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
-    """Return all multiples of ``step_deg`` within the field of a sensor, (n,) deg, or its two ends
-    if there are none.
+    """Return the multiples of ``step_deg`` in the field, (n,) deg, or its ends if there are none.
 
     Parameters
     ----------

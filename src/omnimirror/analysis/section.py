@@ -1,5 +1,4 @@
-"""Cross-section of a sensor (Fig. 4): mirrors, lens, chief rays, virtual images and depth of field,
-as numbers.
+"""Cross-section of a sensor (Fig. 4): mirrors, lens, chief rays, images and depth of field.
 
 All positions are (x, z) in millimetres in the mirror frame: x from the axis, z from the vertex away
 from the lens.
@@ -34,9 +33,7 @@ class SectionCurve(NamedTuple):
 
 
 class FocusBand(NamedTuple):
-    """Heights z (mm) of the focus and of the near and far limits of the depth of field (Eqs. 30,
-    31).
-    """
+    """Heights z (mm) of the focus and of the limits of the depth of field (Eqs. 30, 31)."""
 
     focus: float
     near: float
@@ -63,9 +60,7 @@ def lens_half_width(sensor: Sensor) -> float:
 
 
 def reference_height(sensor: Sensor) -> float:
-    """Return the reference height z (mm) of the object distances of the lens, with an unfolded
-    optical path.
-    """
+    """Return the reference height z (mm) of the object distances of the lens."""
     m, second = sensor.meridian.m, sensor.secondary
     if np.isfinite(m):
         return -m
@@ -105,9 +100,7 @@ def secondary_curve(sensor: Sensor, nodes: int = 201) -> SectionCurve | None:
 
 
 def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]:
-    """Return the positions (x, z), mm, of the chief rays from mirror points (n,) to the lens, the
-    lens last.
-    """
+    """Return the positions (x, z), mm, of chief rays from mirror points (n,) to the lens."""
     second, lens = sensor.secondary, lens_height(sensor)
     first = sensor.meridian.trace(x_mm).first
     at = first.x

@@ -88,9 +88,7 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
 
 
 def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
-    """Return the lens with changed focal length and image distance, and therefore another focus and
-    image scale.
-    """
+    """Return the lens with changed focal length and image distance."""
     focal, mount = thermal.focal_ppm_per_k, thermal.expansion_ppm("mount")
     if not (focal or mount):
         return lens
@@ -111,9 +109,7 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
 
 
 def _housing(housing: Housing, warmer: float) -> Housing:
-    """Return the housing with its clear wall, if of a named material, expanded and with changed
-    refractive index.
-    """
+    """Return the housing with its clear wall expanded and its refractive index changed."""
     shell: Any = housing.shell
     if shell is None:
         return housing

@@ -15,8 +15,7 @@ SHARE = 1e-4  # perturbation of the profile relative to a standard deviation
 
 
 def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]) -> dict[str, Array]:
-    """Return standard deviations (n,) of columns (n,) computed from a mirror; empty for a mirror
-    that is not measured.
+    """Return standard deviations (n,) of columns (n,) computed from a measured mirror.
 
     The smoothed curve is linear in the heights; therefore the effects of its independent deviations
     are computed one at a time and added in quadrature.

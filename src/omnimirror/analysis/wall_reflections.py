@@ -1,6 +1,4 @@
-"""Ghost images in a tube or a dome: direction and relative brightness of light reflected by the
-wall.
-"""
+"""Ghost images in a tube or a dome: direction and relative brightness of wall reflections."""
 
 from __future__ import annotations
 
@@ -125,9 +123,7 @@ def _clear_angles(sensor: Sensor) -> Array:
 
 
 def _meets_back(sensor: Sensor, points: Array, directions: Array) -> NDArray[np.bool_]:
-    """Return the mask of rays (n, 3), (n, 3), from the side or below, that end at the back of the
-    mirror.
-    """
+    """Return the mask of rays (n, 3), (n, 3) that end at the back of the mirror."""
     rim = sensor.mirror.rim_radius_mm
     edge = float(sensor.mirror.sag(np.array(rim))) + sensor.mirror_pose.displacement_mm
     with np.errstate(divide="ignore", invalid="ignore"):

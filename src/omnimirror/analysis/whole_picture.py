@@ -91,9 +91,7 @@ class WholePicture:
         return Grid(omega, np.broadcast_to(phi, omega.shape))
 
     def _edge(self, seen: Array, unseen: Array, phi: Array) -> Array:
-        """Return the last visible angles (azimuths,) by bisection between visible and invisible
-        ones.
-        """
+        """Return the last visible angles (azimuths,), found by bisection."""
         for _ in range(HALVED):
             middle = (seen + unseen) / 2
             sees = self._sees(middle, phi)
@@ -165,9 +163,7 @@ class WholePicture:
         return self.at(self.sensor.lens.focus_distance_mm)
 
     def best_focus(self) -> tuple[float, float]:
-        """Return the focus (mm) of the smallest worst floored blur area, and that area, square
-        degrees.
-        """
+        """Return the focus (mm) with the minimum of the worst floored blur area, and that area."""
         from scipy.optimize import minimize_scalar
 
         lens, aligned = self.sensor.lens, self.sensor.aligned()
@@ -190,9 +186,7 @@ class WholePicture:
 
     @cached_property
     def hidden(self) -> tuple[float, float]:
-        """Return the end of the central obscuration (deg) at any azimuth, and the obscured share of
-        the image area, %.
-        """
+        """Return the end of the central obscuration, deg, and the obscured image area, %."""
         standing = self.sensor.obstructions
         if standing.housing.is_empty:
             return self.field_deg[0], 0.0
@@ -231,17 +225,13 @@ class WholePicture:
         return float(np.linalg.norm(rim - rim.mean(axis=0), axis=1).mean())
 
     def nonlinearity(self) -> float:
-        """Return the largest deviation of an image height from a linear mapping at its azimuth, %
-        of the rim height.
-        """
+        """Return the largest deviation from a linear mapping, % of the rim height."""
         rings, omega = self._rings(), self.grid.omega
         h = np.linalg.norm(rings - rings[0].mean(axis=0), axis=2)
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def viewpoint_spread(self) -> float:
-        """Return the largest distance (mm) between the viewpoints of two rings, the points nearest
-        to their rays.
-        """
+        """Return the largest distance (mm) between the viewpoints of two rings."""
         chief, shape = self.bundles.chief, (*self.grid.omega.shape, 3)
         points, ways = chief.points.reshape(shape), self._axes[0].reshape(shape)
         across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
@@ -250,9 +240,7 @@ class WholePicture:
         return float(np.linalg.norm(found[:, None] - found[None], axis=2).max())
 
     def one_viewpoint_error(self, distance_mm: float) -> float:
-        """Return the largest error (px) of the best single viewpoint, in three dimensions, for a
-        finite object distance.
-        """
+        """Return the largest error (px) of the best single viewpoint for finite objects."""
         from scipy.optimize import minimize
 
         towards, outwards, around = self._axes

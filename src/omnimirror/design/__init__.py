@@ -1,6 +1,4 @@
-"""Design of sensors from requirements: mappings, mirror families, fits, optimisation and
-verification.
-"""
+"""Sensor design from requirements: mappings, families, fits, optimisation and verification."""
 
 from ..optics.mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES

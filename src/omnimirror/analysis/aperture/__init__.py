@@ -1,3 +1,1 @@
-"""Analysis over the whole aperture: ray bundles, spot diagrams, point-spread function, MTF and
-illumination.
-"""
+"""Whole-aperture analysis: ray bundles, spot diagrams, PSF, MTF and illumination."""

@@ -23,9 +23,7 @@ CLEAR = 0.5  # deg; distance of the field angles from the rim, which would vigne
 
 @dataclass(frozen=True)
 class BlurCheck:
-    """Blur of real rays minus that of the evaluation, at k field angles for j F-numbers; each array
-    (j, k), px.
-    """
+    """Blur of real rays minus the evaluation, k field angles, j F-numbers; arrays (j, k), px."""
 
     f_number: Array
     """F-numbers (j,)."""

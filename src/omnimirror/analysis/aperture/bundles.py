@@ -56,9 +56,7 @@ class Bundles:
     chief: Specular
     """Chief rays (k,)."""
     seen_at: Array
-    """Points (k, n, 3) on the last mirror before the lens: the mirror points, or those of a second
-    mirror.
-    """
+    """Points (k, n, 3) on the last mirror before the lens."""
     to_targets: Array
     """Unit vectors (k, n, 3) from the mirror points towards the objects."""
 
@@ -73,9 +71,7 @@ class Bundles:
         return {name: edge.reshape(shape) for name, edge in self.sensor.optical_train.clearances(*flat).items()}
 
     def image_mm(self, sensor: Sensor) -> Array:
-        """Return the ray positions (k, n, 2) on the imager, mm from the optical axis, for a focused
-        sensor.
-        """
+        """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
         return sensor.lens.image_of(self.seen_at - sensor.optical_train.lens_offset, self.to_pupils)
 
     def chief_mm(self, sensor: Sensor) -> Array:
@@ -93,9 +89,7 @@ class Bundles:
         return path
 
     def axes(self) -> Array:
-        """Return unit vectors (k, 2, 2) in the unflipped image: tangential (radially outwards),
-        then sagittal.
-        """
+        """Return tangential (outward) and sagittal unit vectors (k, 2, 2) in the image."""
         chief = self.chief_mm(self.sensor)
         away = np.hypot(*chief.T)
         azimuth = np.radians(self.azimuth_deg)
@@ -105,9 +99,7 @@ class Bundles:
         return np.stack([t, np.stack([-t[:, 1], t[:, 0]], axis=-1)], axis=1)
 
     def px_per_deg(self) -> tuple[Array, Array]:
-        """Return the image size (k,), (k,) of one degree, tangential and sagittal, px: Dh and Dw of
-        an aligned sensor.
-        """
+        """Return the image size (k,), (k,) of one degree, px: Dh and Dw."""
         omega, azimuth = np.radians(self.omega_deg), np.radians(self.azimuth_deg)
         towards = camera_direction(omega, azimuth)
         outwards = camera_direction(omega + np.pi / 2, azimuth)
@@ -183,9 +175,7 @@ def trace_bundles(
 
 
 def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: Array) -> tuple[Specular, Array]:
-    """Return mirror points (k n,) and light (k, n) through the aperture, for near and distant
-    objects.
-    """
+    """Return mirror points (k n,) and light (k, n) through the aperture."""
     k, n = len(p), len(pupil.points)
     train, mirror = sensor.optical_train, sensor.optical_train.seen_mirror
     parts: list[Specular] = []

@@ -34,15 +34,11 @@ class LightCone(NamedTuple):
     f_numbers: tuple[float, float]
     """Tangential and sagittal F-number of the disk."""
     stop: Array | None
-    """Clearance (n,) at the edge of the stop, in stop radii, for a section that is not an ellipse;
-    otherwise None.
-    """
+    """Clearance (n,) at the stop edge, in stop radii, for a non-elliptical section, or None."""
 
 
 def check_wave_is_known(lens: FieldLens) -> None:
-    """Raise InvalidParameter for a table with the size of the lens blur, which does not determine
-    its shape.
-    """
+    """Check that a lens table contains no lens blur of unknown shape."""
     blurs = (lens.own_blur_t_mm, lens.own_blur_s_mm) if isinstance(lens, TabulatedLens) else ()
     if any(blur is not None and any(blur) for blur in blurs):
         raise InvalidParameter(
@@ -52,8 +48,7 @@ def check_wave_is_known(lens: FieldLens) -> None:
 
 
 def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
-    """Return W (k, n), mm, of rays with transverse aberrations (k, n, 2) mm, and its roughness
-    (k,), mm rms.
+    """Return W (k, n), mm, from transverse aberrations (k, n, 2) mm, and its roughness (k,), mm.
 
     The roughness is the residual slope of the polynomial fit divided by its degree, the RMS of a
     wave of the next degree with this slope.

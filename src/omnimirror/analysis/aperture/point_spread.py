@@ -73,9 +73,7 @@ class Psf:
         return shares
 
     def on_pixels(self) -> Array:
-        """Return the density (n, n) averaged over a pixel at each position, as sampled by the
-        imager.
-        """
+        """Return the density (n, n) averaged over a pixel at each position."""
         nu = np.fft.fftfreq(len(self.offset_px), self._step)
         azimuth = np.radians(self.azimuth_deg)
         u = nu * np.cos(azimuth) - nu[:, None] * np.sin(azimuth)
@@ -192,9 +190,7 @@ def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
 
 
 def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
-    """Return the density (n, n) per mm^2 of the diffracted wave: its Fourier integral over the
-    disk, by rows.
-    """
+    """Return the density (n, n) per mm^2 of the diffracted wave, a Fourier integral by rows."""
     k = 2 * np.pi / wavelength_mm
     F_t, F_s = wave.f_numbers
     reach = offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2  # fringes across the aperture at the corner

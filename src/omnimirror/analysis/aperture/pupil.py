@@ -27,8 +27,7 @@ class Pupil(NamedTuple):
 
 
 def hexapolar(rings: int) -> Pupil:
-    """Return the centre and 6, 12, 18 ... points on rings, the outermost on the edge, for spot
-    diagrams.
+    """Return the centre and 6, 12, 18 ... points on rings, for spot diagrams.
 
     >>> pupil = hexapolar(2)
     >>> len(pupil.points), pupil.weights.sum().round(12)
@@ -58,8 +57,7 @@ def fibonacci(count: int) -> Pupil:
 
 
 def gaussian(rings: int) -> Pupil:
-    """Return rings and spokes that integrate polynomials over the disk exactly (Gauss in the
-    squared radius).
+    """Return rings and spokes for exact integration of polynomials (Gauss in the squared radius).
 
     >>> x, y = gaussian(4).points.T
     >>> float(gaussian(4).weights @ (x**4 * y**2)).__round__(12)  # 1/64

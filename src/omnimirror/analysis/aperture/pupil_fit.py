@@ -19,9 +19,7 @@ FITTED = gaussian(RINGS)
 
 
 def basis(points: Array) -> Array:
-    """Return products of Chebyshev polynomials (n, terms) up to :data:`DEGREE` at points (n, 2) of
-    the disk.
-    """
+    """Return products of Chebyshev polynomials (n, terms) at points (n, 2) of the disk."""
     x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
     i, j = orders()
     return x[:, i] * y[:, j]
@@ -36,16 +34,12 @@ def orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @cache
 def fit() -> Array:
-    """Return the linear map from values at the fitted pupil to least-squares coefficients, (terms,
-    n).
-    """
+    """Return the linear map (terms, n) from values at the fitted pupil to coefficients."""
     return fitted_at(FITTED.points)
 
 
 def fitted_at(points: Array) -> Array:
-    """Return the linear map (terms, n) from values at points (n, 2), the displaced fitted pupil, to
-    coefficients.
-    """
+    """Return the linear map (terms, n) from values at displaced points (n, 2) to coefficients."""
     root = np.sqrt(FITTED.weights)
     inverse = np.linalg.pinv(root[:, None] * basis(points)) * root
     return inverse.astype(np.float64)
@@ -70,9 +64,7 @@ def slopes() -> tuple[Array, Array]:
 
 @cache
 def integral() -> Array:
-    """Return the linear map from derivatives by x, then by y, at the fitted pupil to coefficients,
-    (terms, 2 n).
-    """
+    """Return the linear map (terms, 2 n) from x and y derivatives to coefficients."""
     root = np.tile(np.sqrt(FITTED.weights), 2)
     inverse: Array = np.linalg.pinv(root[:, None] * np.concatenate(slopes())) * root
     return inverse

@@ -35,15 +35,11 @@ class Illumination(Recorded):
     irradiance_sr: Array
     """Irradiance of the imager per radiance of the object (k,), steradians."""
     relative: Array
-    """Irradiance (k,) relative to a pixel on the optical axis and the same mirror at normal
-    incidence.
-    """
+    """Irradiance (k,) relative to a pixel on the axis with the mirror at normal incidence."""
     reflectance: Array
     """Mean R(gamma) over the aperture (k,), of the light on the mirror."""
     filled: Array
-    """Unvignetted share of the aperture (k,); below 1 if the rim, the lens or the housing blocks
-    rays.
-    """
+    """Unvignetted share of the aperture (k,), after blocking by rim, lens and housing."""
 
     def records(self) -> list[dict[str, float]]:
         """Return one record per field angle."""
@@ -60,8 +56,7 @@ def illumination(
     reflectivity: Reflectivity = 1.0,
     transmission: float = 1.0,
 ) -> Illumination:
-    """Compute the illumination over the field: ``E = L T integral of R(gamma) cos^4 dA / b0^2``
-    over the aperture.
+    """Compute the illumination over the field, ``E = L T integral of R(gamma) cos^4 dA / b0^2``.
 
     The cosine refers to the angle of each ray at the imager, R to that at the mirror: rays are
     traced from the pixel outwards through every part of the aperture, modelled as a flat disk; rays
@@ -127,9 +122,7 @@ def illumination(
 
 
 def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflectivity) -> tuple[Array, Array, Array]:
-    """Return light, reflectance and unvignetted share (k,) of image points (k, 2) mm, integrated
-    over the aperture.
-    """
+    """Return light, reflectance and unvignetted share (k,) of image points (k, 2) mm."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
     train = sensor.optical_train

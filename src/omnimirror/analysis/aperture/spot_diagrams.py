@@ -21,8 +21,7 @@ RINGS = 12
 
 @dataclass(frozen=True)
 class Spots(Recorded):
-    """Spot diagrams of k objects at m focus distances with n rays each, in pixels from the chief
-    ray.
+    """Spot diagrams of k objects at m foci with n rays each, in pixels from the chief ray.
 
     Tangential is radially outwards in the image, sagittal perpendicular to it; signs refer to the
     unflipped image, rotated to place the spot to the right of the axis.
@@ -53,9 +52,7 @@ class Spots(Recorded):
 
     @property
     def filled(self) -> Array:
-        """Return the unvignetted share (k,) of the aperture, after obscuration by mirror, lens and
-        housing.
-        """
+        """Return the unvignetted share (k,) of the aperture."""
         share: Array = self.bundles.passes @ self.bundles.pupil.weights
         return share
 

@@ -230,9 +230,7 @@ def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) ->
 
 
 def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.complex128]:
-    """Return the optical transfer function (f,) of the geometric spot at frequencies (f,), cycles
-    per mm.
-    """
+    """Return the geometric optical transfer function (f,) at frequencies (f,), cycles per mm."""
     _, landing, _ = wave.at(FITTED.points)
     cycles = float(np.ptp(landing[:, axis])) * float(per_mm.max(initial=0.0))
     pupil = gaussian(int(np.clip(12 + 2 * cycles, 16, 200)))
@@ -258,9 +256,7 @@ def _points(place: tuple[Array, Array], axis: int) -> Array:
 
 
 def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
-    """Return the MTF (2, k, f) of the square pixel in the tangential and sagittal direction of each
-    field point.
-    """
+    """Return the pixel MTF (2, k, f) in the tangential and sagittal directions."""
     along = bundles.axes().transpose(1, 0, 2)[:, :, None, :] * nu[:, None]
     transfer: Array = np.abs(np.sinc(along)).prod(axis=-1)
     return transfer

@@ -1,5 +1,4 @@
-"""Wavefront of one object over the aperture: phase, transverse aberrations, light density and
-vignetting edges.
+"""Wavefront of one object over the aperture: phase, aberrations, light density and edges.
 
 Rays through a few hundred points of the aperture are fitted with polynomials, which can then be
 integrated exactly because these functions are smooth. The phase is the optical path length minus
@@ -65,16 +64,13 @@ class Wavefront:
         return self._light(*self._polynomials(points), soft)
 
     def phase_and_amplitude(self, points: Array, soft: float = 0.0) -> tuple[Array, Array]:
-        """Return phase (n,) mm and amplitude (n,); softening an edge preserves the integral of the
-        amplitude.
-        """
+        """Return phase (n,) mm and amplitude (n,); softening an edge preserves its integral."""
         x, y = self._polynomials(points)
         light = np.maximum(self._value(DENSITY, x, y), 0.0)
         return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
 
     def on_grid(self, centres: Array) -> tuple[Array, Array, Array]:
-        """Return phase, mm, light density and open share of the cells of a square grid, (n, n) by t
-        and s.
+        """Return phase, mm, light density and open share of a square grid, (n, n) by t and s.
 
         Parameters
         ----------
@@ -102,9 +98,7 @@ class Wavefront:
         return square
 
     def _polynomials(self, points: Array) -> tuple[Array, Array]:
-        """Return Chebyshev polynomials (n, orders), (n, orders) of tangential and sagittal
-        coordinates.
-        """
+        """Return Chebyshev polynomials (n, orders), (n, orders) of both coordinates."""
         t, s = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
         return t, s
 
@@ -121,9 +115,7 @@ class Wavefront:
         return passed
 
     def _value(self, column: int, x: Array, y: Array) -> Array:
-        """Return a fitted function (n,) from the Chebyshev polynomials (n, orders) of both
-        coordinates.
-        """
+        """Return a fitted function (n,) from Chebyshev polynomials (n, orders) in t and s."""
         square = self._square(column)
         # for few points, starting BLAS threads takes longer than the product
         along = x @ square if len(x) > MANY else np.einsum("ni,ij->nj", x, square)
@@ -202,9 +194,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
 
 
 def _softened(clearance: Array, width: Array | float) -> Array:
-    """Return the transmission of an edge softened over a width: a ramp from 0 to 1, 0.5 at the
-    edge.
-    """
+    """Return the transmission of an edge with a linear ramp, 0.5 at the edge."""
     ramp: Array = np.clip(0.5 + clearance / width, 0.0, 1.0)
     return ramp
 
@@ -229,8 +219,7 @@ def _misfit(phase: Array) -> Array:
 
 
 def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
-    """Return tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an
-    image height.
+    """Return tangential and sagittal F-number (F_w / cos^3, F_w / cos) at an image height.
 
     Magnification by distortion reduces the cone by the same factor. The cone of a real lens follows
     from its rays (:func:`~omnimirror.analysis.aperture.lens_phase.cone_of_light`).
@@ -245,9 +234,7 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
 
 
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
-    """Return W (k, n), mm: path to each aperture point minus that from the conjugate of the chief
-    ray's image point.
-    """
+    """Return W (k, n), mm: path to each aperture point minus that of the conjugate point."""
     train = sensor.optical_train
     in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
     pupil, centre = (train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2))))
@@ -259,9 +246,7 @@ def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
 
 
 def _conjugate(sensor: Sensor, image_mm: Array) -> Array:
-    """Return the conjugates (k, 3) of image points (k, 2) in the plane in focus, from the reference
-    point of the lens.
-    """
+    """Return the conjugates (k, 3) of image points (k, 2) in the plane in focus."""
     lens = sensor.lens
     origins, directions = lens.rays(image_mm, np.zeros_like(image_mm))
     steps = (lens.focus_distance_mm - origins[:, 2]) / directions[:, 2]

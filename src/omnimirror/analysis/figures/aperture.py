@@ -1,6 +1,4 @@
-"""Figures of the whole-aperture analysis: spot diagrams, PSF, MTF, encircled energy and
-illumination.
-"""
+"""Figures of the whole-aperture analysis: spots, PSF, MTF, encircled energy, illumination."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ LIGHT_FROM = 1e-4  # relative to the peak, the darkest shade of a PSF
 
 
 def spot_matrix(spots: Spots, airy_px: float) -> Figure:
-    """Draw spots at one scale with pixel grid and Airy disk: field angles by focus, or all field
-    angles at one focus.
-    """
+    """Draw spots at one scale with pixel grid and Airy disk, by field angle and focus."""
     objects, focuses, _ = spots.t_px.shape
     cells = [(i, j) for i in range(objects) for j in range(focuses)]
     columns = focuses if focuses > 1 else min(objects, 5)
@@ -86,9 +82,7 @@ def _pixel_grid(ax: Axes, half: float) -> None:
 
 
 def mtf_curves(mtf: Mtf) -> Figure:
-    """Draw tangential (solid) and sagittal (dashed) MTF of all field angles, with the Nyquist
-    frequency and lp/mm.
-    """
+    """Draw tangential (solid) and sagittal (dashed) MTF with the Nyquist frequency."""
     with styled():
         figure = new_figure(0.75 * PAGE, 3.0)
         ax = figure.subplots()

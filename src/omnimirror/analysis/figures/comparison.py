@@ -98,8 +98,7 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
 
 
 def picture_sheet(names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]) -> Figure:
-    """Draw the images of one scene by several sensors, and below them their panoramas, at a common
-    scale.
+    """Draw the images of one scene by several sensors, and their panoramas, at one scale.
 
     Images are (rows, columns, 3) uint8 in RGB order.
     """

@@ -161,9 +161,7 @@ def _coincide(ax: Axes, one: Line2D, other: Line2D) -> bool:
 
 
 def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -> None:
-    """Draw the blur area of the paper solid, the floored area with pixel and Airy disk dotted;
-    logarithmic.
-    """
+    """Draw the blur area of the paper (solid) and the floored area (dotted), logarithmic."""
     ax.set_yscale("log")
     drawn = []
     for s in subjects:
@@ -184,8 +182,7 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
 
 
 def viewing_angle(subjects: Sequence[Subject]) -> Figure:
-    """Draw Fig. 12: image area of spherical mirrors with the same field at different viewing
-    angles.
+    """Draw Fig. 12: image area of spherical mirrors at different viewing angles.
 
     The family has the rim, field and image circle of the first sensor with a spherical mirror, or
     of the first sensor.
@@ -217,8 +214,7 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
 
 
 def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px: float) -> Sensor:
-    """Return a sensor with the spherical mirror of the same rim for a field and viewing angle, in
-    closed form.
+    """Return the spherical mirror of the same rim for a field and viewing angle, in closed form.
 
     ``A = M / sin(beta)``, ``beta = (Omega_max - Theta)/2``, ``m = M/tan(Theta) - A (1 -
     cos(beta))``; a viewing angle of 0 selects an orthographic lens. The parameters of the paper

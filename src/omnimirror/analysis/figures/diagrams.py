@@ -25,9 +25,7 @@ ABOVE_MM = 4.0  # extension of a tube above its mirror
 
 
 class Ray(NamedTuple):
-    """Chief ray in the meridian, mm: its mirror point P, Omega in radians, and the height of its
-    viewpoint.
-    """
+    """Chief ray in the meridian, mm: mirror point P, Omega in radians, viewpoint height."""
 
     x: float
     z: float
@@ -130,9 +128,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
 
 
 def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
-    """Draw Fig. 13: a virtual projector with a cylindrical and a spherical screen, and the
-    projected images.
-    """
+    """Draw Fig. 13: a virtual projector with a cylindrical and a spherical screen."""
     M = sensor.mirror.rim_radius_mm
     with styled():
         figure = new_figure(PAGE, 4.6)
@@ -177,9 +173,7 @@ def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
 
 
 def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
-    """Return the ray length from the mirror to a cylinder about the axis, or to a sphere centred on
-    it.
-    """
+    """Return the ray length from the mirror to a cylinder or a sphere on the axis."""
     d = ray.towards
     if not is_sphere:
         return float((radius - ray.x) / d[0])
@@ -189,9 +183,7 @@ def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
 
 
 def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0) -> Figure:
-    """Draw Fig. 14: the angular error of a single viewpoint for an object at ``distance`` rim radii
-    (Eq. 23).
-    """
+    """Draw Fig. 14: single-viewpoint error for an object at ``distance`` rim radii (Eq. 23)."""
     M = sensor.mirror.rim_radius_mm
     ray = chief_ray(sensor, omega_deg)
     P, T = np.array([ray.x, ray.z]), np.array(ray.at(distance * M))
@@ -232,9 +224,7 @@ def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0
 def blur_geometry(
     focal_length: float = 1.0, aperture: float = 1.1, focus: float = 3.2, object_at: float = 6.0
 ) -> Figure:
-    """Draw Fig. 18: the triangles of Eqs. 24 to 28, for a lens much closer to its object than that
-    of a sensor.
-    """
+    """Draw Fig. 18: the triangles of Eqs. 24 to 28, with a close object."""
     b0, b = (1 / (1 / focal_length - 1 / L) for L in (focus, object_at))
     blur = aperture * (b0 - b) / b
     with styled():
@@ -335,9 +325,7 @@ def _mirror(ax: Axes, sensor: Sensor) -> None:
 
 
 def _camera(ax: Axes, sensor: Sensor, behind: float, radius: float | None = None) -> None:
-    """Draw the lens as a double arrow, the image sensor at a distance behind it, and a body with an
-    optional radius.
-    """
+    """Draw the lens as a double arrow, the image sensor behind it, and an optional body."""
     m, half = sensor.meridian.m, 0.2 * sensor.mirror.rim_radius_mm
     if radius is not None:
         ax.add_patch(Rectangle((-radius, -m - 1.2 * behind), 2 * radius, 1.2 * behind, facecolor=PALE, edgecolor=INK))

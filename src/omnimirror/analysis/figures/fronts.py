@@ -30,8 +30,7 @@ def front(
     marks: Mapping[str, tuple[float, float]],
     others: Mapping[str, tuple[float, float]],
 ) -> Figure:
-    """Draw two merits of the designs (n, 2) of a front, smaller is better, and those of named
-    sensors.
+    """Draw two merits of the designs (n, 2) of a front, and those of named sensors.
 
     ``marks`` are drawn as coloured diamonds, ``others`` as rings, which keeps coincident marks
     visible. Points above and to the right of the line are dominated by a design on it.
@@ -67,9 +66,7 @@ def _scales(ax: Axes, values: Array) -> None:
 
 
 def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: list[str]) -> None:
-    """Draw a label next to each mark, on its right if there is space, shifted to avoid other marks
-    and labels.
-    """
+    """Draw a label next to each mark, shifted to avoid other marks and labels."""
     if not names:
         return
     figure.draw_without_rendering()

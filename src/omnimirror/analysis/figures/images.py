@@ -223,9 +223,7 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
 
 
 def _reach(subject: Subject) -> tuple[float, float]:
-    """Return the extent of the rectangles to the left and right of the image centre, in image
-    radii.
-    """
+    """Return the extent of the rectangles left and right of the centre, in image radii."""
     half = OBJECT_DEG * subject.marks.dh_domega_px_per_deg / 2 / subject.radius_px
     h = subject.marks.h_px / subject.radius_px
     return max(0.02, 0.02 - float((h - half).min())), max(1.02, min(0.02 + float((h + half).max()), 1.4))

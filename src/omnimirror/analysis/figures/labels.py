@@ -24,8 +24,7 @@ INDENT_PT = 7.0  # distance of line labels from the axes
 
 
 def axis_label(name: str, titled: bool = False) -> str:
-    """Return symbol and unit of a quantity for an axis, preceded by its title if the panel has
-    none.
+    """Return symbol and unit of a quantity for an axis, optionally with its title.
 
     >>> axis_label("distance_t_mm"), axis_label("h_px", titled=True)
     ('L$_t$ (mm)', 'Image height h (px)')
@@ -143,9 +142,7 @@ class EndLabels:
 
 
 class _LayoutWithLabels(ConstrainedLayoutEngine):
-    """Matplotlib layout followed by the placement of the labels, because a second layout would take
-    as long.
-    """
+    """Matplotlib layout followed by the placement of the labels."""
 
     def __init__(self, labels: EndLabels) -> None:
         super().__init__()

@@ -15,9 +15,7 @@ POINTS = 400
 
 
 def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
-    """Draw up to six mirrors by name, with lengths in rim radii and image heights relative to the
-    rim.
-    """
+    """Draw up to six mirrors by name, with lengths in rim radii."""
     with styled():
         figure = new_figure(PAGE, 2.9)
         sections, heights = grid_of_axes(figure, 1, 2, 2)

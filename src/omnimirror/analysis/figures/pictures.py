@@ -34,9 +34,7 @@ def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[A
 
 
 def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], unit: str, title: str) -> Figure:
-    """Draw errors (rows, columns), NaN without a value, over the pixels of an image, with contour
-    lines.
-    """
+    """Draw errors (rows, columns), NaN without a value, over an image, with contour lines."""
     seen = error[np.isfinite(error) & (error > 0)]
     with styled():
         figure = new_figure(COLUMN * 1.5, COLUMN * 1.5 * len(rows) / len(columns) + 0.3)

@@ -50,9 +50,7 @@ class PanelLimits(NamedTuple):
 
 
 def ray_traces(subjects: Sequence[Subject]) -> Figure:
-    """Draw Fig. 4: for each sensor the whole cross-section, and below it the mirror with its
-    virtual images.
-    """
+    """Draw Fig. 4: for each sensor the cross-section, and the mirror with virtual images."""
     columns = min(len(subjects), 3)
     blocks = -(-len(subjects) // columns)
     overview, close_up = _overview_window(subjects), _close_up_window(subjects)
@@ -172,8 +170,7 @@ def _draw_band(ax: Axes, subject: Subject) -> None:
 
 
 def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
-    """Draw the mirror, and behind it T and S images of far objects (thick lines) and near ones
-    (thin lines).
+    """Draw the mirror with T and S images of far objects (thick) and near objects (thin).
 
     A fold is unfolded. With a curved second mirror, the images are drawn at their positions seen by
     the lens, and the first mirror, which would be distorted, is omitted.
@@ -200,9 +197,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 
 def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str, object]]]:
-    """Return name, positions and style of four curves: for the evaluated objects (thick) and near
-    ones (thin).
-    """
+    """Return name, positions and style of four image curves, for far and near objects."""
     p = subject.conditions.object_distance_mm
     asked = "∞" if np.isinf(p) else f"{p:g}mm"
     strong: dict[str, object] = {"linewidth": 1.3}

@@ -45,9 +45,7 @@ class Conditions:
 
     @classmethod
     def of(cls, result: Evaluation) -> Conditions:
-        """Return the conditions of an evaluation; for several object distances with the nearest
-        one.
-        """
+        """Return the conditions of an evaluation, with its nearest object distance."""
         p = float(np.min(result.object_distance_mm))
         return cls(result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px)
 
@@ -114,9 +112,7 @@ class Subject:
         )
 
     def mean_pixel_deg(self) -> float:
-        """Return the side (deg) of the mean square field of view of a pixel in the image circle
-        (Sec. 3.3).
-        """
+        """Return the side (deg) of the mean square field of view of a pixel (Sec. 3.3)."""
         low, high = np.radians(self.sensor.field_deg)
         seen = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
         inner = float(self.curve.h_px[0])  # a pointed mirror has an annular image

@@ -1,3 +1,1 @@
-"""Meridional analysis from chief rays: imaging characteristics, viewpoints, virtual images, and
-through-focus blur.
-"""
+"""Meridional analysis: imaging characteristics, viewpoints, virtual images and focus."""

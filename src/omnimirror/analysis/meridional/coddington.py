@@ -31,8 +31,7 @@ class VirtualImages(NamedTuple):
 
 
 def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:
-    """Compute tangential and sagittal images of objects at a distance p (mm) from their mirror
-    points.
+    """Compute tangential and sagittal images of objects at a distance p (mm).
 
     ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19).
     With a cover, p is measured along the chief ray, and each side of the cover refracts the
@@ -63,8 +62,7 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
 
 
 def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:
-    """Return L_t and L_s (n,), mm: axial image distances from the reference point of the lens (Eqs.
-    34, 35).
+    """Return axial image distances L_t and L_s (n,), mm, from the lens (Eqs. 34, 35).
 
     With a second mirror, the images in the first are its objects, at ``q + |P1 P2|`` along the
     chief rays, and the same equations apply again.
@@ -76,9 +74,7 @@ def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, 
 
 
 def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
-    """Return images of tangential and sagittal objects at distances that are negative for
-    converging light.
-    """
+    """Return images of tangential and sagittal objects; distances may be negative."""
     # Coddington equations (Eqs. 15, 19), solved for q.
     cos_gamma = np.cos(rays.gamma)
     with np.errstate(divide="ignore"):

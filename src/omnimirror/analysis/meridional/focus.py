@@ -47,9 +47,7 @@ class FocusStudy:
 
     @cached_property
     def distances(self) -> tuple[Array, Array]:
-        """Return L_t and L_s (n,), mm: image distances from the reference point of the lens (Eqs.
-        34, 35).
-        """
+        """Return L_t and L_s (n,), mm: image distances from the lens (Eqs. 34, 35)."""
         L_t, L_s = distances_from_lens(self.rays, self.images)
         displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
         return L_t + displaced, L_s + displaced  # already included in m for a perspective lens
@@ -60,15 +58,12 @@ class FocusStudy:
         return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
 
     def imaging(self, sensor: Sensor) -> ImagingCharacteristics:
-        """Return the image (n,) of one degree of the objects, seen from the mirror points at their
-        distance.
-        """
+        """Return the image (n,) of one object degree, seen from the mirror points."""
         return imaging_characteristics(self.rays.omega, *self.heights(sensor), *self._parallax)
 
     @cached_property
     def _parallax(self) -> tuple[Array, Array]:
-        """Return the image motion (n,), (n,) of a finite object relative to a distant one,
-        tangential and sagittal.
+        """Return the image motion (n,), (n,) of a finite object relative to a distant one.
 
         At a distance D from the start of the ray, ``spread + D Omega'`` and ``x + D sin(Omega)``
         per motion of the mirror point and per radian of azimuth, both divided by the distance p

@@ -59,16 +59,13 @@ class FocusedBlur:
             return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.s_px), self.s_px / self.imaging.width)
 
     def product(self) -> Array:
-        """Return the blur area of the paper (n,), square degrees: signed product without pi/4 (Fig.
-        9c).
-        """
+        """Return the blur area of the paper (n,), deg^2: signed product without pi/4 (Fig. 9c)."""
         with np.errstate(invalid="ignore"):
             area = self.t_deg * self.s_deg
         return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
 
     def floored_area(self) -> Array:
-        """Return the blur area (n,), square degrees, with pixel, Airy disk and lens blur added in
-        quadrature.
+        """Return the blur area (n,), deg^2, with pixel, Airy disk and lens blur in quadrature.
 
         In contrast to the product of the blurs, it does not vanish with one of its factors.
         """
@@ -120,9 +117,7 @@ class FocusMerit:
     size: Callable[[FocusedBlur], Array]
     """Function that returns the local merit at each field angle (n,)."""
     coefficients: Callable[[Sides], Array]
-    """Function that returns the coefficients (terms, k) of its square; k is n, or 2 n for separate
-    directions.
-    """
+    """Function that returns the coefficients (terms, k) of its square; k is n or 2 n."""
     functions: Callable[[Scales], list[Any]]
     """Function that returns the corresponding functions of the focus."""
     is_mean: bool = False
@@ -236,9 +231,7 @@ class FocusFunction:
         return solid_angle_shares(self.omega)
 
     def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Return the merit (squared for a maximum), its derivative and the index of the worst
-        angle; (m,) each.
-        """
+        """Return the merit (squared for a maximum), its derivative and the worst angle; (m,)."""
         moved = self._functions(u + 1j * STEP)
         functions, rates = moved.real.T.copy(), moved.imag.T / STEP
         squares = self._squares(functions)
@@ -251,9 +244,7 @@ class FocusFunction:
         return squares[np.arange(len(u)), worst], slope, worst
 
     def _squares(self, functions: Array) -> Array:
-        """Return the squares at all angles, (m, k), in blocks too small for BLAS threads, whose
-        start takes longer.
-        """
+        """Return the squares at all angles, (m, k), in blocks too small for BLAS threads."""
         squares = np.empty((len(functions), self.coefficients.shape[1]))
         few = max(1, MOST_OF_ONE_THREAD // self.coefficients.size)
         for i in range(0, len(functions), few):
@@ -261,9 +252,7 @@ class FocusFunction:
         return squares
 
     def _functions(self, u: NDArray[Any]) -> NDArray[Any]:
-        """Return the functions of the coefficients, (terms, m); a single focus uses scalars, three
-        times as fast.
-        """
+        """Return the functions of the coefficients, (terms, m), with scalars for one focus."""
         at: Any = complex(u[0]) if len(u) == 1 else u
         functions = [f + 0 * at for f in self.merit.functions(self.scales(at))]
         return np.array(functions).reshape(-1, len(u))
@@ -276,8 +265,7 @@ def _times(a: Array, b: Array) -> Array:
 
 
 def solid_angle_shares(omega: Array) -> Array:
-    """Return normalised weights (n,) of a mean over the solid angle between the extreme field
-    angles (n,).
+    """Return normalised weights (n,) of a mean over the solid angle at field angles (n,).
 
     Linear interpolation in the angle is assumed between neighbours; equal angles share their
     weight.

@@ -23,8 +23,7 @@ def viewpoint_z(rays: ChiefRays) -> Array:
 
 
 def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike) -> Array:
-    """Return the apparent angular displacement (radians, (n,)) of objects in a single-viewpoint
-    model (Eq. 23).
+    """Return the angular error (radians, (n,)) of a single-viewpoint model (Eq. 23).
 
     Parameters
     ----------
@@ -76,8 +75,7 @@ def best_viewpoint(
     image_radius_px: float | None = None,
     linearised: bool = False,
 ) -> SingleViewpoint:
-    """Compute the viewpoint of the smallest largest error in pixels, over the field or given
-    angles.
+    """Compute the viewpoint with the minimum of the largest error in pixels.
 
     Parameters
     ----------
@@ -151,9 +149,7 @@ def best_viewpoint(
 
 
 def _linearised(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
-    """Return a function that converts angular errors (n,), radians, to image errors (n,) px by
-    dh/dOmega.
-    """
+    """Return a function from angular errors (n,), radians, to image errors (n,) px by dh/dOmega."""
     rate = sensor.image_height_rate_px(rays)
     return lambda angle: angle * rate
 

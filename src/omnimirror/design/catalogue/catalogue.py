@@ -214,8 +214,7 @@ class ExtraComponent(Component):
 
 
 def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerComponent) -> bool:
-    """Check the mounts of a lens and an imager for compatibility; unspecified mounts are
-    compatible.
+    """Check whether lens and imager mounts are compatible; unspecified mounts are.
 
     >>> lens = LensComponent("8 mm", 8.0, 2.0, 2.0, 70.0, mount="M12")
     >>> mounts_fit(lens, ImagerComponent("A", 1280, 960, 3.0, mount="C CS"))
@@ -242,8 +241,7 @@ class Catalogue:
 
 @checked
 def read_catalogue(*paths: str | Path) -> Catalogue:
-    """Read and merge catalogue files: TOML files with ``[[lens]]``, ``[[imager]]`` ... tables, or
-    CSV files.
+    """Read and merge catalogue files in TOML (``[[lens]]``, ``[[imager]]`` ...) or CSV format.
 
     The non-empty cells of a CSV line determine its kind: ``pixel_pitch_um`` for an imager,
     ``magnification`` for a telecentric lens, ``ball_diameter_mm`` for a mirror ball,
@@ -389,9 +387,7 @@ def _number(key: str, text: str) -> Any:
 
 
 def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) -> Component:
-    """Create one part of the kind identified by its entries; ``what`` precedes entry names in
-    errors.
-    """
+    """Create one part of the kind identified by its entries."""
     cls: type[Any] = next((kind for name, kind in TELLING.items() if name in entry), plain)
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:

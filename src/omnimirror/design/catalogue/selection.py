@@ -165,9 +165,7 @@ def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
 def _at_best_aperture(
     sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float
 ) -> tuple[Sensor, float]:
-    """Return the sensor at the F-number and focus of minimum worst floored blur area, and that
-    area.
-    """
+    """Return the sensor at F-number and focus of minimum worst blur area, and that area."""
     low, high = part.f_number_min, part.f_number_max
     stops = np.concatenate([[low], STOPS[(low < STOPS) & (high > STOPS)], [high]])
     if isinstance(part, TelecentricComponent):

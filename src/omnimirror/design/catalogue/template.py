@@ -17,8 +17,7 @@ from ...optics.thermal import Thermal
 
 @checked
 def sensor_template(name: str = "sensor") -> str:
-    """Return the text of a valid sensor file with explanations of all entries, mirrors, lenses and
-    housings.
+    """Return the text of a valid sensor file with explanations of all entries and parts.
 
     Written by ``omnimirror init``.
 

@@ -25,9 +25,7 @@ class OuterSize(NamedTuple):
 
     diameter_mm: float
     height_mm: float
-    """Height along the axis, from the imager (or the back of a camera of known length) to the back
-    of the mirror body.
-    """
+    """Height along the axis, from imager or camera back to the back of the mirror body."""
 
 
 def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
@@ -61,8 +59,7 @@ def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
 
 
 def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str | None = None) -> float:
-    """Return the mass of a mirror between its surface and a flat back at a distance behind its
-    highest point.
+    """Return the mass of a mirror between its surface and a flat back behind its highest point.
 
     Examples
     --------
@@ -107,9 +104,7 @@ def body_mass_g(sensor: Sensor) -> float:
 
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
-    """Return the mass of mirror and parts, a mirror ball replacing the mirror; None if a mass is
-    unknown.
-    """
+    """Return the mass of mirror (or mirror ball) and parts; None if a mass is unknown."""
     known = [part.mass_g for part in parts]
     if any(mass is None for mass in known):
         return None

@@ -54,9 +54,7 @@ class LensAndCover:
         return not (isinstance(shell, Tube) and shell.outer_index != 1.0)
 
     def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
-        """Return a mirror designed for a pinhole, with the lens at the distance of equal viewing
-        angle.
-        """
+        """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
         place = float(self.lens.pupil.place(np.array([np.tan(np.radians(theta_max_deg))]))[0])
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
@@ -89,9 +87,7 @@ class LensAndCover:
         return share
 
     def made_for_rim(self, make: Callable[[RimRay], MountedMirror], rim: RimRay) -> MountedMirror:
-        """Return the mirror of a construction method whose rim has the requested field angle
-        outside the cover.
-        """
+        """Return the mirror with the requested field angle at the rim outside the cover."""
         inside = rim.omega_max_deg
         for _ in range(STEPS):
             own = RimRay(inside, rim.theta_max_deg, rim.rim_radius_mm)
@@ -109,8 +105,7 @@ class LensAndCover:
     def made_for_ends(
         self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
     ) -> MountedMirror:
-        """Return the pointed mirror with a field outside the cover from ``low_deg`` to the angle of
-        the rim.
+        """Return the pointed mirror with a field from ``low_deg`` outside the cover.
 
         Parameters
         ----------
@@ -149,9 +144,7 @@ class LensAndCover:
         return found
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
-        """Return differences from the field angles at both ends of the field, deg, and
-        d(inside)/d(outside).
-        """
+        """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
         begin, rim, cover, trace = 0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made)
         if cover is not None:
             begin = cover.first_seen(trace, 0.0, rim)

@@ -67,8 +67,7 @@ def paraboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 
 
 def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """Return the hyperboloid with a given conic constant (k < -1), by default with a single
-    viewpoint.
+    """Return the hyperboloid of a given conic constant k < -1, or with a single viewpoint.
 
     >>> mounted = hyperboloid(RimRay(135.0, 12.0, 1.0))
     >>> round(mounted.mirror.a_mm, 4), round(mounted.mirror.b_mm, 3), round(mounted.distance_mm, 3)  # Table 1

@@ -143,9 +143,7 @@ class _Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """Fit problem with lengths in rim radii. Unknowns: coefficients, preceded by R and k for an
-    asphere.
-    """
+    """Fit problem with lengths in rim radii. Unknowns: (R and k of an asphere,) coefficients."""
 
     target: Meridian
     form: FitForm
@@ -182,9 +180,7 @@ class _Problem:
         )
 
     def start(self) -> Array:
-        """Return the initial value: the target's vertex radius, and the conic constant matching its
-        rim slope.
-        """
+        """Return the initial value from the target's vertex radius and rim slope."""
         curvature = float(self.target.mirror.curvature(0.0)) * self.rim
         if self.form.kind == "polynomial":
             return np.array([curvature / 2] + [0.0] * (self.form.terms - 1))
@@ -196,9 +192,7 @@ class _Problem:
         return _Linear(z.value - self.target_sag, z.jacobian)
 
     def deviation(self, p: Array) -> _Linear:
-        """Return the deviation of the image height at equal field angle, to first order, in rim
-        heights.
-        """
+        """Return the first-order deviation of the image height, in rim heights."""
         x, (z, slope), (end, _) = self.nodes, self.profile(p, self.nodes), self.profile(p, np.ones(1))
         dbeta = slope.jacobian / (1 + slope.value**2)[:, None]
         if np.isinf(self.target.m):
@@ -217,9 +211,7 @@ class _Problem:
 
     @cached_property
     def _target_mapping(self) -> tuple[Curve, Curve]:
-        """Field angle of the target and dOmega/dtau as functions of the image height tau (dense
-        table).
-        """
+        """Field angle of the target and dOmega/dtau as functions of the image height tau."""
         from scipy.interpolate import CubicHermiteSpline
 
         rays = self.target.trace(np.sin(np.pi / 2 * np.linspace(0, 1, TABLE)) * self.rim)
@@ -238,9 +230,7 @@ class _Problem:
         return omega, rate
 
     def settle(self, p: Array, residual: Callable[[Array], _Linear]) -> Array:
-        """Solve least squares, for a conic with one term more at a time, because the unknowns are
-        strongly correlated.
-        """
+        """Solve least squares, for a conic with one term more at a time."""
         for count in range(2 if self.form.kind == "asphere" else p.size, p.size + 1):
             p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
         return p
@@ -266,9 +256,7 @@ class _Problem:
         return q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
 
     def _with_rim(self, p: Array) -> Array:
-        """Apply the smallest change that gives the rim the field angle of the target plus a
-        rounding margin.
-        """
+        """Apply the smallest change that gives the rim at least the target's field angle."""
         for _ in range(5):  # Newton iterations
             linear = self.deviation(p)
             row = linear.jacobian[-1]
@@ -276,9 +264,7 @@ class _Problem:
         return p
 
     def _levelled(self, p: Array, hold: bool) -> Array:
-        """Iterate linear models with step reduction; ``hold`` constrains the field angle of the rim
-        to the target's.
-        """
+        """Iterate linear models with step reduction; ``hold`` constrains the rim."""
         worst = np.inf if hold else self._worst(self.deviation(p))  # the rim constraint may increase the deviation
         for _ in range(MODELS):
             aim = self._lawson(p, self.deviation(p), hold)

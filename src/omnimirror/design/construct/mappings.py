@@ -84,8 +84,7 @@ def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entri
 
 
 def check_entries(mapping: str, given: Collection[str]) -> None:
-    """Check the entries of a mapping for inapplicable and missing ones; field and rim are always
-    present.
+    """Check the entries of a mapping for inapplicable and missing ones.
 
     Raises
     ------

@@ -47,9 +47,7 @@ class RimRay:
         return float(np.tan(np.radians(self.slope_angle_deg)))
 
     def distance_mm(self, rim_sag_mm: float) -> float:
-        """Return the distance from lens to vertex, mm, for a given sag at the rim; infinite for an
-        orthographic lens.
-        """
+        """Return the lens distance from the vertex, mm; infinite for an orthographic lens."""
         if self.theta_max_deg == 0:
             return float("inf")
         return self.rim_radius_mm / float(np.tan(np.radians(self.theta_max_deg))) - rim_sag_mm

@@ -17,9 +17,7 @@ PIXELS = ("width_px", "height_px", "pixel_pitch_um")
 
 
 def tables_like(sensor: Sensor) -> dict[str, Any]:
-    """Return field, rim, lens, imager and housing of a single-mirror sensor as tables of a
-    requirement file.
-    """
+    """Return the properties of a single-mirror sensor as tables of a requirement file."""
     check_sensor(sensor)
     sensor.check("designing one like it", "one mirror")
     low, high = sensor.field_deg

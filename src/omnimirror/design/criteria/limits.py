@@ -78,9 +78,7 @@ class Limitable:
         return self.quantity.unit
 
     def values(self, field: FieldValues) -> Array:
-        """Return the value at each field angle (..., k); for a spread or a ratio one value (...,
-        1).
-        """
+        """Return the value at each field angle (..., k), or one value (..., 1)."""
         parts = self.parts(field)
         if self.takes in ("largest", "smallest"):
             value = parts[0]
@@ -92,8 +90,7 @@ class Limitable:
         return high - low if self.takes == "spread" else low / high
 
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
-        """Return the extreme value of one field (k,), and the index of the first field angle with
-        this value.
+        """Return the extreme value of one field (k,), and the index of its first field angle.
 
         A minimax design has its worst value at several angles, equal within the tolerance of the
         search.
@@ -438,8 +435,7 @@ class Limit:
         return self.name + told_part(self.omega_deg)
 
     def missed(self, field: FieldValues) -> Array:
-        """Return the largest relative violation (...) for fields (..., k); negative if the limit is
-        met.
+        """Return the largest relative violation (...) of fields (..., k), negative if met.
 
         Parameters
         ----------

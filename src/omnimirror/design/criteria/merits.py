@@ -30,9 +30,7 @@ NOTHING: Array = np.zeros((1, 1))
 
 
 class FieldValues(NamedTuple):
-    """Field values for merits and limits; arrays (..., k) over k field angles, or (..., 1) for
-    common values.
-    """
+    """Field values for merits and limits, (..., k) over k field angles or (..., 1) if common."""
 
     t_px: Array
     """Signed tangential blur (Eq. 28)."""
@@ -66,9 +64,7 @@ class FieldValues(NamedTuple):
     hidden_percent: Array = NOTHING
     """Obscured percentage of the image circle."""
     whole_diameter_mm: Array = NOTHING
-    """Diameter of mirror and housing; 0 during searches without this value, as for the values
-    below.
-    """
+    """Diameter of mirror and housing; 0 during searches without this value."""
     whole_height_mm: Array = NOTHING
     whole_mass_g: Array = NOTHING
     omega: Array = NOTHING
@@ -152,9 +148,7 @@ class FieldValues(NamedTuple):
         return FieldValues(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
 
     def at(self, which: NDArray[np.intp]) -> FieldValues:
-        """Return the values at selected field angles (..., k); repeated angles have no solid-angle
-        weight.
-        """
+        """Return the values at selected field angles (..., k), with weight 0 for repeated ones."""
         index = np.arange(which.shape[-1])
         taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
         return FieldValues(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
@@ -180,9 +174,7 @@ def with_whole(field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(
 
 
 def _in_quadrature(blur: Array, own: Array) -> Array:
-    """Return the sum in quadrature; without lens blur, the signed blur with its derivatives is
-    unchanged.
-    """
+    """Return the sum in quadrature; without lens blur, the signed blur."""
     both: Array = np.where(np.real(own) > 0, np.sqrt(blur * blur + own * own), blur)
     return both
 
@@ -210,8 +202,7 @@ def values_of(
     own_px: tuple[Array, Array] | None = None,
     object_distance_mm: ArrayLike = np.inf,
 ) -> FieldValues:
-    """Return field values from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a
-    batch of designs.
+    """Return field values from an :class:`~omnimirror.analysis.Evaluation` or a batch of designs.
 
     Field angles must increase along the last axis; the other values (...) are those of
     :class:`FieldValues`. ``own_px`` (..., k) is the blur of a real lens alone,
@@ -245,9 +236,7 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
 
 
 def length_mm(result: Evaluation) -> float:
-    """Return the axial distance from the principal point (telecentric: the vertex) to the highest
-    mirror point, mm.
-    """
+    """Return the axial distance from the lens or vertex to the highest mirror point, mm."""
     (_, _), (_, top) = result.sensor.mirror.bounds
     m = result.sensor.mirror_distance_mm
     return top + (m if np.isfinite(m) else 0.0)

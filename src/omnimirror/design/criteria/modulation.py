@@ -25,8 +25,7 @@ NODES, PER_RADIAN = 24, 0.5  # Gauss-Legendre nodes: minimum, and number per rad
 
 
 def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
-    """Return the contrast at a spatial frequency, including the pixel; negative for contrast
-    reversal.
+    """Return the contrast at a spatial frequency, negative for contrast reversal.
 
     Parameters
     ----------

@@ -42,8 +42,7 @@ def is_free(value: Range | None) -> bool:
 
 
 def between(low: float, high: float, endless: bool = False) -> PlainValidator:
-    """Return a validator for a number or an increasing pair between low and high; equal ends become
-    a number.
+    """Return a validator for a number or an increasing pair between low and high.
 
     ``endless`` permits inf as the high end.
     """

@@ -59,9 +59,7 @@ class LimitTable(Table):
 
 
 class ElevationTable(Table):
-    """Elevations above the horizon in ``[field]``, lowest and highest, as an alternative to field
-    angles.
-    """
+    """Lowest and highest elevation in ``[field]``, as an alternative to field angles."""
 
     elevation_deg: Annotated[list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")]
 
@@ -117,8 +115,7 @@ def parse_requirements(
     changes: dict[str, Any] | None = None,
     limits: Sequence[dict[str, Any]] = (),
 ) -> Requirements:
-    """Parse requirements from the text of a file; ``folder`` is the base of relative file names, if
-    these are permitted.
+    """Parse requirements from text; ``folder`` is the base of relative file names.
 
     >>> requirements = parse_requirements('''
     ... field.omega_max_deg = 135

@@ -1,5 +1,4 @@
-"""Requirements on a sensor, as frozen dataclasses with the tables and entries of a requirement
-file.
+"""Requirements on a sensor, as dataclasses with the tables and entries of a file.
 
 An entry that may be a range accepts a number or a pair (low, high) of a free value. Invalid entries
 raise the same messages as in a file, where the line is added.
@@ -152,8 +151,7 @@ class FieldRequirements(Entries):
 
 @dataclass(frozen=True, kw_only=True)
 class MirrorRequirements(Entries):
-    """Requirements on the mirror: a mapping, a family, or a freeform mirror optimised for a merit:
-    ``[mirror]``.
+    """Requirements on the mirror, a mapping, a family or a freeform mirror: ``[mirror]``.
 
     Parameters
     ----------

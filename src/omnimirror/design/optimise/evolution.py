@@ -33,9 +33,7 @@ class Contest:
     merits: list[Merit]
 
     def compare(self, y: Array) -> tuple[Array, Array, Array]:
-        """Return designs (n, dim) at best focus, their merits (n, merits), and relative violations
-        of the limits (n,).
-        """
+        """Return designs (n, dim) at best focus, merits (n, merits) and violations (n,)."""
         y = self.space.at_best_focus(y, ANGLES)
         result = self.space.evaluate(y, ANGLES)
         field, omega = self.space.field(y, result), result.omega_deg * DEGREE
@@ -75,9 +73,7 @@ class Generation:
 
 
 def first_generation(contest: Contest, population: int, seed: int) -> Generation:
-    """Return the first generation: known mirrors, the optimum of each merit, and convex
-    combinations.
-    """
+    """Return the first generation: known mirrors, single optima, and convex combinations."""
     space = contest.space
     known = [start(space, i, seed)[1] for i in range(2)]
     for merit in contest.merits:

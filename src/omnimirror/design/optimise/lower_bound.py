@@ -64,9 +64,7 @@ class BlurBound:
 
     @property
     def is_reached(self) -> bool:
-        """Return whether the extremal mirror also satisfies the bound sagittally and is therefore
-        optimal.
-        """
+        """Return whether the extremal mirror also satisfies the bound sagittally."""
         return bool(np.abs(self.s_deg).max() <= self.blur_deg * (1 + 1e-6))
 
 
@@ -79,8 +77,7 @@ def blur_bound(
     mode: BlurMode = "exact",
     image_radius_px: float | None = None,
 ) -> BlurBound:
-    """Compute the smallest worst single blur of any mirror for the field, rim, lens and lens
-    distance of a sensor.
+    """Compute the minimum of the worst single blur of any mirror for the rim and lens of a sensor.
 
     The bound applies to all mirrors with the rim radius of the sensor, its field angle and viewing
     angle at the rim, for any focus. All objects have the same distance from the mirror, for which
@@ -200,9 +197,7 @@ class _UnderPerspective:
         return np.inf if B <= D else float((B + allowed) / (B - D) - self.near / v)
 
     def _path(self, t: float, D: float) -> tuple[float, Callable[[Array], Array]]:
-        """Return the end of the steepest mapping, and a function for Omega and ln v (2, n) at
-        viewing angles (n,).
-        """
+        """Return the end of the steepest mapping, and Omega and ln v (2, n) as a function."""
 
         def rates(theta: float, state: Array) -> list[float]:
             omega, log_v = state

@@ -33,8 +33,7 @@ Key = int | str
 
 @dataclass(frozen=True)
 class Slack:
-    """Requirements that may be relaxed (elastic constraints); the largest relative relaxation is
-    minimised.
+    """Requirements that may be relaxed (elastic constraints) by a minimal relative amount.
 
     Attributes
     ----------
@@ -66,9 +65,7 @@ class Objective:
         return ObjectiveValues(rows[0], constraints[0])
 
     def rows(self, y: Array) -> Rows:
-        """Return rows and constraints at a point (dim,) with complex-step derivatives, exact to
-        rounding.
-        """
+        """Return rows and constraints at a point (dim,) with complex-step derivatives."""
         stepped = y + 1j * STEP * np.eye(self.space.dim)
         g, c = self._parts(stepped, self.space.state(stepped, self.u, self._basis))
         return Rows(g[0].real, c[0].real, g.imag.T / STEP, c.imag.T / STEP)
@@ -95,9 +92,7 @@ class Objective:
 
     @property
     def asked(self) -> tuple[Key, ...]:
-        """Return all requirements that a design can violate: limits, image size, view past the
-        camera.
-        """
+        """Return the keys of all limits, image size and view past the camera."""
         problem = self.space.problem
         keys: list[Key] = [*range(len(problem.limits))]
         keys += [IMAGE] if problem.has_image_to_fit else []
@@ -105,9 +100,7 @@ class Objective:
         return tuple(keys)
 
     def missed(self, y: Array) -> dict[Key, float]:
-        """Return the relative violation of each requirement at a point (dim,); negative if it is
-        met.
-        """
+        """Return relative violations at a point (dim,); negative if a requirement is met."""
         state = self.space.state(y[None], self.u, self._basis)
         return {key: float(rows.max()) for key, rows in self._requirements(state)}
 
@@ -117,9 +110,7 @@ class Objective:
 
     @cached_property
     def _scale(self) -> float:
-        """Return the scale of the rows: the rim radius for lengths, which keeps the constraint
-        penalty dominant.
-        """
+        """Return the scale of the rows, the rim radius for lengths."""
         is_length = isinstance(self.goal, Merit) and self.goal.quantity.unit == "mm"
         return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 

@@ -203,9 +203,7 @@ def optimised(
     resume: str | Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Optimum | list[Array]:
-    """Optimise like :func:`optimise`, but return the final points of the starts if no design is
-    feasible.
-    """
+    """Optimise like :func:`optimise`, but return end points if no design is feasible."""
     if starts < 1:
         raise InvalidParameter(f"starts = {starts} is not valid; at least one is needed")
     space = DesignSpace(problem)
@@ -230,9 +228,7 @@ def optimised(
 def _start_of_many(
     space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None
 ) -> tuple[str, Array]:
-    """Return a start; for a spline of many knots the optimum with fewer knots, which avoids local
-    minima.
-    """
+    """Return a start; for many knots the optimum with fewer, which avoids local minima."""
     problem = space.problem
     if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
         return start(space, index, seed)

@@ -20,9 +20,7 @@ Array = NDArray[Any]
 
 
 def with_size(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> FieldValues:
-    """Return field values of designs (b, dim) with the limited overall quantities (b, 1), as in
-    :func:`whole_of`.
-    """
+    """Return field values of designs (b, dim) with the limited overall quantities (b, 1)."""
     asked = {limit.quantity for limit in space.problem.limits}
     return field._replace(**{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked})
 

@@ -147,9 +147,7 @@ class DesignSpace:
         return self._inside(y, Given(omega_max, M, theta, tangent, focal, F, v, omega_max))
 
     def _given_real(self, y: Array, omega_max: Array, M: Array, F: Array, tables: LensTables) -> Given:
-        """Return the values for a real lens; if the rim fills the imager, at the focus of each
-        design.
-        """
+        """Return the values for a real lens, at the focus of each design."""
         fixed = self._fixed(y, M)
         relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
         if self.problem.theta_max_deg is not None:
@@ -181,9 +179,7 @@ class DesignSpace:
         return g
 
     def reach(self, g: Given) -> Array:
-        """Return the axial distance from the reference point of the lens to the rim, mm; infinite
-        for a telecentric lens.
-        """
+        """Return the axial distance from the lens to the rim, mm; infinite if telecentric."""
         if self.problem.is_telecentric:
             return np.full(g.M.shape, np.inf)
         place = 0.0 if self.tables is None else self.tables.at(g.tangent).place
@@ -276,9 +272,7 @@ class DesignSpace:
         return self._profile(y, g, u, self.basis(u))[0]
 
     def basis(self, u: Array) -> Basis:
-        """Return the basis of the family at fractions of the rim radius; the last must be 1, the
-        rim.
-        """
+        """Return the basis of the family at fractions of the rim radius, ending in 1."""
         return self.family.basis(u)
 
     def state(self, y: Array, u: Array, basis: Basis) -> State:
@@ -310,8 +304,7 @@ class DesignSpace:
         return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
-        """Return the obscuration by the camera at field angles (b, k) in radians, relative to its
-        radius.
+        """Return the obscuration by the camera at field angles (b, k), in camera radii.
 
         The chief ray intersects the axis at m + z_v from the lens; its distance from the centre of
         the camera front is sin(Omega) times the axial distance between them.
@@ -363,9 +356,7 @@ class DesignSpace:
     # -- designs and sensors -----------------------------------------------------------------------
 
     def designs(self, y: Array) -> Designs:
-        """Return designs (b, dim) for the batch evaluator, which finds their focus for the farthest
-        object.
-        """
+        """Return designs (b, dim) for the batch evaluator, focused for the farthest object."""
         p, y = self.problem, np.atleast_2d(y)
         g = self.given(y)
         coefficients, R, k = self._shapes(y, g)
@@ -380,9 +371,7 @@ class DesignSpace:
         )  # fmt: skip
 
     def evaluate(self, y: Array, angles: int) -> BatchEvaluation:
-        """Evaluate designs (b, dim) at a number of field angles for each object distance, with a
-        common focus.
-        """
+        """Evaluate designs (b, dim) for each object distance, with a common focus."""
         distances = np.array(self.problem.distances_mm)
         u = np.tile(np.linspace(0.0, 1.0, angles), distances.size)
         return evaluate_designs(replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u)

@@ -165,8 +165,7 @@ def _made(own: Requirements, combination: PartsCombination, most_area_deg2: floa
 
 
 def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
-    """Return the sensor before focus and aperture are chosen, with the mirror for an approximate
-    focus.
+    """Return the sensor before focusing, with the mirror for an approximate focus.
 
     Two iterations from an initial estimate are sufficient: the residual is small relative to the
     slack.
@@ -189,16 +188,12 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
 
 
 def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
-    """Return the rim of the cap of a ball for the field: ``M = R sin((Omega_max - Theta)/2)``, Eqs.
-    2 to 5.
-    """
+    """Return the rim of the cap of a ball: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
     return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
 
 
 def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
-    """Return the sensor with the cap of a ball for the field, with consistent rim and viewing
-    angle.
-    """
+    """Return the sensor with the cap of a ball, with consistent rim and viewing angle."""
     low, high = ends(settled.mirror.rim_radius_mm)
     theta = 0.0
     for _ in range(ROUNDS):

@@ -96,9 +96,7 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
 
 
 def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements:
-    """Return the requirements on the sensor of a combination, with the values of its parts in place
-    of ranges.
-    """
+    """Return the requirements on the sensor of a combination, with the values of its parts."""
     lens, imager = combination.lens, combination.imager
     given = asked.lens
     circles = [mm for mm in (given.image_circle_mm, lens.image_circle_mm) if mm is not None]
@@ -125,8 +123,7 @@ def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements
 
 
 def nearest_focus_mm(lens: LensComponent) -> float:
-    """Return the nearest focus distance of a lens with all of its rings, from its own travel and
-    theirs.
+    """Return the nearest focus distance of a lens with all of its extension rings.
 
     >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
     >>> round(nearest_focus_mm(lens), 2)
@@ -205,9 +202,7 @@ def _is_too_heavy(b: PartsBounds) -> bool:
 
 
 def _has_other_numbers(b: PartsBounds) -> bool:
-    """Return whether focal length, magnification, aperture or focus are outside the requested
-    ranges.
-    """
+    """Return whether lens parameters are outside the requested ranges."""
     lens, given = b.combination.lens, b.asked.lens
     if _overlap(given.f_number, b.combination.f_numbers) is None:
         return True
@@ -265,9 +260,7 @@ def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> boo
 
 
 def _judges_all(own: Requirements) -> bool:
-    """Return whether all field angles of the limits are evaluated, without obscurations or a
-    pointed mirror.
-    """
+    """Return whether all field angles of the limits are evaluated."""
     return own.housing.is_empty and not own.mirror.is_pointed
 
 

@@ -191,8 +191,7 @@ def _designed(
 
 @contextmanager
 def _spared_signals() -> Iterator[None]:
-    """Block Ctrl-C and SIGHUP, which a terminal sends to all processes, in processes started within
-    the block.
+    """Block Ctrl-C and SIGHUP in processes started within the block.
 
     This process receives the signals at the end of the block and ends the others.
     """

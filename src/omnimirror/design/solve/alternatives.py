@@ -1,5 +1,4 @@
-"""Discrete alternatives for infeasible requirements: apex, mirror family or mapping, filled side,
-imager.
+"""Discrete alternatives for infeasible requirements: apex, mirror, filled side, imager.
 
 A separate search verifies each alternative. It is shorter than the search of the main design;
 therefore the result of an alternative may be better than reported, but never worse.

@@ -155,8 +155,7 @@ def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Moun
 
 
 def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
-    """Return the largest deviation of the image height from the requested mapping, px; None without
-    a fit.
+    """Return the largest deviation from the requested mapping, px; None without a fit.
 
     The reference mapping uses the viewing angle and the focused lens of the as-designed sensor.
     """
@@ -232,9 +231,7 @@ def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tupl
 
 
 def _next(steps: list[tuple[float, float]]) -> float:
-    """Return the next iterate from previous iterates and their residuals: a secant or a fixed-point
-    step.
-    """
+    """Return the next iterate by a secant or a fixed-point step."""
     (x, off) = steps[-1]
     if len(steps) > 1 and (bent := off - steps[-2][1]):
         secant = x - off * (x - steps[-2][0]) / bent
@@ -270,8 +267,7 @@ def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
 
 
 def sketched(settled: Requirements, nearness: float) -> Sensor:
-    """Return the sensor of settled requirements before focusing; its mirror is designed for a focus
-    1/L0.
+    """Return the sensor before focusing, with the mirror for a focus 1/L0.
 
     Raises
     ------
@@ -286,9 +282,7 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
 
 
 def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candidate:
-    """Return the sensor with the mirror for a lens focused at 1/L0, at the requested or the best
-    focus.
-    """
+    """Return the sensor for a lens focused at 1/L0, at the requested or the best focus."""
     theta, focal = viewing(settled, nearness)
     mounted = _mounted(settled, theta, nearness, fitted)
     asked = ends_or_none(settled.lens.focus_mm)

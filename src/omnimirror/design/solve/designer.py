@@ -1,6 +1,4 @@
-"""Sensor design from requirements: optimal design within the ranges, requirement check, and
-conflict analysis.
-"""
+"""Sensor design from requirements: optimisation, requirement check and conflict analysis."""
 
 from __future__ import annotations
 

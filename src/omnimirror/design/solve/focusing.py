@@ -116,8 +116,9 @@ class Focusing:
         return Focus(self.camera.focus_mm(vergence), float(cost[i]))
 
     def _cost(self, v: Array, keeping: bool) -> Array:
-        """Return costs (b,) at vergences v (b, 1); ``keeping`` penalises violations of the other
-        feasible requirements.
+        """Return costs (b,) at vergences v (b, 1), optionally with a penalty.
+
+        ``keeping`` penalises violations of the other feasible requirements.
         """
         of_blur = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness]
         if of_blur:
@@ -130,9 +131,7 @@ class Focusing:
         return worst + np.where(missed > KEPT, INFEASIBLE * (1 + missed), 0.0)
 
     def _missed(self, v: Array) -> Array:
-        """Return relative violations (b,) of the other focus-dependent requirements at vergences v
-        (b, 1).
-        """
+        """Return violations (b,) of other focus-dependent requirements at vergences v (b, 1)."""
         if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image size is constant
             return np.full(len(v), -1.0)
         others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
@@ -232,9 +231,7 @@ class Focusing:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Return the search range of vergences: those of the virtual images, extended by a margin,
-        within the focus range.
-        """
+        """Return the search range of vergences: the virtual images with a margin."""
         camera = self.camera
         least, most = camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
         vergences = self._vergences
@@ -260,9 +257,7 @@ class Focusing:
 
 
 def vergences_of(lens: Lens) -> tuple[float, float]:
-    """Return the lowest and highest vergence of the focus range of a lens: 1/L0, or -L0 for a
-    telecentric lens.
-    """
+    """Return the range of vergences of a lens: 1/L0, or -L0 for a telecentric lens."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return -limits.high, -limits.low

@@ -1,6 +1,4 @@
-"""Freeform mirrors for requirements: the optimum under all constraints, or the design of minimum
-violation.
-"""
+"""Freeform mirrors for requirements: constrained optimum, or minimum violation."""
 
 from __future__ import annotations
 
@@ -113,9 +111,7 @@ class FreeFormSpace:
         return point
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """Return the point of minimum slack near a point; None if another requirement is violated
-        there.
-        """
+        """Return the point of minimum slack near a point; None if infeasible."""
         found = follow(replace(self._objective(()), goal=slack), self.y(point), tolerance=CLOSE)
         return Reached(point | self.point(found.y), found.value) if found.violation < KEPT else None
 
@@ -124,9 +120,7 @@ class FreeFormSpace:
         return self._objective(()).missed(self.y(point))
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Return the mirror near a point with the smallest violation of other requirements, if
-        feasible.
-        """
+        """Return the nearby mirror of minimum violation of other requirements, if feasible."""
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeFormSpace(requirements, problem)
         y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y
@@ -182,9 +176,7 @@ def _design(
 
 
 def _least_missed(space: FreeFormSpace, tried: list[Array]) -> Array:
-    """Minimise the largest violation, starting from the end points of searches, with a final
-    refinement.
-    """
+    """Minimise the largest violation from the end points of searches, with refinement."""
     coarse = space._objective(space.keys)
     found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *tried]]
     best = min(found, key=_cost)

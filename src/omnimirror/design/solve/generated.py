@@ -47,9 +47,7 @@ AREA = "floored_area"
 
 
 def ranges_of(requirements: Requirements) -> dict[str, Span | None]:
-    """Return the permitted ranges (low, high) of the design numbers; None if a number is dependent
-    or inapplicable.
-    """
+    """Return the permitted ranges (low, high) of the design numbers, or None if dependent."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     conic = ends_or_none(mirror.conic)
     if mirror.family == "ellipsoid" and conic is None:
@@ -103,8 +101,7 @@ class GeneratedSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """Return the names of the coordinates: the variable numbers, and the focus if limits depend
-        on it.
+        """Return the coordinate names: variable numbers, and the focus if limits depend on it.
 
         Otherwise the focus minimises the floored blur area, as in an initial design.
         """
@@ -116,9 +113,7 @@ class GeneratedSpace:
 
     @cached_property
     def _unit(self) -> float:
-        """Return the unit of the focus coordinate: 1/distance from lens to rim, or the rim radius
-        for a telecentric lens.
-        """
+        """Return the unit of the focus coordinate, 1/(lens to rim) or the rim radius."""
         sensor = self.near
         return sensor.mirror.rim_radius_mm if sensor.lens.TELECENTRIC else 1 / sensor.mirror_distance_mm
 
@@ -139,9 +134,7 @@ class GeneratedSpace:
         return np.array([point[name] for name in self.names])
 
     def _settled(self, y: Array) -> tuple[Requirements, Requirements]:
-        """Return the requirements settled at y, and the requirements on that design with its own
-        field and focus.
-        """
+        """Return the requirements settled at y, and those on its own field and focus."""
         point = dict(zip(self.names, y.tolist(), strict=True))
         numbers: dict[str, float] = {name: self.value(point, name) for name in self.spans}
         if "focus" in point:
@@ -189,9 +182,7 @@ class GeneratedSpace:
         return replace(self, spans=self.spans | ranges)
 
     def towards(self, point: Point, name: str, way: int, span: Span) -> Point:
-        """Return a start for moving a number in one direction: the first feasible point, or the
-        nearest to feasibility.
-        """
+        """Return a start for moving a number: a feasible point, or the nearest to it."""
         asked, best, least = self.numbers[name], point, np.inf
         for share in TRIED:
             value = asked + way * share * abs(asked)
@@ -210,9 +201,7 @@ class GeneratedSpace:
         return best
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Return the design found for other requirements by a search from a point, then over the
-        whole ranges.
-        """
+        """Return the design for other requirements, found by a local or a global search."""
         found = self.settled_at(point) if all(name in point for name in self.names) else self.settled
         spans = free_of(ranges_of(requirements))
         numbers = {name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()}
@@ -255,9 +244,7 @@ class GeneratedSpace:
     # -- searches ----------------------------------------------------------------------------------
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """Return the point of minimum slack near a point; None if another requirement is violated
-        there.
-        """
+        """Return the point of minimum slack near a point; None if infeasible."""
         y, added = self._y(point), dict[Key, float]()
         for _ in range(FITS if self.requirements.mirror.fit else 1):
             found = self._followed(y, slack, added)

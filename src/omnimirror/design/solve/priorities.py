@@ -1,5 +1,4 @@
-"""Prioritisation of infeasible requirements: feasible ones are met, and the others are missed by
-the smallest amount.
+"""Prioritisation of infeasible requirements: all feasible requirements are met first.
 
 Minimising the largest violation is appropriate for conflicting requirements that are individually
 feasible. If one requirement is infeasible for any values of the others, this would relax the others
@@ -17,8 +16,7 @@ MARGINS = (0.0, 1e-4, 1e-3)  # relative tightening of the other requirements, un
 
 
 def meeting_the_others(space: Space, point: Point, verdict: Verdict, say: Say = lambda words: None) -> list[Point]:
-    """Return points that violate only infeasible requirements, with the smallest largest violation;
-    best first.
+    """Return points that violate only infeasible requirements by minimal amounts, best first.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Optimisation of a mirror of a mapping or a family: free parameters for the largest smallest
-margin.
+"""Optimisation of the free parameters of a mapping or a family for the largest margin.
 
 The cost of a candidate is its largest relative violation (negative if all requirements are met) or,
 without limits, its worst floored blur area. Linear programmes start from points of a coarse grid
@@ -65,16 +64,12 @@ class RangeSearch:
         return free_of(self.ranges)
 
     def middle(self) -> Requirements:
-        """Return the requirements settled at the centre of all ranges; dependent numbers retain
-        their ranges.
-        """
+        """Return the requirements settled at the centre of all ranges."""
         middles = {name: (s[0] + s[1]) / 2 for name, s in self.ranges.items() if s is not None}
         return self.requirements.changed(**middles)
 
     def judged(self, settled: Requirements) -> Ranked:
-        """Return a candidate with its requirement check; raise OmnimirrorError if the sensor does
-        not exist.
-        """
+        """Return a checked candidate; raise OmnimirrorError if the sensor does not exist."""
         made = make(settled)
         verdict = judge(self.requirements, made.sensor, angles=SEARCHED)
         return Ranked(made, verdict, self._cost(verdict))
@@ -172,9 +167,7 @@ class RangeSearch:
         return best
 
     def _followed(self, start: Ranked, enough: float) -> Ranked:
-        """Follow one start to its optimum; linear programmes are restarted as long as the cost
-        decreases.
-        """
+        """Follow one start to its optimum, with restarts while the cost decreases."""
         least_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
         for _ in range(RESTARTS):
             if start.cost <= enough:
@@ -246,8 +239,7 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
 def found_from_scratch(
     requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None
 ) -> Candidate | None:
-    """Return the candidate of a search if it meets its requirements; ``begin`` contains earlier
-    designs.
+    """Return the candidate of a search, if feasible; ``begin`` contains earlier designs.
 
     Raises
     ------

@@ -70,9 +70,7 @@ class Relaxation:
 
     @property
     def share(self) -> float | None:
-        """Return the relative change; None without a required value, or if the requested value is
-        0.
-        """
+        """Return the relative change; None without a required value or for a request of 0."""
         if self.needed is None or self.asked == 0:
             return None
         return abs(self.needed - self.asked) / abs(self.asked)
@@ -126,9 +124,7 @@ class Conflict:
 
 
 Holds = Callable[[Sequence[Relaxation]], bool | None]
-"""Function that returns whether relaxed requirements are feasible; None if the mirror does not
-exist.
-"""
+"""Function that checks the feasibility of relaxed requirements; None without a mirror."""
 
 
 def find_conflict(
@@ -214,9 +210,7 @@ def _holds(space: Space, point: Point, given: Sequence[Relaxation], is_local: bo
 
 
 def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Sequence[Relaxation]:
-    """Return the first verified relaxation of an increasing sequence; none if the widest is
-    infeasible.
-    """
+    """Return the first feasible relaxation of an increasing sequence; none if all fail."""
     first, *between, last = variants
     if holds(first):
         return first
@@ -224,9 +218,7 @@ def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Seque
 
 
 def verified(r: Relaxation, holds: Holds) -> Relaxation:
-    """Return the relaxation rounded and, if necessary, widened; without a value if it remains
-    infeasible.
-    """
+    """Return the relaxation rounded and widened if necessary, or without a value."""
     if not r.gives:
         return r
     found = _least_wide([[r.widened(share)] for share in MORE], holds)
@@ -234,8 +226,7 @@ def verified(r: Relaxation, holds: Holds) -> Relaxation:
 
 
 def nearest(r: Relaxation, holds: Holds) -> Relaxation:
-    """Return a verified relaxation reduced to the threshold, because a search along a curved valley
-    may end early.
+    """Return a verified relaxation reduced to the threshold of feasibility.
 
     Steps towards the requested value double until one is infeasible; the last step is then
     bisected.
@@ -264,8 +255,7 @@ def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxa
 
 
 def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
-    """Return the necessary ones of simultaneous relaxations, testing each at its requested value,
-    smallest first.
+    """Return the necessary ones of simultaneous relaxations, testing the smallest first.
 
     A relaxation is unnecessary if the others are feasible without it after an increase of at most 1
     %; or the limits among them, if a number is at the end of its possible range.
@@ -305,9 +295,7 @@ def _names(space: Space, best: BestDesign) -> list[str]:
 
 
 def _is_other(space: Space, row: Judgement) -> bool:
-    """Return whether a row is a missed requirement that is neither a limit nor a number of the
-    space.
-    """
+    """Return whether a row is a missed requirement other than limits and numbers."""
     return not (row.is_limit or row.is_met or row.name in space.numbers)
 
 
@@ -365,9 +353,7 @@ def _after_giving(row: Judgement, share: float) -> float:
 
 
 def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
-    """Return the nearest value of a given number, in either direction, with all other requirements
-    met.
-    """
+    """Return the nearest value of a given number with all other requirements met."""
     asked, found = space.numbers[name], []
     for way in (-1, 1):
         low, high = _span(space, name, way)
@@ -415,9 +401,7 @@ class Joint(NamedTuple):
 
 
 def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[Relaxation, ...]:
-    """Return the joint relaxations of the smallest largest change; empty unless at least two are
-    needed.
-    """
+    """Return the joint relaxations of minimal largest change; empty unless two are needed."""
     spans, ways = _freedom(space, alone)
     found = _least_joint(space, best, spans, ways)
     if found is None:
@@ -446,9 +430,7 @@ def _least_joint(
     ways: list[tuple[str, int]],
     names: Container[str] | None = None,
 ) -> Joint | None:
-    """Minimise the largest relative relaxation of numbers and limits, all or those in ``names``;
-    None if infeasible.
-    """
+    """Minimise the largest relative relaxation of numbers and limits; None if infeasible."""
     rows = [(i, row) for i, row in enumerate(best.verdict.limits) if names is None or row.label in names]
     if not rows and not ways:
         return None

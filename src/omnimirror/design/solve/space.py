@@ -78,16 +78,13 @@ class Space(Protocol):
         """Return a start for moving a number in one direction within a span."""
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """Return the point of minimum slack near a point; None if another requirement is violated
-        there.
-        """
+        """Return the point of minimum slack near a point; None if infeasible."""
 
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point; negative if it is met."""
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Search for a design that meets other requirements, starting near a point; None if none is
-        found.
+        """Search for a design that meets other requirements, starting near a point.
 
         Parameters
         ----------

@@ -95,9 +95,7 @@ def temperature_range(
 
 
 def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> tuple[float, tuple[str, ...]]:
-    """Return the last temperature towards an end with all requirements met, and those missed
-    beyond.
-    """
+    """Return the last temperature with all requirements met, and those missed beyond."""
     missed: tuple[str, ...] = ()
     step = float(np.copysign(STEP_K, end - met))
     while met != end:

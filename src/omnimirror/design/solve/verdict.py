@@ -248,9 +248,7 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
 
 
 def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
-    """Return the rows of the limits at their smallest margins, nominal or at an end of the
-    temperature range.
-    """
+    """Return the rows of the limits at their smallest margins over the temperatures."""
     rows = _limit_rows(requirements, sensor, angles)
     for temperature in requirements.temperatures_c or ():
         there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
@@ -296,9 +294,7 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
 def _remarks(
     limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
 ) -> tuple[str, ...]:
-    """Return remarks on excluded field angles, for angle-dependent quantities, and on the
-    diffraction limit.
-    """
+    """Return remarks on excluded field angles and on the diffraction limit."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
     return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, sensor))
 

@@ -21,8 +21,7 @@ def coverage_map(
     radii_px: Array,
     sigma_deg: Array | None = None,
 ) -> Figure:
-    """Draw outlines and corners of all boards and the rings of the count, over the uncertainty of
-    directions.
+    """Draw the corners of all boards and the counting rings over the direction uncertainty.
 
     Parameters
     ----------

@@ -110,8 +110,7 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
 
 
 def residual_histograms(residuals: Array, noise_px: float) -> Figure:
-    """Draw histograms of the residuals in both directions, with a normal distribution for
-    comparison.
+    """Draw histograms of the residuals in both directions, with a normal distribution.
 
     Parameters
     ----------
