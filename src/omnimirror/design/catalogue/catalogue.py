@@ -214,7 +214,7 @@ class ExtraComponent(Component):
 
 
 def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerComponent) -> bool:
-    """Check whether lens and imager mounts are compatible; unspecified mounts are.
+    """Check the compatibility of lens and imager mounts; unspecified mounts are compatible.
 
     >>> lens = LensComponent("8 mm", 8.0, 2.0, 2.0, 70.0, mount="M12")
     >>> mounts_fit(lens, ImagerComponent("A", 1280, 960, 3.0, mount="C CS"))

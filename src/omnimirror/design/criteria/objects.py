@@ -17,9 +17,8 @@ Array = NDArray[Any]
 def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array) -> Array:
     """Return inverse distances (1, k), 1/mm, to the first object surface.
 
-    The rays start from points (k,) at field angles (k,) in radians.
-
-    The distance of a ray without an intersection is infinite.
+    The rays start from points (k,) at field angles (k,) in radians. The distance of a ray without an
+    intersection is infinite.
 
     >>> room = FieldRequirements(omega_max_deg=120, object_plane_distance_mm=700, object_cylinder_radius_mm=2000)
     >>> (1 / inverse_distances(room, np.zeros(3), np.zeros(3), np.radians([0.0, 60.0, 90.0]))).round(6)
