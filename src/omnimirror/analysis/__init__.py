@@ -1,1 +1,1 @@
-"""What a sensor does: imaging characteristics, viewpoints, virtual images, blur, and all of it together."""
+"""Sensor analysis: imaging characteristics, viewpoints, virtual images, blur and evaluation."""

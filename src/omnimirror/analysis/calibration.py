@@ -1,4 +1,4 @@
-"""What a calibrated camera does: radius, resolution, viewpoint and the error of directions over the field angle."""
+"""Evaluation of a calibrated camera: mapping, resolution, viewpoint and uncertainty."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from ..cameras.models.spread import direction_sigma_deg
 Array = NDArray[np.float64]
 
 STEP_DEG = 5.0
-AZIMUTHS = 36  # over which is averaged what differs between them
-NEXT_TO_AXIS = 1e-3  # radians, at which a ring about the axis still has azimuths
+AZIMUTHS = 36  # azimuths of the mean values
+NEXT_TO_AXIS = 1e-3  # radians; a ring at this angle still has distinct azimuths
 SCANNED_DEG = 0.5
-HALVED = 24  # times, until the end of the field is known
+HALVED = 24  # bisections for the end of the field
 MAPPING_COLUMNS = (
     *("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "area_px2", "aspect"),
     *("viewpoint_z_mm", "direction_sigma_deg"),
@@ -35,35 +35,36 @@ MAPPING_COLUMNS = (
 
 @dataclass(frozen=True)
 class CameraMapping:
-    """How a calibrated camera maps field angles, as :func:`evaluate_camera` finds it.
+    """Mapping of a calibrated camera, computed by :func:`evaluate_camera`.
 
     Attributes
     ----------
     omega_deg : (n,)
-        Field angles from the axis of the picture's centre.
+        Field angles from the axis of the image centre.
     h_px : (n,)
-        Image radii, before tangential distortion and stretch; of a misaligned sensor the mean distance from the pixel
-        that looks along the lens's axis.
+        Image radii, before tangential distortion and stretch; for a misaligned sensor the mean
+        distance from the pixel along the lens axis.
     dh_domega_px_per_deg, width_px_per_deg : (n,)
-        Resolution along and across the radius.
+        Radial and azimuthal resolution.
     area_px2 : (n,)
-        Image of a square degree.
+        Image area of a square degree.
     aspect : (n,)
-        Width to height of the image of a small square.
+        Ratio of width to height of the image of a small square.
     viewpoint_z_mm : (n,)
-        Where rays meet the axis, along the camera's Z from the origin of its frame; where there is no axis, the point
-        that is nearest to the rays of all azimuths.
+        Intersection of the rays with the axis, along Z of the camera from the origin of its frame;
+        without an axis, the point nearest to the rays of all azimuths.
     direction_sigma_deg : (n,)
-        Standard error of a direction; NaN where no uncertainty is known, and outside of the calibrated field.
+        Standard deviation of a direction; NaN without an uncertainty, and outside the calibrated
+        field.
     camera
-        That was evaluated.
+        Evaluated camera.
     field_deg
-        Largest field angle that is seen, at some azimuth.
+        Largest field angle at any azimuth.
     rim_radius_px
-        Image radius there.
+        Image radius at the largest field angle.
     varies_percent
-        By how much resolution differs at some azimuth from the mean over all, at most over the rows and the end of the
-        field; 0 where the columns hold for each.
+        Largest relative deviation of the resolution at an azimuth from the azimuthal mean, over the
+        rows and the end of the field; 0 for a rotationally symmetric mapping.
     """
 
     omega_deg: Array
@@ -83,16 +84,16 @@ class CameraMapping:
         return len(self.omega_deg)
 
     def columns(self) -> dict[str, Array]:
-        """The columns (n,) of the table; that of errors where an uncertainty is known."""
+        """Return the columns (n,) of the table; uncertainties are included if known."""
         known = self.camera.uncertainty is not None
         return {name: getattr(self, name) for name in MAPPING_COLUMNS if known or name != "direction_sigma_deg"}
 
     def texts(self) -> dict[str, list[str]]:
-        """The columns as people read them, one list of cells each."""
+        """Return the columns as formatted text, one list of cells each."""
         return {name: [QUANTITIES[name].text(v) for v in values] for name, values in self.columns().items()}
 
     def summary(self) -> dict[str, Any]:
-        """What holds for the whole camera: its model, numbers and field."""
+        """Return the scalar results: model, parameters and field."""
         camera = self.camera
         sigmas = camera.uncertainty.sigmas if camera.uncertainty else {}
         return {
@@ -110,13 +111,13 @@ class CameraMapping:
         }
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table with 17 significant digits, which hold every double exactly."""
+        """Write the table as CSV with 17 significant digits, exact for double precision."""
         columns = self.columns()
         rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
         write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
 
     def to_json(self, path: str | Path) -> None:
-        """Write summary and columns; what is not known becomes null."""
+        """Write summary and columns as JSON; unknown values become null."""
         columns = {k: [v if np.isfinite(v) else None for v in c.tolist()] for k, c in self.columns().items()}
         write_text(path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n")
 
@@ -127,27 +128,28 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     Parameters
     ----------
     camera
-        Such as :func:`omnimirror.load_camera` gives; for an aligned sensor there is :func:`omnimirror.evaluate`. One
-        whose mirror is decentred or tilted has no meridian that tells all: its :class:`omnimirror.SensorModel` is
-        traced in space, and what is told is the mean over the azimuths that it sees.
+        Camera, for example from :func:`omnimirror.load_camera`; use :func:`omnimirror.evaluate` for
+        an aligned sensor. The :class:`omnimirror.SensorModel` of a decentred or tilted mirror is
+        traced in three dimensions, because one meridian is not representative; the results are
+        means over the visible azimuths.
     omega_deg : (n,), optional
-        Field angles from the axis; every 5 deg of the field when nothing is given.
+        Field angles from the axis; by default every 5 deg of the field.
 
     Returns
     -------
     CameraMapping
-        A column (n,) per quantity.
+        Columns (n,), one for each quantity.
 
     Raises
     ------
     OutsideField
-        An angle that the camera does not see.
+        Angle outside the field of view.
     InvalidParameter
-        Anything else that cannot be computed.
+        Other invalid arguments.
 
     Examples
     --------
-    Of a paraboloid, a degree at the horizon is as high as it is wide:
+    For a paraboloid, the image of a small square at the horizon has equal height and width:
 
     >>> import omnimirror as om
     >>> found = evaluate_camera(om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480)), [45.0, 90.0])
@@ -172,7 +174,7 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
 
 
 def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
-    """The table of a camera without an axis: rings of directions, and what their pixels see."""
+    """Evaluate a camera without an axis on rings of directions."""
     omega = np.maximum(np.radians(np.append(asked, end)), NEXT_TO_AXIS)
     seen, (directions, outwards, around) = _sees(camera, omega), _rings(camera, omega)
     image = camera.image(directions.reshape(-1, 3), distant=True)
@@ -193,7 +195,7 @@ def _in_space(camera: CameraModel, asked: Array, end: float) -> CameraMapping:
 
 
 def _middle(camera: CameraModel, end: float) -> Array:
-    """The pixel (2,) in the middle of the smallest ring that is seen whole; beyond the picture's edge too."""
+    """Return the pixel (2,) at the centre of the smallest completely visible ring."""
     rings = np.append(NEXT_TO_AXIS, np.radians(np.arange(SCANNED_DEG, end, SCANNED_DEG)))
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
     whole = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
@@ -203,7 +205,7 @@ def _middle(camera: CameraModel, end: float) -> Array:
 
 
 def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> Array:
-    """Heights (n,) of the points nearest to the rays of each ring; NaN where too little of it is seen."""
+    """Return the heights (n,) of the points nearest to the rays of each ring, or NaN."""
     heights = np.full(len(seen), np.nan)
     world = camera.mount.rotation()
     for i in np.flatnonzero(seen.sum(axis=1) > 1):
@@ -216,14 +218,14 @@ def _viewpoints(camera: CameraModel, pixels: Array, seen: NDArray[np.bool_]) -> 
 
 
 def _mean(values: Array, seen: NDArray[np.bool_]) -> Array:
-    """Means (n,) over those azimuths (n, k) that are seen; NaN where none is."""
+    """Return means (n,) over the visible azimuths (n, k); NaN without any."""
     with np.errstate(invalid="ignore"):
         mean: Array = np.where(seen, values, 0.0).sum(axis=1) / seen.sum(axis=1)
     return mean
 
 
 def _field_end_deg(camera: CameraModel) -> float:
-    """Largest field angle in degrees that a camera sees at some azimuth."""
+    """Return the largest field angle in degrees at any azimuth."""
     tried = np.radians(np.arange(SCANNED_DEG, 180.0, SCANNED_DEG))
     rings = np.flatnonzero(_sees(camera, tried).any(axis=1))
     if not len(rings):
@@ -236,7 +238,7 @@ def _field_end_deg(camera: CameraModel) -> float:
 
 
 def _rings(camera: CameraModel, omega: Array) -> tuple[Array, Array, Array]:
-    """Directions (n, k, 3) of the camera frame at field angles (n,), and unit vectors outwards and around."""
+    """Return directions (n, k, 3) at field angles (n,), with radial and azimuthal vectors."""
     phi = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
     sin, cos = np.sin(omega)[:, None], np.cos(omega)[:, None]
     ahead, ones = (-1.0 if camera.looks_back else 1.0), np.ones((len(omega), AZIMUTHS))
@@ -247,13 +249,13 @@ def _rings(camera: CameraModel, omega: Array) -> tuple[Array, Array, Array]:
 
 
 def _sees(camera: CameraModel, omega: Array) -> NDArray[np.bool_]:
-    """Whether the camera sees directions at field angles (n,), at each azimuth (n, k)."""
+    """Return whether directions at field angles (n,) are visible, for each azimuth (n, k)."""
     world = _rings(camera, omega)[0].reshape(-1, 3) @ camera.mount.rotation().T
     return np.asarray(camera.project_directions(world).valid.reshape(len(omega), AZIMUTHS))
 
 
 def every_step(end_deg: float) -> Array:
-    """Field angles (n,) every 5 deg from the axis, and the end of the field.
+    """Return field angles (n,) every 5 deg from the axis, and the end of the field.
 
     >>> every_step(12.0)
     array([ 0.,  5., 10., 12.])
@@ -263,7 +265,7 @@ def every_step(end_deg: float) -> Array:
 
 
 def mean_sigma_deg(camera: CameraModel, omega: Array) -> Array:
-    """Error of directions (n,) deg at field angles in radians, in quadrature over the azimuths in the picture."""
+    """Return the RMS uncertainty (n,) of directions in deg, at field angles in radians."""
     directions = _rings(camera, omega)[0].reshape(-1, 3)
     assert camera.uncertainty is not None
     covariance = camera.uncertainty.of([p.name for p in camera.parameters])

@@ -1,4 +1,4 @@
-"""Sensors side by side: one table of what each does over its whole field, the best of each row known."""
+"""Comparison of sensors: table of their properties over the whole field."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from .whole_picture import WholePicture
 Array = NDArray[np.float64]
 Better = Literal["high", "low", ""]
 
-MOST = 6  # sensors side by side; as many as there are colours that the colour-blind tell apart
-NODES = 721  # field angles over which the worst and the mean are taken
-NEAR_MM = 1000.0  # distance of the objects for which one viewpoint is assumed
+MOST = 6  # maximum number of sensors; limited by the colour-blind-safe palette
+NODES = 721  # field angles for extreme and mean values
+NEAR_MM = 1000.0  # object distance of the single-viewpoint error
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One line of the comparison: a quantity of every sensor."""
+    """Row of the comparison: one quantity for all sensors."""
 
     quantity: Quantity
     values: tuple[float | str, ...]
-    """One per sensor; NaN where the sensor has no such thing."""
+    """One value per sensor; NaN if inapplicable."""
     better: Better
-    """Whether high or low is better; neither for what only describes."""
+    """Direction of improvement; empty for a descriptive quantity."""
 
     @property
     def name(self) -> str:
@@ -52,13 +52,13 @@ class Compared:
 
     @property
     def texts(self) -> list[str]:
-        """The values as people read them."""
+        """Return the values as formatted text."""
         text = self.quantity.text
         return [v if isinstance(v, str) else "–" if math.isnan(v) else text(v) for v in self.values]
 
     @property
     def best(self) -> list[bool]:
-        """Which sensors are best; none where it does not matter or all are equal, all that read equal to the best."""
+        """Return the mask of the best sensors; empty for descriptive or equal values."""
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
@@ -68,25 +68,25 @@ class Compared:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One to six sensors side by side; see :func:`compare`."""
+    """Comparison of one to six sensors, computed by :func:`compare`."""
 
     sensors: tuple[Sensor, ...]
     rows: tuple[Compared, ...]
     notes: tuple[str, ...] = ()
-    """Of sensors that were compared otherwise than they are, in sentences."""
+    """Notes on sensors with limitations of the comparison."""
 
     @property
     def names(self) -> list[str]:
-        """Names of the sensors, told apart by a number where two are the same."""
+        """Return unique names of the sensors, numbered if necessary."""
         return [s.name for s in self.sensors]
 
     def __getitem__(self, name: str) -> Compared:
-        """The row of a quantity.
+        """Return the row of a quantity.
 
         Raises
         ------
         InvalidParameter
-            A quantity that is not in the table.
+            Quantity that is not in the table.
         """
         for row in self.rows:
             if row.name == name:
@@ -94,7 +94,7 @@ class Comparison:
         raise InvalidParameter(f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}")
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table, a line per quantity and a column per sensor, numbers with 17 significant digits."""
+        """Write the table as CSV, a line per quantity and a column per sensor."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *map(csv_cell, self.names)])
@@ -103,7 +103,7 @@ class Comparison:
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
-        """Write a list of sensors, each an object of its quantities; numbers that are not finite become words."""
+        """Write the sensors as JSON objects; non-finite numbers become strings."""
         sensors = [
             {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
         ]
@@ -113,29 +113,29 @@ class Comparison:
 def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Comparison:
     """Compare up to six sensors over their whole fields, each at its own F-number.
 
-    A sensor whose mirror is decentred or tilted, as a calibration finds it, is traced in space: what is least, largest
-    or worst is so over its whole picture, at all azimuths. With a real lens, a cover or a leaning imager it is compared
-    as if it were in place. Its note says which.
+    A sensor with a decentred or tilted mirror, for example from a calibration, is traced in three
+    dimensions; its extreme values include all azimuths. With a real lens, a cover or a tilted
+    imager, the aligned sensor is compared instead, with a note.
 
     Parameters
     ----------
     sensors
-        One to six; sensors of the same name get a number behind it.
+        One to six sensors; duplicate names are numbered.
     object_distance_mm
-        Distance of the objects from the mirror, for the lengths per pixel on a plane and on a cylinder; all other rows
-        are of distant objects.
+        Object distance from the mirror, for the lengths per pixel on a plane and on a cylinder; all
+        other rows refer to distant objects.
 
     Returns
     -------
     Comparison
-        A row per quantity, with the best of each marked.
+        One row for each quantity, with the best values marked.
 
     Raises
     ------
     InvalidParameter
         No sensor, or more than six.
     NotOneToOne, SelfObstruction
-        A mirror that cannot be used as it stands.
+        Mirror that cannot be used.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
 
 
 def _study(sensor: Sensor) -> Study:
-    """What the rows of a sensor are made from: of one that is out of its axis, in space as far as that is traced."""
+    """Return the data source for the rows of a sensor, three-dimensional if misaligned."""
     if sensor.is_axial:
         return Study(sensor)
     is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
@@ -167,7 +167,7 @@ def _study(sensor: Sensor) -> Study:
 
 
 def _note(study: Study, sensor: Sensor) -> str:
-    """How a sensor differs from its drawing, and how it was compared."""
+    """Return a note on the misalignment of a sensor and the method of comparison."""
     pose, shell, is_in_place = sensor.mirror_pose, sensor.housing.shell, study.sensor != sensor
     how = "as if it were in place" if is_in_place else "over its whole picture, at all azimuths"
     differs = {
@@ -181,7 +181,7 @@ def _note(study: Study, sensor: Sensor) -> str:
 
 
 def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
-    """The sensors with names that all differ."""
+    """Return the sensors with unique names."""
     names = [s.name for s in sensors]
     return [
         s if names.count(s.name) == 1 else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
@@ -189,41 +189,41 @@ def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
     ]
 
 
-# -- what is compared ------------------------------------------------------------------------------
+# -- compared quantities ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Study:
-    """What the rows of one sensor are made from."""
+    """Data source for the rows of an aligned sensor."""
 
     sensor: Sensor
     object_distance_mm: float = np.inf
 
     @cached_property
     def own(self) -> Any:
-        """Columns of the whole field, focused as the sensor says, by their names in an evaluation."""
+        """Return the columns over the whole field at the focus of the sensor."""
         return self.evaluation
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Of the aligned sensor."""
+        """Return the evaluation of the aligned sensor."""
         aligned = self.sensor.aligned()
         return evaluate(aligned, np.linspace(*aligned.field_deg, NODES))
 
     @cached_property
     def near(self) -> Evaluation:
-        """Evaluation of the aligned sensor for objects at the distance."""
+        """Return the evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
         return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
 
     def object_size(self, surface: str) -> float:
-        """Return the least length per pixel, mm, on a plane or a cylinder; the larger of both directions counts."""
+        """Return the smallest length per pixel, mm, the larger of both directions."""
         t = getattr(self.near, f"{surface}_t_mm_per_px")
         return float(np.fmin.reduce(np.maximum(t, self.near.object_s_mm_per_px)))
 
     @cached_property
     def best(self) -> tuple[float, float]:
-        """The best focus, mm, and the worst floored blur area there."""
+        """Return the best focus, mm, and its worst floored blur area."""
         found = best_focus(self.sensor)
         return found.focus_mm, found.value
 
@@ -233,7 +233,7 @@ class Study:
 
     @property
     def hidden(self) -> tuple[float, float]:
-        """Up to which angle (deg) the middle is hidden, and what share of the picture, %."""
+        """Return the end of the central obscuration, deg, and the obscured image share, %."""
         return self.sensor.hidden_to_deg, self.sensor.hidden_percent
 
     def rim_radius(self) -> float:
@@ -244,17 +244,19 @@ class Study:
         return float(np.ptp(heights[np.isfinite(heights)]))
 
     def share_of_sphere(self) -> float:
-        """Percentage of all directions that is seen."""
+        """Return the visible percentage of all directions."""
         low, high = np.cos(np.radians(self.sensor.field_deg))
         return float(50 * (low - high))
 
     def nonlinearity(self) -> float:
-        """Largest departure of the image height from the line through centre and rim, % of the rim's."""
+        """Return the largest deviation from a linear mapping, % of the rim height."""
         h, omega = self.own.h_px, self.own.omega_deg
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def worst_aspect(self) -> float:
-        """Largest ratio of the longer to the shorter side of the image of a small square; inf at the tip of a cone."""
+        """Return the largest ratio of the longer to the shorter side of the image of a small
+        square; inf at a cone tip.
+        """
         ratio = self.own.aspect[np.isfinite(self.own.aspect)]
         with np.errstate(divide="ignore"):
             return float(np.maximum(ratio, 1 / ratio).max())
@@ -263,8 +265,9 @@ class Study:
         return best_viewpoint(self.sensor, NEAR_MM).worst_px
 
     def length(self) -> float:
-        """From the lens (or a second mirror before it) to the far end, mm; NaN for a telecentric lens, which stands
-        anywhere."""
+        """Return the axial length from the lens, or a second mirror before it, to the far end, mm;
+        NaN for a telecentric lens, whose distance is free.
+        """
         sensor, second = self.sensor, self.sensor.secondary
         if sensor.lens.TELECENTRIC:
             return float("nan")
@@ -276,7 +279,7 @@ class Study:
 
 
 class StudyInSpace(Study):
-    """The same of a sensor that is out of its axis: at all azimuths."""
+    """Data source for the rows of a misaligned sensor, over all azimuths."""
 
     @cached_property
     def picture(self) -> WholePicture:
@@ -284,7 +287,7 @@ class StudyInSpace(Study):
 
     @cached_property
     def own(self) -> Any:
-        """Columns over the whole picture."""
+        """Return the columns over the whole image."""
         blur = self.picture.own
         return SimpleNamespace(
             dh_domega_px_per_deg=blur.imaging.height, area_px2=blur.imaging.area, aspect=blur.imaging.aspect,
@@ -321,7 +324,7 @@ class StudyInSpace(Study):
 
 
 def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
-    """A number made from a column of the evaluation, poles (a cone's tip) left out."""
+    """Return a function for a reduction of an evaluation column, without poles (tip of a cone)."""
 
     def value(study: Study) -> float:
         values = getattr(study.own, column)
@@ -392,7 +395,7 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "sag_mm": ("low", _sag),
     "rim_slope_deg": ("low", lambda s: float(s.evaluation.beta_deg[-1])),
 }
-"""What is better and the value of each quantity compared; pixels, blur and depth of field are each sensor's own."""
+"""Direction of improvement and value of each compared quantity."""
 
 
 def _compared(name: str, studies: Sequence[Study]) -> Compared:

@@ -1,4 +1,4 @@
-"""The whole evaluation of a sensor: one row per field angle, one column per quantity of the paper."""
+"""Evaluation of a sensor: one row per field angle, one column per quantity of the paper."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ from .uncertainty import standard_deviations
 Array = NDArray[np.float64]
 
 
-LEAST_STEP_DEG = 1e-5  # which makes some ten million field angles
+LEAST_STEP_DEG = 1e-5  # equivalent to about 1e7 field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
-"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
+"""Columns of files, in order: ``omega_deg`` to ``blur_area_deg2``, then lengths per pixel."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
-"""The columns that are told with a standard deviation."""
+"""Columns with a standard deviation."""
 
 READ_COLUMNS = (
     "omega_deg", "x_mm", "theta_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "aspect", "viewpoint_z_mm",
     "distance_t_mm", "distance_s_mm", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2",
 )  # fmt: skip
-"""The columns that people read, in their order; files hold the others too."""
+"""Columns of printed tables, in order; files contain all columns."""
 
 
 @described(quantities.PER_ANGLE)
 @dataclass(frozen=True)
 class Evaluation:
-    """A sensor evaluated at n field angles; every column is an array (n,) named with its unit.
+    """Results of a sensor at n field angles; each column is an array (n,) named with its unit.
 
-    Lengths count from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``, which
-    count from the lens's reference point (its principal point; the vertex under an orthographic lens).
-    Where the lens sees the mirror in a second one, ``theta_deg``, ``distance_*`` and all that follows from
-    them are what the lens gets of both; slope, radii and virtual images are those of the first mirror.
+    Lengths are measured from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``,
+    which are measured from the reference point of the lens (its principal point; the vertex for an
+    orthographic lens). With a second mirror, ``theta_deg``, ``distance_*`` and dependent quantities
+    refer to the image formed by both mirrors; slope, radii and virtual images are those of the
+    first mirror.
     """
 
     omega_deg: Array
@@ -85,7 +86,7 @@ class Evaluation:
     cylinder_t_mm_per_px: Array
     object_s_mm_per_px: Array
     sensor: Sensor
-    """The sensor as evaluated, focus included."""
+    """Evaluated sensor, including its focus."""
     object_distance_mm: float | Array
     mode: BlurMode
     wavelength_nm: float
@@ -96,7 +97,7 @@ class Evaluation:
         return len(self.omega_deg)
 
     def __getitem__(self, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Evaluation:
-        """The same at some of its field angles.
+        """Return the evaluation at selected field angles.
 
         >>> from omnimirror.optics.sensor_files import load_sensor
         >>> evaluate(load_sensor("paper-spherical"), omega_deg=[0, 90, 135])[1:].omega_deg
@@ -108,26 +109,28 @@ class Evaluation:
 
     @property
     def focus_mm(self) -> float:
-        """Object distance L0 in focus."""
+        """Return the object distance L0 in focus."""
         return self.sensor.lens.focus_distance_mm
 
     @property
     def airy_px(self) -> float:
-        """Diameter of the Airy disk, px."""
+        """Return the diameter of the Airy disk, px."""
         return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
 
     @property
     def depth_of_field_mm(self) -> DepthOfField:
-        """Nearest and farthest distance whose blur is within ``tolerance_px`` pixels (Eqs. 30, 31)."""
+        """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
         return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
 
     def columns(self) -> dict[str, Array]:
-        """The columns of the table in their fixed order; those of a real lens follow."""
+        """Return the columns of the table in fixed order, followed by those of a real lens."""
         return {name: getattr(self, name) for name in COLUMNS} | self.of_lens
 
     @property
     def of_lens(self) -> dict[str, Array]:
-        """What a real lens does by itself at each field angle, (n,) by the names of :data:`OF_LENS`; else nothing."""
+        """Return the columns of a real lens alone at each field angle, (n,), by the names of
+        :data:`OF_LENS`; otherwise empty.
+        """
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if not isinstance(lens, FieldLens):
             return {}
@@ -142,7 +145,7 @@ class Evaluation:
 
     @checked
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
-        """The named columns as people read them, one list of cells each."""
+        """Return the named columns as formatted text, one list of cells each."""
         names, of_lens = list(names), self.of_lens
         for name in names:
             choice("names", name, (*UNCERTAIN, *of_lens))
@@ -150,7 +153,7 @@ class Evaluation:
         return {name: [QUANTITIES[name].text(v) for v in column] for name, column in values.items()}
 
     def summary(self) -> dict[str, Any]:
-        """What holds for the whole table: focus, depth of field, diffraction, and how it was computed."""
+        """Return scalar results and settings: focus, depth of field, diffraction and methods."""
         near, far = self.depth_of_field_mm
         values: dict[str, Any] = {
             "sensor": self.sensor.name,
@@ -176,18 +179,20 @@ class Evaluation:
         return values
 
     def standard_deviations(self) -> dict[str, Array]:
-        """What the scatter of a measured profile makes of each column at its field angles, (n,); else nothing.
+        """Return the standard deviation of each column, (n,), due to the scatter of a measured
+        profile; otherwise empty.
 
-        One standard deviation, to first order; :attr:`SampledProfile.fit` says how much the points scatter.
+        One standard deviation, to first order; :attr:`SampledProfile.fit` contains the scatter of
+        the points.
         """
         return standard_deviations(self.sensor.mirror, partial(_columns_of_mirror, self))
 
     @checked
     def to_csv(self, path: str | Path, deviations: bool = False) -> None:
-        """Write the table with 17 significant digits, which hold every double exactly.
+        """Write the table as CSV with 17 significant digits, exact for double precision.
 
-        With ``deviations`` each column that a measured profile makes uncertain is followed by its standard
-        deviation, ``.._sd``.
+        With ``deviations``, each column affected by a measured profile is followed by its standard
+        deviation, ``..._sd``.
         """
         columns = self.columns()
         if deviations:
@@ -196,7 +201,7 @@ class Evaluation:
         write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
 
     def to_json(self, path: str | Path) -> None:
-        """Write summary and columns; numbers that are not finite become "inf", "-inf" and "nan"."""
+        """Write summary and columns as JSON; non-finite numbers become "inf", "-inf" and "nan"."""
         data = {"summary": self.summary(), "columns": {k: v.tolist() for k, v in self.columns().items()}}
         if found := self.standard_deviations():
             data["standard_deviations"] = {k: v.tolist() for k, v in found.items()}
@@ -223,41 +228,46 @@ def evaluate(
     Parameters
     ----------
     sensor
-        From :func:`omnimirror.load_sensor`, say.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     omega_deg : (n,), optional
-        Field angles; every 5 deg of the field when nothing is given.
+        Field angles; by default every 5 deg of the field.
     x_mm, h_px, pixels : (n,), (n,), (n, 2), optional
-        Instead of field angles: distances of the mirror points from the axis, image heights, or pixels (u, v).
+        Alternatives to field angles: distances of the mirror points from the axis, image heights,
+        or pixels (u, v).
     object_distance_mm : scalar or (n,)
-        Distance p from the reflection point to the object along the optical path. Resolution and blur in angle are
-        those of objects there: a degree is the length p pi/180 across the ray.
+        Distance p from the reflection point to the object along the optical path. Resolution and
+        angular blur refer to objects at this distance: one degree is the length p pi/180
+        perpendicular to the ray.
     focus_mm
-        Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
+        Object distance L0 in focus; by default that of the sensor, for ``"auto"`` the optimum of
+        ``merit``.
     merit
-        What ``"auto"`` focus makes least, of the focus merits of :mod:`omnimirror.base.quantities`.
+        Merit minimised by ``"auto"`` focus, one of the focus merits of
+        :mod:`omnimirror.base.quantities`.
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
-        Of the Airy disk.
+        Wavelength of the Airy disk.
     image_radius_px
-        Scales the image, ``h_px`` and ``pixels`` as well as what comes out, so that the rim has this radius; by
-        default the real one follows from lens and pitch.
+        Radius of the rim image to which the image is scaled, including ``h_px``, ``pixels`` and the
+        results; by default the real radius, from lens and pixel pitch.
     tolerance_px
         Permissible blur of the depth of field.
 
     Returns
     -------
     Evaluation
-        A column (n,) per quantity of the paper, and what holds for all of them.
+        Columns (n,), one for each quantity of the paper, and common values.
 
     Raises
     ------
     OutsideField, OutsideMirror
-        An angle, pixel or mirror point that the sensor does not see or have; the message names it.
+        Angle, pixel or mirror point outside the field or the mirror; the message contains its
+        value.
     NotOneToOne, SelfObstruction
-        The mirror cannot be used as it stands.
+        Mirror that cannot be used.
     InvalidParameter
-        Anything else that cannot be computed.
+        Other invalid arguments.
 
     Examples
     --------
@@ -292,7 +302,7 @@ def evaluate(
     rays, p = sensor.meridian.trace(x), distance_per_angle(object_distance_mm, x)
     study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
     found = _columns(study)
-    if asked is not None:  # as it was asked for, to the last digit
+    if asked is not None:  # preserve the given values exactly
         found["omega_deg"] = asked
     return Evaluation(
         **found,
@@ -306,7 +316,7 @@ def evaluate(
 
 
 def _columns(study: FocusStudy) -> dict[str, Array]:
-    """Every column of an evaluation, (n,)."""
+    """Return all columns of an evaluation, (n,)."""
     rays, images, blur = study.rays, study.images, study.at(study.sensor.lens.focus_distance_mm)
     L_t, L_s = study.distances
     return {
@@ -343,11 +353,11 @@ def _columns(study: FocusStudy) -> dict[str, Array]:
 
 
 PARALLEL = 1e-12
-"""Cosine below which a plane is seen edge-on: lengths per pixel on it are infinite."""
+"""Cosine limit of an edge-on plane, with infinite lengths per pixel."""
 
 
 def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) -> dict[str, Array]:
-    """Return the lengths (n,), mm per pixel, on a plane and on a cylinder through objects at a distance.
+    """Return the lengths (n,), mm per pixel, on a plane and a cylinder at an object distance.
 
     Parameters
     ----------
@@ -356,7 +366,7 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     omega : (n,)
         Field angles, radians.
     object_distance_mm : () or (n,)
-        From the mirror points; all sizes are infinite for infinite distances.
+        Distance from the mirror points; all sizes are infinite for infinite distances.
 
     Examples
     --------
@@ -365,6 +375,8 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     """
     across = np.asarray(object_distance_mm) * (np.pi / 180)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # One degree is p pi/180 across the ray; on a plane or a cylinder, inclined to it by Omega,
+        # the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
         t = across / dh
         cosine = np.abs(np.cos(omega))
         return {
@@ -375,7 +387,7 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
 
 
 def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
-    """The columns of an evaluation, (n,), with another mirror; NaN where that does not see the field angle."""
+    """Return the columns of an evaluation, (n,), with another mirror; NaN outside its field."""
     sensor = replace(result.sensor, mirror=mirror)
     seen = sensor.meridian.sees(np.radians(result.omega_deg))
     p, radius = np.asarray(result.object_distance_mm), result.image_radius_px
@@ -395,14 +407,14 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
 
 @checked
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
-    """Every multiple of ``step_deg`` that the sensor sees, (n,) deg; and where it sees none, its two ends.
+    """Return the multiples of ``step_deg`` in the field, (n,) deg, or its ends if there are none.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     step_deg
-        Between two of them, deg.
+        Step of the field angles, deg.
 
     Returns
     -------
@@ -429,9 +441,9 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
 def _mirror_points(
     sensor: Sensor, given: dict[str, ArrayLike], image_radius_px: float | None
 ) -> tuple[Array | None, Array]:
-    """The field angles asked for, if it was angles, and the mirror points, (n,) mm.
+    """Return the given field angles, or None, and the mirror points, (n,) mm.
 
-    Heights and pixels are those of the picture scaled to ``image_radius_px``.
+    Heights and pixels refer to the image scaled to ``image_radius_px``.
     """
     kind, values = next(iter(given.items()), ("omega_deg", field_angles(sensor)))
     if kind == "omega_deg":
@@ -457,7 +469,7 @@ def _scalar_distance(distance: ArrayLike) -> float:
 
 
 def _finite(value: Any) -> Any:
-    """The same data with numbers that JSON cannot hold as words."""
+    """Convert numbers without a JSON representation to strings."""
     if isinstance(value, dict):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list):

@@ -1,6 +1,7 @@
-"""The sensor in cross-section (Fig. 4): mirrors, lens, chief rays, virtual images and the depth of field, as numbers.
+"""Cross-section of a sensor (Fig. 4): mirrors, lens, chief rays, images and depth of field.
 
-All places are (x, z) in millimetres in the frame of the mirror: x from the axis, z from its vertex away from the lens.
+All positions are (x, z) in millimetres in the mirror frame: x from the axis, z from the vertex away
+from the lens.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ from .meridional.focus import FocusStudy, distance_per_angle
 
 Array = NDArray[np.float64]
 
-NEAR_OBJECTS = 5.0  # distance of the near objects that a section shows, in rim radii
-TELECENTRIC_LENS = 2.5  # drawn so far from the vertex, in rim radii: a telecentric lens stands anywhere
-LENS_HALF_WIDTH = 0.18  # of a perspective lens that is drawn, in rim radii
+NEAR_OBJECTS = 5.0  # distance of the near objects of a section, in rim radii
+TELECENTRIC_LENS = 2.5  # distance of a drawn telecentric lens from the vertex, in rim radii; its real distance is free
+LENS_HALF_WIDTH = 0.18  # half width of a drawn perspective lens, in rim radii
 
 
 class SectionCurve(NamedTuple):
-    """Places x and z (n,), mm; NaN where there is nothing."""
+    """Positions x and z (n,), mm; NaN for gaps."""
 
     x: Array
     z: Array
 
 
 class FocusBand(NamedTuple):
-    """Heights z (mm) of the focus and of the near and far ends of the depth of field (Eqs. 30, 31)."""
+    """Heights z (mm) of the focus and of the limits of the depth of field (Eqs. 30, 31)."""
 
     focus: float
     near: float
@@ -40,12 +41,12 @@ class FocusBand(NamedTuple):
 
 
 def top_height(sensor: Sensor) -> float:
-    """Highest z (mm) of the mirror."""
+    """Return the maximum z (mm) of the mirror."""
     return sensor.mirror.bounds[1][1]
 
 
 def lens_height(sensor: Sensor) -> float:
-    """Height z (mm) at which the lens is drawn; a telecentric one stands anywhere."""
+    """Return the height z (mm) of the drawn lens; arbitrary for a telecentric lens."""
     m, second, rim = sensor.meridian.m, sensor.secondary, sensor.mirror.rim_radius_mm
     if second is not None:
         return second.lens_height(m) if np.isfinite(m) else top_height(sensor) + 0.5 * rim
@@ -53,13 +54,13 @@ def lens_height(sensor: Sensor) -> float:
 
 
 def lens_half_width(sensor: Sensor) -> float:
-    """Half the width (mm) at which the lens is drawn: as wide as what it sees when telecentric."""
+    """Return half the width (mm) of the drawn lens; the width of its field if telecentric."""
     rim = sensor.mirror.rim_radius_mm
     return float(sensor.meridian.trace(rim).first.x[()]) if sensor.lens.TELECENTRIC else LENS_HALF_WIDTH * rim
 
 
 def reference_height(sensor: Sensor) -> float:
-    """Height z (mm) from which the lens's object distances count; a fold in between taken out."""
+    """Return the reference height z (mm) of the object distances of the lens."""
     m, second = sensor.meridian.m, sensor.secondary
     if np.isfinite(m):
         return -m
@@ -67,19 +68,19 @@ def reference_height(sensor: Sensor) -> float:
 
 
 def focus_band(result: Evaluation) -> FocusBand:
-    """The depth of field of an evaluation, in the frame of the mirror."""
+    """Return the depth of field of an evaluation in the mirror frame."""
     zero = reference_height(result.sensor)
     near, far = result.depth_of_field_mm
     return FocusBand(result.focus_mm + zero, near + zero, far + zero)
 
 
 def is_as_seen(sensor: Sensor) -> bool:
-    """Whether the lens sees the mirror undistorted: directly, or in a flat one."""
+    """Return whether the lens images the mirror undistorted: directly or in a flat mirror."""
     return sensor.secondary is None or isinstance(sensor.secondary.mirror, Flat)
 
 
 def mirror_curve(sensor: Sensor, nodes: int = 401) -> SectionCurve:
-    """The mirror from rim to rim, with its bore where the camera looks through one."""
+    """Return the mirror profile from rim to rim, without the bore for the camera."""
     rim, second = sensor.mirror.rim_radius_mm, sensor.secondary
     x = np.linspace(-rim, rim, nodes)
     z = sensor.mirror.sag(np.abs(x))
@@ -89,7 +90,7 @@ def mirror_curve(sensor: Sensor, nodes: int = 401) -> SectionCurve:
 
 
 def secondary_curve(sensor: Sensor, nodes: int = 201) -> SectionCurve | None:
-    """The second mirror from rim to rim, where there is one."""
+    """Return the profile of the second mirror from rim to rim, or None."""
     second = sensor.secondary
     if second is None:
         return None
@@ -99,11 +100,11 @@ def secondary_curve(sensor: Sensor, nodes: int = 201) -> SectionCurve | None:
 
 
 def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]:
-    """Places (x, z), mm, that the chief rays of mirror points (n,) go by to the lens, the lens last."""
+    """Return the positions (x, z), mm, of chief rays from mirror points (n,) to the lens."""
     second, lens = sensor.secondary, lens_height(sensor)
     first = sensor.meridian.trace(x_mm).first
     at = first.x
-    if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; by way of a second mirror it looks back
+    if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; reversed by a second mirror
         towards = 1.0 if second is None else -1.0
         ways = [[(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))]
     else:
@@ -114,9 +115,9 @@ def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]
 
 
 def image_curves(result: Evaluation, object_distance_mm: float | None = None) -> tuple[SectionCurve, SectionCurve]:
-    """Tangential and sagittal virtual images as the lens sees them (Eqs. 14-21); NaN where at infinity.
+    """Return tangential and sagittal virtual images for the lens (Eqs. 14-21); NaN at infinity.
 
-    Of the objects evaluated, or of others at a distance in mm.
+    They refer to the evaluated objects, or to objects at another distance in mm.
     """
     if object_distance_mm is None:
         return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
@@ -127,11 +128,11 @@ def image_curves(result: Evaluation, object_distance_mm: float | None = None) ->
 
 
 def _seen(result: Evaluation, distance: Array) -> SectionCurve:
-    """Places of images at distances (n,), mm, from the lens along its axis, on the lines on which it sees them."""
+    """Return the positions of images at axial distances (n,), mm, from the lens on chief rays."""
     if result.sensor.lens.TELECENTRIC:
         x = result.sensor.meridian.trace(result.x_mm).first.x
     else:
-        with np.errstate(invalid="ignore"):  # an infinite image seen exactly along the axis
+        with np.errstate(invalid="ignore"):  # an infinite image exactly on the axis
             tangent = np.tan(np.radians(result.theta_deg))
             x = (distance - result.sensor.lens.pupil.place(tangent)) * tangent
     z = distance + reference_height(result.sensor)

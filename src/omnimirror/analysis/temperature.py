@@ -1,4 +1,4 @@
-"""A sensor at another temperature: what expands, what the lens does, how walls refract."""
+"""Effects of temperature on a sensor: thermal expansion, focus shift and refraction of covers."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ PPM = 1e-6
 
 @checked
 def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
-    """A sensor as it is at a temperature, when all of it has that.
+    """Return a sensor at a uniform temperature.
 
     Parameters
     ----------
     sensor
-        With ``thermal``, the table [thermal] of its file.
+        Sensor with ``thermal`` properties, the table [thermal] of its file.
     temperature_c
-        Degrees Celsius.
+        Temperature in degrees Celsius.
 
     Returns
     -------
     Sensor
-        An ordinary one: its mirror grown, farther from the lens, the lens focused where expansion leaves it, its
-        ``thermal`` with this temperature as the reference.
+        Sensor with expanded mirror and mirror distance, and the resulting focus; the temperature is
+        the reference of its ``thermal`` properties.
 
     Raises
     ------
     InvalidParameter
-        Nothing is said of how temperature moves the sensor, or its lens cannot be changed so.
+        Sensor without thermal properties, or a lens that does not support them.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
 
 
 def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
-    """The lens with its focal length changed and its imager moved: focused elsewhere, its picture another size."""
+    """Return the lens with changed focal length and image distance."""
     focal, mount = thermal.focal_ppm_per_k, thermal.expansion_ppm("mount")
     if not (focal or mount):
         return lens
@@ -104,11 +104,12 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
             f"{warmer:+g} K bring the imager to {behind:.4f} mm behind a lens of {f:.4f} mm, where nothing is in "
             "focus; the sensor is valid as long as it is farther away"
         )
+    # The imager stays at its expanded distance b: the focus follows from 1/L0 = 1/f - 1/b.
     return replace(lens, focal_length_mm=f, focus_distance_mm=1 / (1 / f - 1 / behind))
 
 
 def _housing(housing: Housing, warmer: float) -> Housing:
-    """What stands around it, its clear wall of a named material grown and with the index that it has then."""
+    """Return the housing with its clear wall expanded and its refractive index changed."""
     shell: Any = housing.shell
     if shell is None:
         return housing
@@ -129,26 +130,26 @@ def _housing(housing: Housing, warmer: float) -> Housing:
 
 @checked
 def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None) -> float:
-    """How far the picture moves at most when a sensor gets another temperature.
+    """Compute the largest image motion due to a change of temperature.
 
     Parameters
     ----------
     sensor
-        With ``thermal``, its mirror on the axis.
+        Sensor with ``thermal`` properties and an aligned mirror.
     temperature_c
-        Degrees Celsius.
+        Temperature in degrees Celsius.
     omega_deg : (n,), optional
-        Field angles of distant objects, by default all over the field that both see.
+        Field angles of distant objects; by default the common field at both temperatures.
 
     Returns
     -------
     float
-        Pixels, along the meridian.
+        Image motion in pixels, along the meridian.
 
     Raises
     ------
     InvalidParameter
-        As :func:`at_temperature`.
+        As in :func:`at_temperature`.
 
     Examples
     --------

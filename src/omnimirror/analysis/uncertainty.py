@@ -1,4 +1,4 @@
-"""What the scatter of a measured profile does to numbers that are computed from it: their standard deviations."""
+"""Propagation of the scatter of a measured profile to standard deviations of results."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..optics.mirrors import Mirror, SampledProfile
 
 Array = NDArray[np.float64]
 
-SHARE = 1e-4  # of a standard deviation, by which the profile is moved
+SHARE = 1e-4  # perturbation of the profile relative to a standard deviation
 
 
 def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]) -> dict[str, Array]:
-    """Standard deviations (n,) of the columns (n,) computed from a mirror; none for one that is not measured.
+    """Return standard deviations (n,) of columns (n,) computed from a measured mirror.
 
-    The smooth curve is linear in the heights, so each of its independent deviations is tried alone and what it
-    changes in the columns is added in quadrature.
+    The smoothed curve is linear in the heights; therefore the effects of its independent deviations
+    are computed one at a time and added in quadrature.
     """
     if not (isinstance(mirror, SampledProfile) and len(mirror.fit.deviations)):
         return {}

@@ -1,4 +1,4 @@
-"""Ghosts in a tube or a dome: what its wall throws back, where that comes from, and how bright it is."""
+"""Ghost images in a tube or a dome: direction and relative brightness of wall reflections."""
 
 from __future__ import annotations
 
@@ -15,64 +15,67 @@ from .evaluation import field_angles
 
 Array = NDArray[np.float64]
 
-LIFT_MM = 1e-6  # by which a ray starts off the surface that it leaves
+LIFT_MM = 1e-6  # offset of a ray start from the surface
 
 
 @dataclass(frozen=True)
 class Ghosts:
-    """The first ghost at n field angles; every array (n,).
+    """First ghost image at n field angles; each array (n,).
 
-    A pixel that looks at ``omega_deg`` sees besides, fainter, what lies at ``ghost_omega_deg`` in the same meridian,
-    below 0 on the other side of the axis; NaN where the ghost ends at the camera, a lid or the mirror's back.
+    A pixel with the field angle ``omega_deg`` also receives weaker light from ``ghost_omega_deg``
+    in the same meridian, negative on the other side of the axis; NaN if the ghost path is blocked
+    by the camera, a lid or the back of the mirror.
     """
 
     omega_deg: Array
     passed_percent: Array
-    """Share of the light that passes the wall straight away."""
+    """Direct transmittance of the wall."""
     ghost_omega_deg: Array
-    """Where the ghost comes from."""
+    """Field angle of the ghost source."""
     ghost_percent: Array
-    """How bright it is against the direct image of something equally bright; 0 where it ends."""
+    """Brightness relative to the direct image of an equally bright object; 0 for a blocked path."""
     by_mirror: NDArray[np.bool_]
-    """Whether the mirror reflects it once more on its way."""
+    """True if the ghost path includes another reflection by the mirror."""
 
     def __len__(self) -> int:
         return len(self.omega_deg)
 
     def columns(self) -> dict[str, Array]:
-        """The columns by name."""
+        """Return the columns by name."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 @checked
 def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
-    """The first ghost of a sensor in a tube or under a dome, at field angles.
+    """Compute the first ghost image of a sensor in a tube or under a dome, at field angles.
 
-    Fresnel's formulas, the reflections between both sides of the wall summed, follow one chief ray: what the wall
-    throws back meets the mirror again or the wall elsewhere. Of ghosts the mirror swallows nothing.
+    The reflected part of each chief ray, with Fresnel coefficients and summed reflections between
+    both sides of the wall, is traced to the mirror or another part of the wall. Losses of ghosts at
+    the mirror are neglected.
 
     Parameters
     ----------
     sensor
-        Aligned, of one mirror, with a tube or a dome.
+        Aligned sensor with one mirror and a tube or a dome.
     omega_deg : (n,), optional
-        Field angles; every 5 deg of what is not hidden by default.
+        Field angles; by default every 5 deg of the unobscured field.
 
     Returns
     -------
     Ghosts
-        Where each comes from, and its share of the light.
+        Source direction and relative brightness of each ghost.
 
     Raises
     ------
     InvalidParameter
-        A sensor without tube or dome, of two mirrors, or misaligned.
+        Sensor without tube or dome, with two mirrors, or misaligned.
     OutsideField
-        A field angle that is not seen.
+        Field angle outside the field of view.
 
     Examples
     --------
-    What the tube throws back at 60 deg passes on the other side; at 110 deg it ends at the mirror's back:
+    The reflection at 60 deg leaves through the opposite wall; at 110 deg it ends at the back of the
+    mirror:
 
     >>> import omnimirror as om
     >>> from dataclasses import replace
@@ -120,7 +123,7 @@ def _clear_angles(sensor: Sensor) -> Array:
 
 
 def _meets_back(sensor: Sensor, points: Array, directions: Array) -> NDArray[np.bool_]:
-    """Which rays (n, 3), (n, 3) from beside or below it end at the back of the mirror's body."""
+    """Return the mask of rays (n, 3), (n, 3) that end at the back of the mirror."""
     rim = sensor.mirror.rim_radius_mm
     edge = float(sensor.mirror.sag(np.array(rim))) + sensor.mirror_pose.displacement_mm
     with np.errstate(divide="ignore", invalid="ignore"):

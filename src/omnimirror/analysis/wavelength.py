@@ -1,4 +1,4 @@
-"""A sensor in light of one wavelength: how its lens and its cover refract there."""
+"""Sensor at one wavelength: refraction of lens and cover."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from ..optics.sensor import Sensor
 
 @checked
 def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
-    """A sensor as it is for light of one wavelength.
+    """Return a sensor at one wavelength.
 
-    Mirrors have no colour; a lens made of surfaces has that of its glasses, one known by a table what that says of
-    lateral colour, and a cover that of its materials. Stop and imager stay where they are.
+    Mirrors are achromatic. The dispersion of a lens follows from its glasses or from the lateral
+    colour of its table, that of a cover from its materials. Stop and imager are unchanged.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     wavelength_nm
-        300 to 1100.
+        Wavelength, 300 to 1100 nm.
 
     Returns
     -------
     Sensor
-        An ordinary one.
+        Sensor with lens and cover at this wavelength.
 
     Raises
     ------
     InvalidParameter
-        A wavelength out of range, or a lens of whose indices at other wavelengths nothing is said.
+        Wavelength out of range, or a lens without dispersion data.
 
     Examples
     --------

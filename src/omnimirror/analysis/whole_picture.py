@@ -1,8 +1,9 @@
-"""A sensor that is out of its axis, studied over its whole picture: all around, from the axis to the rim.
+"""Evaluation of a misaligned sensor over the whole image: all azimuths, from the axis to the rim.
 
-One meridian tells all of an aligned sensor. One that was built differs from azimuth to azimuth, and is traced in space:
-chief rays to directions all around, and about each of them rays through the aperture next to its middle, whose images
-spread as the blur does, to first order as in Eqs. 28, 36 and 37.
+One meridian is representative for an aligned sensor only. An as-built sensor depends on the azimuth
+and is traced in three dimensions: chief rays in directions at all azimuths, and around each of them
+rays near the centre of the aperture, whose image spread is proportional to the blur, to first order
+as in Eqs. 28, 36 and 37.
 """
 
 from __future__ import annotations
@@ -29,33 +30,33 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RINGS, AZIMUTHS = 31, 24
-FINE_RINGS, FINE_AZIMUTHS = 181, 96  # for what is hidden
+FINE_RINGS, FINE_AZIMUTHS = 181, 96  # for obscurations
 SCANNED = np.radians(np.arange(0.25, 180.0, 0.5))
-HALVED = 30  # times, until an end of the field is known
-INSIDE = 1e-7  # of the field, by which the last ring stays within the rim
-NEXT_TO_AXIS = 1e-3  # radians, at which a ring still has azimuths
+HALVED = 30  # bisections for an end of the field
+INSIDE = 1e-7  # relative distance of the last ring from the rim
+NEXT_TO_AXIS = 1e-3  # radians; a ring at this angle still has distinct azimuths
 STEP = 1e-4  # radians, of central differences
-NEXT_TO_MIDDLE = 0.01  # of the aperture's radius: there blur grows as it does to first order
+NEXT_TO_MIDDLE = 0.01  # relative to the aperture radius; small enough for first-order blur
 FOCUSES = 41
-BEYOND = 0.1  # of the range of the images' focus coordinates
-CLOSE = 1e-5  # of that range
-REFINED = 3  # times that the best viewpoint is found anew
+BEYOND = 0.1  # extension, relative to the range of the focus coordinates of the images
+CLOSE = 1e-5  # relative to that range
+REFINED = 3  # iterations of the best viewpoint
 CROSS = Pupil(NEXT_TO_MIDDLE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]), np.full(4, 0.25))
 WAVELENGTH_NM = 550.0
 
 
 class Grid(NamedTuple):
-    """Directions all around, ring by ring, and the azimuths' ends of the field; radians."""
+    """Directions on rings between the ends of the field of each azimuth; radians."""
 
     omega: Array
-    """(rings, azimuths)"""
+    """Field angles (rings, azimuths)."""
     phi: Array
-    """(rings, azimuths)"""
+    """Azimuths (rings, azimuths)."""
 
 
 @dataclass(frozen=True)
 class WholePicture:
-    """What a sensor with one mirror and an ideal lens does at RINGS x AZIMUTHS directions of its field.
+    """Evaluation of a sensor with one mirror and an ideal lens at RINGS x AZIMUTHS directions.
 
     Examples
     --------
@@ -70,14 +71,14 @@ class WholePicture:
 
     sensor: Sensor
 
-    # -- where ------------------------------------------------------------------------------------
+    # -- directions -------------------------------------------------------------------------------
 
     @cached_property
     def grid(self) -> Grid:
         return self._spread(RINGS, AZIMUTHS)
 
     def _spread(self, rings: int, azimuths: int) -> Grid:
-        """Rings from where the field begins to where it ends, at each azimuth."""
+        """Return rings between the inner and outer end of the field, at each azimuth."""
         phi = np.linspace(0.0, 2 * np.pi, azimuths, endpoint=False)
         scanned = np.broadcast_to(SCANNED[:, None], (len(SCANNED), azimuths))
         seen = self._sees(scanned, np.broadcast_to(phi, scanned.shape))
@@ -90,7 +91,7 @@ class WholePicture:
         return Grid(omega, np.broadcast_to(phi, omega.shape))
 
     def _edge(self, seen: Array, unseen: Array, phi: Array) -> Array:
-        """The last angles (azimuths,) seen on the way from some that are to others that are not."""
+        """Return the last visible angles (azimuths,), found by bisection."""
         for _ in range(HALVED):
             middle = (seen + unseen) / 2
             sees = self._sees(middle, phi)
@@ -103,22 +104,22 @@ class WholePicture:
 
     @cached_property
     def _axes(self) -> tuple[Array, Array, Array]:
-        """Directions (n, 3) of the grid, and unit vectors outwards and around."""
+        """Return directions (n, 3) of the grid, and radial and azimuthal unit vectors."""
         omega, phi = (a.ravel() for a in self.grid)
         towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
         return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
 
-    # -- what is traced ---------------------------------------------------------------------------
+    # -- traced rays ------------------------------------------------------------------------------
 
     @cached_property
     def bundles(self) -> Bundles:
-        """Rays of every direction through four points next to the middle of the aperture."""
+        """Return rays of each direction through four points near the centre of the aperture."""
         omega, phi = (np.degrees(a.ravel()) for a in self.grid)
         return trace_bundles(self.sensor, omega, CROSS, phi)
 
     @cached_property
     def _neighbours(self) -> tuple[tuple[Specular, Specular], ...]:
-        """Chief rays a step outwards and inwards, and a step around to either side."""
+        """Return chief rays offset by one step in both radial and both azimuthal directions."""
         towards, *steps = self._axes
         return tuple(
             (self._chief(towards + STEP * step), self._chief(towards - STEP * step)) for step in steps
@@ -128,20 +129,20 @@ class WholePicture:
         return self.sensor.optical_train.chief_rays_to(Ends.of(towards, True))
 
     def _pixels(self, lens: Lens, found: Specular) -> Array:
-        """Where (n, 2) px from the lens's axis chief rays land."""
+        """Return image positions (n, 2) px of chief rays relative to the lens axis."""
         image = lens.image_of(found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils)
         return np.asarray(image / self.sensor.imager.pitch_mm)
 
     def _rates(self, lens: Lens) -> tuple[Array, Array]:
-        """Derivatives (n, 2), (n, 2) of pixels outwards and around, px per degree."""
+        """Return radial and azimuthal derivatives (n, 2), (n, 2) of pixels, px per degree."""
         angle = np.degrees(2 * np.arctan(STEP))
         outwards, around = ((self._pixels(lens, a) - self._pixels(lens, b)) / angle for a, b in self._neighbours)
         return outwards, around
 
-    # -- what follows -----------------------------------------------------------------------------
+    # -- derived quantities -----------------------------------------------------------------------
 
     def at(self, focus_mm: float) -> FocusedBlur:
-        """Resolution and blur (n,) with the lens focused at an object distance."""
+        """Return resolution and blur (n,) with the lens focused at an object distance."""
         sensor = self.bundles.focused_at(focus_mm)
         outwards, around = self._rates(sensor.lens)
         height, width = np.linalg.norm(outwards, axis=1), np.linalg.norm(around, axis=1)
@@ -158,11 +159,11 @@ class WholePicture:
 
     @cached_property
     def own(self) -> FocusedBlur:
-        """Focused as the sensor says."""
+        """Return resolution and blur at the focus of the sensor."""
         return self.at(self.sensor.lens.focus_distance_mm)
 
     def best_focus(self) -> tuple[float, float]:
-        """The focus (mm) whose largest floored blur area is least, and that area, square degrees."""
+        """Return the focus (mm) with the minimum of the worst floored blur area, and that area."""
         from scipy.optimize import minimize_scalar
 
         lens, aligned = self.sensor.lens, self.sensor.aligned()
@@ -185,7 +186,7 @@ class WholePicture:
 
     @cached_property
     def hidden(self) -> tuple[float, float]:
-        """Up to which angle (deg) the middle is hidden at some azimuth, and what share of the picture's area, %."""
+        """Return the end of the central obscuration, deg, and the obscured image area, %."""
         standing = self.sensor.obstructions
         if standing.housing.is_empty:
             return self.field_deg[0], 0.0
@@ -203,34 +204,34 @@ class WholePicture:
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        """Smallest and largest field angle at any azimuth; 0 where the axis is seen."""
+        """Return the smallest and largest field angle at any azimuth; 0 if the axis is visible."""
         omega = np.degrees(self.grid.omega)
         low = float(omega[0].min())
         return 0.0 if low < np.degrees(2 * NEXT_TO_AXIS) else low, float(omega[-1].max())
 
     def share_of_sphere(self) -> float:
-        """Percentage of all directions that is seen."""
+        """Return the visible percentage of all directions."""
         first, last = np.cos(self.grid.omega[0]), np.cos(self.grid.omega[-1])
         return float(50 * np.mean(first - last))
 
     def _rings(self) -> Array:
-        """Pixels (rings, azimuths, 2) from the lens's axis."""
+        """Return pixels (rings, azimuths, 2) relative to the lens axis."""
         pixels = self._pixels(self.sensor.lens, self.bundles.chief)
         return pixels.reshape(*self.grid.omega.shape, 2)
 
     def rim_radius_px(self) -> float:
-        """Mean distance of the rim's image from its middle."""
+        """Return the mean distance of the rim image from its centre."""
         rim = self._rings()[-1]
         return float(np.linalg.norm(rim - rim.mean(axis=0), axis=1).mean())
 
     def nonlinearity(self) -> float:
-        """Largest departure of an image height from the line through centre and rim of its azimuth, % of the rim's."""
+        """Return the largest deviation from a linear mapping, % of the rim height."""
         rings, omega = self._rings(), self.grid.omega
         h = np.linalg.norm(rings - rings[0].mean(axis=0), axis=2)
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def viewpoint_spread(self) -> float:
-        """Largest distance (mm) between the viewpoints of two rings: the points nearest to all their rays."""
+        """Return the largest distance (mm) between the viewpoints of two rings."""
         chief, shape = self.bundles.chief, (*self.grid.omega.shape, 3)
         points, ways = chief.points.reshape(shape), self._axes[0].reshape(shape)
         across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
@@ -239,7 +240,7 @@ class WholePicture:
         return float(np.linalg.norm(found[:, None] - found[None], axis=2).max())
 
     def one_viewpoint_error(self, distance_mm: float) -> float:
-        """Largest error (px) of the best single viewpoint (in space) for objects at a distance from the mirror."""
+        """Return the largest error (px) of the best single viewpoint for finite objects."""
         from scipy.optimize import minimize
 
         towards, outwards, around = self._axes

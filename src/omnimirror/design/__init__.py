@@ -1,4 +1,4 @@
-"""From requirements to a mirror: mappings, families, fits, and what they cost."""
+"""Sensor design from requirements: mappings, families, fits, optimisation and verification."""
 
 from ..optics.mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES

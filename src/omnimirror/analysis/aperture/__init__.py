@@ -1,1 +1,1 @@
-"""What the whole aperture does: bundles of real rays, spots, point spread, transfer of contrast, light."""
+"""Whole-aperture analysis: ray bundles, spot diagrams, PSF, MTF and illumination."""

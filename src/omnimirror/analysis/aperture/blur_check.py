@@ -1,4 +1,4 @@
-"""How far the paper's blur can be trusted: against real rays through the whole aperture, F-number by F-number."""
+"""Validation of the blur formula by real rays through the whole aperture, for several F-numbers."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from .spot_diagrams import spots
 
 Array = NDArray[np.float64]
 
-FAN = 81  # rays of a fan from edge to edge
-CLEAR = 0.5  # degrees that the field angles keep from the rim, which would cut bundles
+FAN = 81  # rays across a fan
+CLEAR = 0.5  # deg; distance of the field angles from the rim, which would vignette bundles
 
 
 @dataclass(frozen=True)
 class BlurCheck:
-    """Blur by real rays less the evaluation's, at k field angles for j F-numbers; every array (j, k), px."""
+    """Blur of real rays minus the evaluation, k field angles, j F-numbers; arrays (j, k), px."""
 
     f_number: Array
-    """(j,)"""
+    """F-numbers (j,)."""
     omega_deg: Array
-    """(k,)"""
+    """Field angles (k,)."""
     blur_t_px: Array
-    """The evaluation's tangential blur, without sign."""
+    """Tangential blur of the evaluation, unsigned."""
     blur_s_px: Array
     edge_t_px: Array
-    """Distance of the two edge rays of the tangential fan, less the blur."""
+    """Distance of the two marginal rays of the tangential fan minus the blur."""
     edge_s_px: Array
     extent_t_px: Array
-    """Full width of the tangential fan, less the blur."""
+    """Full width of the tangential fan minus the blur."""
     extent_s_px: Array
 
     def worst(self, name: str) -> Array:
-        """Largest magnitude (j,) of a column over the field."""
+        """Return the largest magnitude (j,) of a column over the field."""
         found: Array = np.abs(getattr(self, name)).max(axis=1)
         return found
 
@@ -50,29 +50,29 @@ def check_blur(
 ) -> BlurCheck:
     """Compare the blur of Eq. 28 with real rays, for an aligned sensor and several F-numbers.
 
-    The formula takes the mirror for its two curvatures in the chief ray's point. A wider aperture sees
-    that they change across it: coma, then spherical aberration.
+    The formula includes the two curvatures of the mirror at the chief ray only. The variation of
+    the curvature across a larger aperture causes coma, then spherical aberration.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     f_numbers : (k,)
-        F-numbers of the lens to try.
+        F-numbers of the lens to evaluate.
     omega_deg : (n,), optional
-        Field angles, deg; over the whole field by default.
+        Field angles, deg; by default over the whole field.
     object_distance_mm
-        From the mirror to the object, mm.
+        Object distance from the mirror, mm.
 
     Returns
     -------
     BlurCheck
-        Blur by Eq. 28 beside that of real rays, (k, n) px.
+        Blur by Eq. 28 and differences of real rays from it, (k, n) px.
 
     Raises
     ------
     InvalidParameter, OutsideField
-        A field angle that is not seen, or numbers that are not valid.
+        Field angle outside the field of view, or invalid numbers.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Bundles of rays from objects by way of the mirror through every part of the aperture to the imager.
+"""Ray bundles from objects via the mirror through the whole aperture to the imager.
 
-For each point of the aperture the mirror point in which it sees the object is solved for (an object and
-a point of the pupil: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits.
-Under an ideal lens a ray lands where all rays from the same point of the plane in focus land; a lens made of surfaces
-is traced. One bundle serves every focus.
+The mirror point of each aperture point is solved from object and pupil point (Fermat's principle);
+therefore the sampling of the aperture is independent of the pose of the mirror. For an ideal lens,
+a ray is imaged to the conjugate of its intersection with the plane in focus; a lens made of
+surfaces is traced. One bundle is valid for any focus.
 """
 
 from __future__ import annotations
@@ -23,64 +23,64 @@ from .pupil import Pupil
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NEAR = 1e6  # mm, in place of an infinite distance where it is not asked for
-STEP = 1e-4  # radians; central differences of the mapping then err by 1e-8
+NEAR = 1e6  # mm, replaces an infinite distance if a finite one is required
+STEP = 1e-4  # radians; the error of the central differences is then 1e-8
 
 
 @dataclass(frozen=True)
 class Bundles:
     """Rays of k objects through n points of the aperture, in the camera frame.
 
-    Lengths in mm; the azimuth counts from image right towards image bottom.
+    Lengths in mm; the azimuth is measured from image right towards image bottom.
     """
 
     sensor: Sensor
     omega_deg: Array
-    """(k,) field angles of the objects from the direction back past the lens, as the chief rays see them."""
+    """Field angles (k,) of the chief rays, from the direction back past the lens."""
     azimuth_deg: Array
-    """(k,)"""
+    """Azimuths (k,)."""
     object_distance_mm: Array
-    """(k,) from the chief ray's mirror point to the object."""
+    """Distances (k,) from the mirror point of the chief ray to the object."""
     pupil: Pupil
-    """n points of the unit disk."""
+    """Sampling with n points of the unit disk."""
     points: Array
-    """(k, n, 3) mirror points; beyond the rim on the mirror's smooth continuation."""
+    """Mirror points (k, n, 3), beyond the rim on the smooth extension of the mirror."""
     to_pupils: Array
-    """(k, n, 3) unit vectors from the mirror to the lens."""
+    """Unit vectors (k, n, 3) from the mirror to the lens."""
     path: Array
-    """(k, n) length of the path of light from the object to the aperture (see :class:`Specular`)."""
+    """Optical path lengths (k, n) from the object to the aperture (see :class:`Specular`)."""
     density: Array
-    """(k, n) light through equal parts of the aperture from a point object, its mean 1."""
+    """Light (k, n) of a point object through equal areas of the aperture, with mean 1."""
     passes: Mask
-    """(k, n) False for rays that an edge blocks: see :meth:`clearances`."""
+    """Mask (k, n), False for vignetted rays: see :meth:`clearances`."""
     chief: Specular
-    """The chief rays (k,)."""
+    """Chief rays (k,)."""
     seen_at: Array
-    """(k, n, 3) points that the lens looks at: the mirror points, or those of a second mirror."""
+    """Points (k, n, 3) on the last mirror before the lens."""
     to_targets: Array
-    """(k, n, 3) unit vectors from the mirror points into the world."""
+    """Unit vectors (k, n, 3) from the mirror points towards the objects."""
 
     def focused_at(self, focus_mm: float) -> Sensor:
-        """The sensor with its lens focused elsewhere."""
+        """Return the sensor with its lens at another focus."""
         return replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
 
     def clearances(self) -> dict[str, Array]:
-        """Return the clearance (k, n), mm, of the rays at every edge, by its name."""
+        """Return the clearances (k, n), mm, of the rays at each edge, by edge name."""
         shape = self.path.shape
         flat = (a.reshape(-1, 3) for a in (self.seen_at, self.points, self.to_pupils, self.to_targets))
         return {name: edge.reshape(shape) for name, edge in self.sensor.optical_train.clearances(*flat).items()}
 
     def image_mm(self, sensor: Sensor) -> Array:
-        """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
+        """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
         return sensor.lens.image_of(self.seen_at - sensor.optical_train.lens_offset, self.to_pupils)
 
     def chief_mm(self, sensor: Sensor) -> Array:
-        """Where (k, 2) the chief rays land, mm from the optical axis."""
+        """Return the chief ray positions (k, 2) on the imager, mm from the optical axis."""
         return sensor.lens.image_of(self.chief.seen_at - sensor.optical_train.lens_offset, self.chief.to_pupils)
 
     def chief_path(self) -> Array:
-        """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
-        path: Array = self.chief.path.copy()  # the chief rays' own object is distant
+        """Return the optical path lengths (k,) of the chief rays, defined like :attr:`path`."""
+        path: Array = self.chief.path.copy()  # the chief rays refer to a distant object
         near = np.isfinite(self.object_distance_mm)
         if near.any():
             distances = np.where(near, self.object_distance_mm, NEAR)
@@ -89,7 +89,7 @@ class Bundles:
         return path
 
     def axes(self) -> Array:
-        """Unit vectors (k, 2, 2) in the unflipped picture: tangential (away from the optical axis), then sagittal."""
+        """Return tangential (outward) and sagittal unit vectors (k, 2, 2) in the image."""
         chief = self.chief_mm(self.sensor)
         away = np.hypot(*chief.T)
         azimuth = np.radians(self.azimuth_deg)
@@ -99,7 +99,7 @@ class Bundles:
         return np.stack([t, np.stack([-t[:, 1], t[:, 0]], axis=-1)], axis=1)
 
     def px_per_deg(self) -> tuple[Array, Array]:
-        """Image (k,), (k,) of one degree of object, tangential and sagittal, px: Dh and Dw of an aligned sensor."""
+        """Return the image size (k,), (k,) of one degree, px: Dh and Dw."""
         omega, azimuth = np.radians(self.omega_deg), np.radians(self.azimuth_deg)
         towards = camera_direction(omega, azimuth)
         outwards = camera_direction(omega + np.pi / 2, azimuth)
@@ -121,14 +121,15 @@ def trace_bundles(
     azimuth_deg: ArrayLike = 0.0,
     object_distance_mm: ArrayLike = np.inf,
 ) -> Bundles:
-    """Bundles of objects at field angles (k,) and azimuths, through the points of a pupil.
+    """Trace bundles of objects at field angles (k,) and azimuths, through the points of a pupil.
 
     Raises
     ------
     OutsideField
-        An object that the sensor does not see, or not through all of its aperture whatever the rim.
+        Object outside the field of view, or not visible through the whole aperture even without the
+        rim.
     InvalidParameter
-        A distance that is not above 0, or an imager that leans.
+        Distance that is not positive, or a tilted imager.
 
     Examples
     --------
@@ -174,7 +175,7 @@ def trace_bundles(
 
 
 def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: Array) -> tuple[Specular, Array]:
-    """Mirror points (k n,) and light (k, n) through the aperture, near and distant objects apart."""
+    """Return mirror points (k n,) and light (k, n) through the aperture."""
     k, n = len(p), len(pupil.points)
     train, mirror = sensor.optical_train, sensor.optical_train.seen_mirror
     parts: list[Specular] = []
@@ -192,6 +193,6 @@ def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: 
 
 
 def _named(omega: Array, azimuth: Array, fine: Mask) -> str:
-    """The first field that is not fine."""
+    """Return a description of the first invalid field point."""
     i = int(np.argmin(fine))
     return f"omega = {omega[i]:.10g} deg at azimuth {azimuth[i]:.10g} deg"

@@ -1,9 +1,10 @@
-"""The wave behind a real lens, as a function of the direction cosines of its rays at the imager.
+"""Wavefront of a real lens, as a function of the direction cosines of its rays at the imager.
 
-Rays cross a wavefront at right angles. Relative to the wave that converges in the chief ray's image point, a ray that
-lands eps beside it is behind by W, which changes from ray to ray by ``dW = -eps . dL``, where L are the direction
-cosines of the rays at the imager. These are also the coordinates in which the wave at the imager is a Fourier integral.
-Through glass both are traced, so that W and L are exact; a table gives them to first order in the aperture.
+Rays are normal to the wavefront. Relative to the reference sphere about the image point of the
+chief ray, a ray with the transverse aberration eps has the phase lag W, with ``dW = -eps . dL``,
+where L are the direction cosines of the rays at the imager. In these coordinates the field at the
+imager is a Fourier integral. For a lens made of surfaces, both are traced, and W and L are exact; a
+table provides them to first order in the aperture.
 """
 
 from __future__ import annotations
@@ -19,25 +20,25 @@ from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, integral, slopes
 
 Array = NDArray[np.float64]
 
-BOUNDARY = 2 * np.pi * np.arange(96) / 96  # azimuths at which the edge of the stop is located
-ROUND = 2e-3  # of the radius: a cone whose section deviates less from an ellipse is integrated as one
+BOUNDARY = 2 * np.pi * np.arange(96) / 96  # azimuths of the edge of the stop
+ROUND = 2e-3  # relative to the radius: largest deviation of a section treated as an ellipse
 
 
 class LightCone(NamedTuple):
-    """Cone of light behind a real lens: its section in direction cosines, scaled to the unit disk."""
+    """Cone of light behind a real lens: section in direction cosines, scaled to the unit disk."""
 
     points: Array
-    """(n, 2) tangential and sagittal coordinates of rays in the section."""
+    """Tangential and sagittal coordinates (n, 2) of rays in the section."""
     shares: Array
-    """(n,) area of the aperture's disk per area of the section's."""
+    """Ratio (n,) of aperture area to section area."""
     f_numbers: tuple[float, float]
     """Tangential and sagittal F-number of the disk."""
     stop: Array | None
-    """(n,) clearance at the edge of the stop, in its radii, where the section is no ellipse; else None."""
+    """Clearance (n,) at the stop edge, in stop radii, for a non-elliptical section, or None."""
 
 
 def check_wave_is_known(lens: FieldLens) -> None:
-    """Raise InvalidParameter for a table that says how large the lens's own blur is: of what shape, it does not say."""
+    """Check that a lens table contains no lens blur of unknown shape."""
     blurs = (lens.own_blur_t_mm, lens.own_blur_s_mm) if isinstance(lens, TabulatedLens) else ()
     if any(blur is not None and any(blur) for blur in blurs):
         raise InvalidParameter(
@@ -47,19 +48,19 @@ def check_wave_is_known(lens: FieldLens) -> None:
 
 
 def phase_of_real_lens(cosines: Array, strayed: Array) -> tuple[Array, Array]:
-    """Return W (k, n), mm, of rays that land (k, n, 2) mm beside their chief rays, and its roughness (k,), mm rms.
+    """Return W (k, n), mm, from transverse aberrations (k, n, 2) mm, and its roughness (k,), mm.
 
-    Roughness is the part of the slopes that polynomials do not follow, divided by the degree of these: a wave of one
-    degree more with such slopes is as rough.
+    The roughness is the residual slope of the polynomial fit divided by its degree, the RMS of a
+    wave of the next degree with this slope.
 
     Parameters
     ----------
     cosines, strayed : (k, n, 2) arrays
-        Direction cosines of the rays at the imager, and their landing places.
+        Direction cosines of the rays at the imager, and their positions relative to the chief rays.
     """
     by = slopes()
     coefficients = np.einsum("tn,knc->ktc", fit(), cosines)
-    # (2, k, n): by the aperture's x and by its y
+    # (2, k, n): derivatives by the x and the y of the aperture
     wanted = np.stack([-np.einsum("knc,nt,ktc->kn", strayed, rate, coefficients, optimize=True) for rate in by])
     k, n = strayed.shape[:2]
     found = np.einsum("tm,km->kt", integral(), wanted.transpose(1, 0, 2).reshape(k, 2 * n))
@@ -77,7 +78,7 @@ def cone_of_light(cosines: Array, at_stop: Array, axes: Array) -> LightCone:
     cosines : (n, 2) array
         Direction cosines at the imager.
     at_stop : (n, 2) array
-        Places in the stop, in its radii.
+        Positions in the stop, in stop radii.
     axes : (2, 2) array
         Unit vectors of the tangential and the sagittal direction.
     """

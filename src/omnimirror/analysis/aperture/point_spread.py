@@ -1,4 +1,4 @@
-"""Point-spread functions: by rays alone, or by the wave that leaves the aperture (diffraction and aberrations)."""
+"""Point-spread functions: geometric, or with diffraction and aberrations of the wavefront."""
 
 from __future__ import annotations
 
@@ -21,44 +21,44 @@ Kind = Literal["diffraction", "geometric"]
 KINDS = ("diffraction", "geometric")
 
 RAYS = 200_000  # of a geometric PSF
-STEPS_PER_AIRY = 6.0  # samples per Airy diameter, unless asked for otherwise
+STEPS_PER_AIRY = 6.0  # default samples per Airy diameter
 MOST_SAMPLES = 2001
-FINE_SAMPLES = 2400  # on each side, at most, when light is counted in rings
+FINE_SAMPLES = 2400  # maximum samples per side of the radial integration
 
 
 @dataclass(frozen=True)
 class Psf:
-    """The image of a point object, sampled on a square about where the chief ray lands.
+    """Point-spread function, sampled on a square about the chief ray.
 
-    Columns run tangentially (away from the optical axis), rows sagittally; at azimuth 0 these are the
-    picture's columns and rows.
+    Columns are tangential (radially outwards), rows sagittal; at azimuth 0 these are the columns
+    and rows of the image.
     """
 
     density: Array
-    """(n, n) share of the light per square pixel; over the whole plane it adds up to 1."""
+    """Light per square pixel (n, n), with unit integral over the plane."""
     offset_px: Array
-    """(n,) tangential offsets of the columns, and sagittal ones of the rows."""
+    """Tangential offsets of the columns and sagittal offsets of the rows (n,)."""
     omega_deg: float
     azimuth_deg: float
     focus_mm: float
     kind: Kind
     ideal_peak: float
-    """Largest density of a perfect wave through the same aperture."""
+    """Peak density of an aberration-free wavefront through the same aperture."""
 
     @property
     def strehl(self) -> float:
-        """Largest density over that of a perfect wave, up to 1; NaN of rays alone, which know no diffraction."""
+        """Return the Strehl ratio, up to 1; NaN for a geometric PSF, which excludes diffraction."""
         if self.kind == "geometric":
             return float("nan")
-        return min(float(self.density.max()) / self.ideal_peak, 1.0)  # above it by rounding alone
+        return min(float(self.density.max()) / self.ideal_peak, 1.0)  # exceeds 1 by rounding only
 
     @property
     def light_within(self) -> float:
-        """Share of the light that lands on the square."""
+        """Return the share of the light on the square."""
         return float(self.density.sum()) * self._step**2
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
-        """Share (r,) of all the light within radii (r,) of the centroid."""
+        """Return the encircled energy (r,) within radii (r,) of the centroid."""
         from scipy.interpolate import RectBivariateSpline
 
         at = self.offset_px
@@ -73,7 +73,7 @@ class Psf:
         return shares
 
     def on_pixels(self) -> Array:
-        """The density (n, n) averaged over a pixel about each place, as the imager samples it."""
+        """Return the density (n, n) averaged over a pixel at each position."""
         nu = np.fft.fftfreq(len(self.offset_px), self._step)
         azimuth = np.radians(self.azimuth_deg)
         u = nu * np.cos(azimuth) - nu[:, None] * np.sin(azimuth)
@@ -98,38 +98,39 @@ def psf(
     width_px: float | None = None,
     step_px: float | None = None,
 ) -> Psf:
-    """The point-spread function of one object.
+    """Compute the point-spread function of one object.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     omega_deg, azimuth_deg, object_distance_mm
-        The object.
+        Field angle, azimuth and distance of the object.
     focus_mm
-        Object distance L0 in focus, the sensor's own by default.
+        Object distance L0 in focus; by default that of the sensor.
     kind
-        ``"diffraction"``: the wave of the aperture with its true phase, defocus and aberrations included;
-        ``"geometric"``: rays alone.
+        ``"diffraction"``: wave optics with the phase of defocus and aberrations; ``"geometric"``:
+        rays only.
     wavelength_nm
-        Of the wave.
+        Wavelength of the light.
     width_px, step_px
-        Side of the square and distance of the samples; by default as large as the spot needs, and a
-        sixth of the Airy disk.
+        Side of the square and sample distance; by default according to the spot size, and 1/6 of
+        the Airy diameter.
 
     Returns
     -------
     Psf
-        The intensity on a grid (k, k) around the chief ray, and what follows from it.
+        Intensity on a grid (k, k) around the chief ray, and derived quantities.
 
     Raises
     ------
     OutsideField, InvalidParameter
-        An object that is not seen; numbers that are not valid.
+        Object outside the field of view; invalid numbers.
 
     Examples
     --------
-    In the middle of its focus a small aperture makes an Airy disk, 84 % of whose light is within its ring:
+    A small aperture in focus produces an Airy disk, with 84 % of the light within the first dark
+    ring:
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-hyperboloidal")
@@ -156,12 +157,13 @@ def psf(
     else:
         density = _by_waves(wave, offset * pitch, wavelength_mm) * pitch**2
     F_t, F_s = wave.f_numbers
+    # Peak of the Airy pattern per area: aperture area / (lambda b)^2 = pi / (4 lambda^2 F_t F_s).
     ideal = np.pi / (4 * wavelength_mm**2 * F_t * F_s) * pitch**2
     return Psf(density, offset, float(omega_deg), float(azimuth_deg), focus, kind, ideal)
 
 
 def _offsets(wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None) -> Array:
-    """Places (n,) px of the samples along each side, symmetric about 0."""
+    """Return sample positions (n,) px along each side, symmetric about 0."""
     _, landing, _ = wave.at(FITTED.points)
     width = 2.6 * float(np.abs(landing).max()) / pitch + 6 * airy
     if width_px is not None:
@@ -178,7 +180,7 @@ def _offsets(wave: Wavefront, pitch: float, airy: float, width_px: float | None,
 
 
 def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
-    """Density (n, n) per square pixel of many rays."""
+    """Return the density (n, n) per square pixel from rays."""
     _, landing, light = wave.at(fibonacci(RAYS).points)
     step = offset[1] - offset[0]
     edges = np.concatenate([offset - step / 2, offset[-1:] + step / 2])
@@ -188,7 +190,7 @@ def _by_rays(wave: Wavefront, offset: Array, pitch: float) -> Array:
 
 
 def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
-    """Density (n, n) per mm^2 of the diffracted wave: its Fourier integral over the disk, row by row."""
+    """Return the density (n, n) per mm^2 of the diffracted wave, a Fourier integral by rows."""
     k = 2 * np.pi / wavelength_mm
     F_t, F_s = wave.f_numbers
     reach = offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2  # fringes across the aperture at the corner
@@ -203,7 +205,7 @@ def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
     field = (area.ravel() * amplitude * np.exp(1j * k * phase)).reshape(nodes, nodes)
     power = float(area.ravel() @ wave.light(points, SOFT / nodes))
     rows = np.empty((nodes, len(offset_mm)), dtype=complex)
-    for i in range(nodes):  # along t, whose nodes differ from row to row
+    for i in range(nodes):  # along t, with nodes that differ between rows
         rows[i] = np.einsum("j,jn->n", field[i], _powers(k * t[i] / (2 * F_t), offset_mm))
     wave_there = np.exp(1j * k * np.outer(offset_mm, y) / (2 * F_s)) @ rows
     density: Array = np.abs(wave_there) ** 2 / (power * (2 * wavelength_mm) ** 2 * F_t * F_s)
@@ -211,7 +213,7 @@ def _by_waves(wave: Wavefront, offset_mm: Array, wavelength_mm: float) -> Array:
 
 
 def _powers(rate: Array, offset: Array) -> NDArray[np.complex128]:
-    """``exp(i rate offset)`` (nodes, n) for evenly spaced offsets, by multiplication."""
+    """Return ``exp(i rate offset)`` (nodes, n) for evenly spaced offsets, by multiplication."""
     powers = np.empty((len(rate), len(offset)), dtype=complex)
     powers[:, 0] = np.exp(1j * rate * offset[0])
     powers[:, 1:] = np.exp(1j * rate * (offset[1] - offset[0]))[:, None]

@@ -1,6 +1,6 @@
-"""Points of the aperture, a unit disk: to draw, to follow light, and to integrate exactly.
+"""Sampling of the aperture, a unit disk: for spot diagrams, densities and exact integration.
 
-The aperture's x and y are those of the unflipped picture, right and down.
+The x and y axes of the aperture are those of the unflipped image, right and down.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ MOST_RINGS = 500
 
 
 class Pupil(NamedTuple):
-    """Points of the unit disk, and the share of its area that each stands for."""
+    """Points of the unit disk with their relative areas."""
 
     points: Array
-    """(n, 2)"""
+    """Points (n, 2)."""
     weights: Array
-    """(n,), together 1"""
+    """Weights (n,) with sum 1."""
 
 
 def hexapolar(rings: int) -> Pupil:
-    """The centre and 6, 12, 18 .. points on rings, the outermost on the edge: for spot diagrams.
+    """Return the centre and 6, 12, 18 ... points on rings, for spot diagrams.
 
     >>> pupil = hexapolar(2)
     >>> len(pupil.points), pupil.weights.sum().round(12)
@@ -37,13 +37,13 @@ def hexapolar(rings: int) -> Pupil:
     ring = np.repeat(np.arange(rings + 1), [1, *(6 * np.arange(1, rings + 1))])
     place = np.concatenate([[0.0], *(np.arange(6 * j) / (6 * j) for j in range(1, rings + 1))])
     radius, phi = ring / rings, 2 * np.pi * place
-    borders = np.clip((np.arange(rings + 2) - 0.5) / rings, 0, 1)  # half way to the neighbouring rings
+    borders = np.clip((np.arange(rings + 2) - 0.5) / rings, 0, 1)  # halfway to the neighbouring rings
     area = np.diff(borders**2) / np.maximum(6 * np.arange(rings + 1), 1)
     return Pupil(np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1), area[ring])
 
 
 def fibonacci(count: int) -> Pupil:
-    """Points on a spiral, each for the same area: for densities.
+    """Return points on a spiral with equal areas, for densities.
 
     >>> fibonacci(100).points.shape
     (100, 2)
@@ -57,7 +57,7 @@ def fibonacci(count: int) -> Pupil:
 
 
 def gaussian(rings: int) -> Pupil:
-    """Rings and spokes that integrate polynomials over the disk exactly (Gauss in the square of the radius).
+    """Return rings and spokes for exact integration of polynomials (Gauss in the squared radius).
 
     >>> x, y = gaussian(4).points.T
     >>> float(gaussian(4).weights @ (x**4 * y**2)).__round__(12)  # 1/64

@@ -1,4 +1,4 @@
-"""Functions of the aperture as polynomials: what few hundred rays through it are fitted with."""
+"""Polynomial fits of functions of the aperture to a few hundred rays."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from .pupil import gaussian
 
 Array = NDArray[np.float64]
 
-RINGS = 12  # of the pupil that is fitted
+RINGS = 12  # of the fitted pupil
 DEGREE = 10
 
 FITTED = gaussian(RINGS)
-"""The pupil whose rays are fitted."""
+"""Pupil of the fitted rays."""
 
 
 def basis(points: Array) -> Array:
-    """Products of Chebyshev polynomials (n, terms) up to :data:`DEGREE` at points (n, 2) of the disk."""
+    """Return products of Chebyshev polynomials (n, terms) at points (n, 2) of the disk."""
     x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
     i, j = orders()
     return x[:, i] * y[:, j]
 
 
 def orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Orders (terms,), (terms,) in x and y of the products."""
+    """Return the orders (terms,), (terms,) in x and y of the products."""
     i, j = np.indices((DEGREE + 1, DEGREE + 1)).reshape(2, -1)
     low = i + j <= DEGREE
     return i[low], j[low]
@@ -34,12 +34,12 @@ def orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @cache
 def fit() -> Array:
-    """Return the map from values at the fitted pupil to coefficients of least squares, (terms, n)."""
+    """Return the linear map (terms, n) from values at the fitted pupil to coefficients."""
     return fitted_at(FITTED.points)
 
 
 def fitted_at(points: Array) -> Array:
-    """Return the map (terms, n) from values at points (n, 2), the fitted pupil's displaced, to their coefficients."""
+    """Return the linear map (terms, n) from values at displaced points (n, 2) to coefficients."""
     root = np.sqrt(FITTED.weights)
     inverse = np.linalg.pinv(root[:, None] * basis(points)) * root
     return inverse.astype(np.float64)
@@ -47,7 +47,7 @@ def fitted_at(points: Array) -> Array:
 
 @cache
 def slopes() -> tuple[Array, Array]:
-    """Derivatives (n, terms), (n, terms) of the products by x and by y at the fitted pupil."""
+    """Return derivatives (n, terms), (n, terms) of the products by x and y at the fitted pupil."""
     turned = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
     (x, y), (dx, dy) = (
         [make(c) for c in FITTED.points.T]
@@ -64,7 +64,7 @@ def slopes() -> tuple[Array, Array]:
 
 @cache
 def integral() -> Array:
-    """What maps derivatives by x and by y at the fitted pupil, one after the other, to coefficients, (terms, 2 n)."""
+    """Return the linear map (terms, 2 n) from x and y derivatives to coefficients."""
     root = np.tile(np.sqrt(FITTED.weights), 2)
     inverse: Array = np.linalg.pinv(root[:, None] * np.concatenate(slopes())) * root
     return inverse

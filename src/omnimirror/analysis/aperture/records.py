@@ -1,4 +1,4 @@
-"""Results that are tables: written as CSV or JSON."""
+"""Tabular results with CSV and JSON output."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ...base.files import write_json, write_text
 
 
 class Recorded(ABC):
-    """A result that can be told as records of the same names."""
+    """Result that consists of uniform records."""
 
     @abstractmethod
     def records(self) -> list[dict[str, float]]:
-        """The records, by the names of the vocabulary."""
+        """Return the records, with quantity names as keys."""
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a line per record, ten significant digits each."""
+        """Write one CSV line per record, with ten significant digits."""
         records = self.records()
         lines = [",".join(records[0]), *(",".join(f"{v:.10g}" for v in record.values()) for record in records)]
         write_text(path, "\n".join(lines) + "\n")
 
     def to_json(self, path: str | Path) -> None:
-        """Write a list of objects; what is not known is null."""
+        """Write a JSON list of objects; unknown values are null."""
         write_json(path, self.records())

@@ -1,4 +1,4 @@
-"""How bright an evenly lit world appears over the field."""
+"""Relative illumination over the field, for objects of uniform radiance."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from .records import Recorded
 Array = NDArray[np.float64]
 
 RINGS = 24
-FINE_RINGS = 48  # where the rim cuts the aperture
+FINE_RINGS = 48  # for an aperture vignetted by the rim
 CHIEF = Pupil(np.zeros((1, 2)), np.ones(1))
 
 
 @dataclass(frozen=True)
 class Illumination(Recorded):
-    """Illumination of the imager at k field angles, by an object of the same radiance everywhere."""
+    """Illumination of the imager at k field angles, by an object of uniform radiance."""
 
     omega_deg: Array
-    """(k,)"""
+    """Field angles (k,)."""
     azimuth_deg: Array
-    """(k,)"""
+    """Azimuths (k,)."""
     irradiance_sr: Array
-    """(k,) irradiance of the imager per radiance of the object, steradians."""
+    """Irradiance of the imager per radiance of the object (k,), steradians."""
     relative: Array
-    """(k,) against a pixel on the optical axis that sees the same mirror at normal incidence."""
+    """Irradiance (k,) relative to a pixel on the axis with the mirror at normal incidence."""
     reflectance: Array
-    """(k,) mean R(gamma) over the aperture, of the light that the mirror catches."""
+    """Mean R(gamma) over the aperture (k,), of the light on the mirror."""
     filled: Array
-    """(k,) unvignetted share of the aperture; below 1 where the rim, the lens or the housing blocks rays."""
+    """Unvignetted share of the aperture (k,), after blocking by rim, lens and housing."""
 
     def records(self) -> list[dict[str, float]]:
-        """One record per field angle."""
+        """Return one record per field angle."""
         names = ("omega_deg", "azimuth_deg", "irradiance_sr", "relative", "reflectance", "filled")
         rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
         return [dict(zip(names, row, strict=True)) for row in rows]
@@ -56,37 +56,39 @@ def illumination(
     reflectivity: Reflectivity = 1.0,
     transmission: float = 1.0,
 ) -> Illumination:
-    """Illumination over the field: ``E = L T integral of R(gamma) cos^4 dA / b0^2`` over the aperture.
+    """Compute the illumination over the field, ``E = L T integral of R(gamma) cos^4 dA / b0^2``.
 
-    The angle of the cosine is that of each ray at the imager, and R that at the mirror: rays are traced from the
-    pixel outwards through every part of the aperture, a flat disk as everywhere here; those that miss the mirror or
-    that lens or housing block contribute nothing. On the axis this is ``pi L T R sin^2(u)`` with
-    ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine condition has ``sin(u) = 1/(2 F_w)`` instead and gets
-    1/(4 F_w^2) of it more: 1.4 % at F/4, 11 % at F/1.4. Radiance is conserved by mirrors, so the image area of a
-    degree (the paper's Ds) does not enter. What a cover reflects (Fresnel's formulas, both sides) is lost.
+    The cosine refers to the angle of each ray at the imager, R to that at the mirror: rays are
+    traced from the pixel outwards through every part of the aperture, modelled as a flat disk; rays
+    that miss the mirror or are blocked by lens or housing contribute 0. On the axis this is ``pi L
+    T R sin^2(u)`` with ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine condition has ``sin(u) =
+    1/(2 F_w)`` instead and therefore a relative excess of 1/(4 F_w^2): 1.4 % at F/4, 11 % at F/1.4.
+    Mirrors conserve radiance; therefore the image area of a degree (Ds in the paper) has no effect.
+    Reflections at both sides of a cover (Fresnel equations) are losses.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     omega_deg : (n,), optional
-        Field angles, deg; every 5 deg seen by default.
+        Field angles, deg; by default every 5 deg of the field.
     azimuth_deg : scalar or (n,)
-        Direction in the picture, deg from right towards bottom.
+        Direction in the image, deg from right towards bottom.
     reflectivity
-        A number, a metal's ``n + 1j k``, or one of :data:`omnimirror.optics.mirrors.reflectivity.METALS`.
+        Constant, complex refractive index ``n + 1j k`` of a metal, or one of
+        :data:`omnimirror.optics.mirrors.reflectivity.METALS`.
     transmission
-        T of the lens.
+        Transmittance T of the lens.
 
     Returns
     -------
     Illumination
-        Irradiance per radiance (sr) and its share of the largest, (n,).
+        Irradiance per radiance (sr) and its ratio to the maximum, (n,).
 
     Raises
     ------
     OutsideField, InvalidParameter
-        A field angle that is not seen; numbers that are not valid.
+        Field angle outside the field of view; invalid numbers.
 
     Examples
     --------
@@ -105,11 +107,12 @@ def illumination(
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
     height = chief.chief_mm(sensor)
     light, reflected, filled = _through(sensor, height, gaussian(RINGS), reflectivity)
-    if (cut := filled < 1 - 1e-12).any():  # by the rim's edge, which more rays follow better
+    if (cut := filled < 1 - 1e-12).any():  # vignetted by the edge of the rim, which requires more rays
         for whole, part in zip(
             (light, reflected, filled), _through(sensor, height[cut], gaussian(FINE_RINGS), reflectivity), strict=True
         ):
             whole[cut] = part
+    # Area of the aperture over the squared image distance: pi (D/2)^2 / b0^2 = pi / (4 F_w^2).
     open_aperture = np.pi * transmission / (4 * sensor.lens.image_f_number() ** 2)
     pupil = gaussian(RINGS)
     on_axis = normal * float(sensor.lens.falloff(np.zeros_like(pupil.points), pupil.points) @ pupil.weights)
@@ -119,7 +122,7 @@ def illumination(
 
 
 def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflectivity) -> tuple[Array, Array, Array]:
-    """Light, reflectance and share of the aperture (k,) that reach image points (k, 2) mm, each summed over it."""
+    """Return light, reflectance and unvignetted share (k,) of image points (k, 2) mm."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
     train = sensor.optical_train

@@ -1,4 +1,4 @@
-"""Spot diagrams: where the rays of one object land, at one focus or through many."""
+"""Spot diagrams: ray intersections with the imager for one object, in focus or through focus."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ RINGS = 12
 
 @dataclass(frozen=True)
 class Spots(Recorded):
-    """Spots of k objects at m focuses, n rays each, in pixels from where the chief ray lands.
+    """Spot diagrams of k objects at m foci with n rays each, in pixels from the chief ray.
 
-    Tangential is away from the optical axis in the picture, sagittal across it; their signs are those of
-    the unflipped picture turned so that the spot lies to the right of its axis.
+    Tangential is radially outwards in the image, sagittal perpendicular to it; signs refer to the
+    unflipped image, rotated to place the spot to the right of the axis.
     """
 
     bundles: Bundles
     focus_mm: Array
-    """(m,) object distances L0 in focus."""
+    """Object distances L0 in focus (m,)."""
     t_px: Array
-    """(k, m, n)"""
+    """Tangential offsets (k, m, n)."""
     s_px: Array
-    """(k, m, n)"""
+    """Sagittal offsets (k, m, n)."""
     weights: Array
-    """(k, n) share of the light in each ray, together 1; 0 for blocked rays, so that an object whose rays are all
-    blocked has weights, radii and extents of 0."""
+    """Relative light of each ray (k, n), with sum 1; 0 for blocked rays. An object with only
+    blocked rays has weights, radii and extents of 0.
+    """
     chief_px: Array
-    """(k, m) distance from the optical axis of where the chief ray lands."""
+    """Distance of the chief ray from the optical axis (k, m)."""
 
     def __repr__(self) -> str:
         k, m, n = self.t_px.shape
@@ -46,30 +47,30 @@ class Spots(Recorded):
 
     @property
     def omega_deg(self) -> Array:
-        """Field angles (k,)."""
+        """Return the field angles (k,)."""
         return self.bundles.omega_deg
 
     @property
     def filled(self) -> Array:
-        """Unvignetted share (k,) of the aperture: of rays that mirror, lens and housing let through."""
+        """Return the unvignetted share (k,) of the aperture."""
         share: Array = self.bundles.passes @ self.bundles.pupil.weights
         return share
 
     def centroid_px(self) -> tuple[Array, Array]:
-        """Tangential and sagittal centroids (k, m) from the chief ray."""
+        """Return tangential and sagittal centroids (k, m) relative to the chief ray."""
         return self._mean(self.t_px), self._mean(self.s_px)
 
     def rms_px(self) -> tuple[Array, Array]:
-        """Root-mean-square tangential and sagittal radii (k, m) about the centroid."""
+        """Return RMS tangential and sagittal radii (k, m) about the centroid."""
         t, s = (self._mean((a - self._mean(a)[..., None]) ** 2) for a in (self.t_px, self.s_px))
         return np.sqrt(t), np.sqrt(s)
 
     def rms_radius_px(self) -> Array:
-        """Root-mean-square radius (k, m) about the centroid."""
+        """Return the RMS radius (k, m) about the centroid."""
         return np.hypot(*self.rms_px())
 
     def extent_px(self) -> tuple[Array, Array]:
-        """Full tangential and sagittal widths (k, m) of all rays that pass; 0 where none does."""
+        """Return the full tangential and sagittal widths (k, m) of unvignetted rays, 0 if none."""
         passes = self.bundles.passes[:, None, :]
         t, s = (
             np.max(a, axis=-1, where=passes, initial=-np.inf) - np.min(a, axis=-1, where=passes, initial=np.inf)
@@ -78,9 +79,9 @@ class Spots(Recorded):
         return np.maximum(t, 0.0), np.maximum(s, 0.0)
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
-        """Share (k, m, r) of the light within radii (r,) of the centroid, by rays alone.
+        """Return the encircled energy (k, m, r) within radii (r,) of the centroid, from rays only.
 
-        :meth:`omnimirror.analysis.Psf.encircled_energy` has diffraction too.
+        :meth:`omnimirror.analysis.Psf.encircled_energy` includes diffraction.
         """
         t, s = (a - c[..., None] for a, c in zip((self.t_px, self.s_px), self.centroid_px(), strict=True))
         within = np.hypot(t, s)[..., None] <= np.asarray(radius_px, dtype=float)
@@ -88,7 +89,7 @@ class Spots(Recorded):
         return energy
 
     def records(self) -> list[dict[str, float]]:
-        """One record per object and focus: widths, radii and centroids."""
+        """Return one record per object and focus: widths, radii and centroids."""
         shape = len(self.omega_deg), len(self.focus_mm)
         (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
         columns = {
@@ -101,7 +102,7 @@ class Spots(Recorded):
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
-        # rays that miss a surface of the lens land nowhere and have no weight
+        # rays that miss a lens surface have no position and no weight
         mean: Array = np.einsum("kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0))
         return mean
 
@@ -115,34 +116,34 @@ def spots(
     object_distance_mm: ArrayLike = np.inf,
     pupil: Pupil | None = None,
 ) -> Spots:
-    """Spot diagrams of point objects, by real rays through the whole aperture.
+    """Compute spot diagrams of point objects, from real rays through the whole aperture.
 
     Parameters
     ----------
     sensor
-        Its mirror may be decentred and tilted.
+        Sensor; its mirror may be decentred and tilted.
     omega_deg : (n,), optional
-        Field angles, deg; every 15 deg seen by default.
+        Field angles, deg; by default every 15 deg of the field.
     focus_mm : (m,)
-        Object distances L0 in focus, for spots through focus; the sensor's own by default.
+        Object distances L0 in focus, for through-focus spots; by default that of the sensor.
     azimuth_deg : scalar or (k,)
         Directions of the objects, from image right towards image bottom.
     object_distance_mm : scalar or (k,)
-        From the chief ray's mirror point to the object.
+        Object distance from the mirror point of the chief ray.
     pupil
-        From :mod:`omnimirror.analysis.aperture.pupil`; a hexapolar one of 12 rings by default.
+        Pupil from :mod:`omnimirror.analysis.aperture.pupil`; by default hexapolar with 12 rings.
 
     Returns
     -------
     Spots
-        Where every ray meets the imager, (n, k, rays, 2) px, for k focus distances.
+        Intersections of all rays with the imager, (n, k, rays, 2) px, for k focus distances.
 
     Raises
     ------
     OutsideField
-        A field angle that is not seen.
+        Field angle outside the field of view.
     InvalidParameter
-        A distance or focus that is not valid, or no field angles for a misaligned sensor.
+        Invalid distance or focus, or missing field angles for a misaligned sensor.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Modulation transfer: how much contrast of a fine pattern is left, tangentially and sagittally.
+"""Modulation transfer function (MTF), tangential and sagittal.
 
-Diffraction MTF is the autocorrelation of the aperture with its true phase; geometric MTF the Fourier
-transform of the spot. Both can be multiplied by the MTF of the square pixel.
+The diffraction MTF is the autocorrelation of the aperture with its phase, the geometric MTF the
+Fourier transform of the spot. Both can be multiplied by the MTF of the square pixel.
 """
 
 from __future__ import annotations
@@ -25,54 +25,55 @@ from .wavefront import Wavefront, wavefronts
 Array = NDArray[np.float64]
 
 FINEST = 1e6  # cycles per pixel
-CELLS = (512, 2048)  # per side, of the grid on which an aperture that an edge cuts is summed: at least, at most
-CELLS_PER_WAVE = 12  # of the phase over the aperture
-FREQUENCIES = 51  # from 0 to 1 cycle per pixel, unless asked for otherwise
+CELLS = (512, 2048)  # minimum and maximum cells per side of the grid of a vignetted aperture
+CELLS_PER_WAVE = 12  # per wavelength of the phase over the aperture
+FREQUENCIES = 51  # default samples from 0 to 1 cycle per pixel
 
 
 @dataclass(frozen=True)
 class Mtf(Recorded):
-    """Modulation transfer at k field angles and f spatial frequencies.
+    """Modulation transfer function at k field angles and f spatial frequencies.
 
-    Tangential: of a pattern that varies away from the optical axis in the picture; sagittal: across.
+    Tangential: for modulation along the radial direction in the image; sagittal: perpendicular to
+    it.
     """
 
     omega_deg: Array
-    """(k,)"""
+    """Field angles (k,)."""
     azimuth_deg: Array
-    """(k,)"""
+    """Azimuths (k,)."""
     focus_mm: float
     cycles_per_px: Array
-    """(f,) spatial frequencies."""
+    """Spatial frequencies (f,)."""
     tangential: Array
-    """(k, f); 0 where all light is blocked."""
+    """Tangential MTF (k, f); 0 for fully blocked light."""
     sagittal: Array
-    """(k, f)"""
+    """Sagittal MTF (k, f)."""
     pixel_pitch_um: float
     px_per_deg_t: Array
-    """(k,) image of a degree of the object, away from the optical axis."""
+    """Radial image size of one object degree (k,)."""
     px_per_deg_s: Array
-    """(k,) image of a degree of the object, across."""
+    """Azimuthal image size of one object degree (k,)."""
     kind: Kind
     with_pixel: bool
 
     @property
     def line_pairs_per_mm(self) -> Array:
-        """The frequencies (f,) at the imager."""
+        """Return the frequencies (f,) on the imager."""
         return self.cycles_per_px / (self.pixel_pitch_um * 1e-3)
 
     @property
     def cycles_per_deg_t(self) -> Array:
-        """The frequencies (k, f) in the object, of tangential patterns."""
+        """Return the object frequencies (k, f) of tangential patterns."""
         return self.px_per_deg_t[:, None] * self.cycles_per_px
 
     @property
     def cycles_per_deg_s(self) -> Array:
-        """The frequencies (k, f) in the object, of sagittal patterns."""
+        """Return the object frequencies (k, f) of sagittal patterns."""
         return self.px_per_deg_s[:, None] * self.cycles_per_px
 
     def first(self, count: int) -> Mtf:
-        """The same at the first ``count`` frequencies only."""
+        """Return the MTF at the first ``count`` frequencies."""
         return replace(
             self,
             cycles_per_px=self.cycles_per_px[:count],
@@ -81,7 +82,7 @@ class Mtf(Recorded):
         )
 
     def records(self) -> list[dict[str, float]]:
-        """One record per field angle and frequency, in all three units of frequency."""
+        """Return one record per field angle and frequency, in all three units of frequency."""
         columns = {
             "omega_deg": self.omega_deg[:, None], "azimuth_deg": self.azimuth_deg[:, None],
             "cycles_per_px": self.cycles_per_px, "lp_per_mm": self.line_pairs_per_mm,
@@ -105,36 +106,36 @@ def mtf(
     weights: ArrayLike | None = None,
     pixel: bool = True,
 ) -> Mtf:
-    """Tangential and sagittal MTF over the field.
+    """Compute tangential and sagittal MTF over the field.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     omega_deg : (n,), optional
-        Field angles, deg; every 15 deg seen by default.
+        Field angles, deg; by default every 15 deg of the field.
     cycles_per_px : (k,), optional
-        Spatial frequencies; 0 to 1 by default.
+        Spatial frequencies; by default 0 to 1.
     focus_mm
-        Object distance L0 in focus, the sensor's own by default.
+        Object distance L0 in focus; by default that of the sensor.
     azimuth_deg, object_distance_mm : scalar or (k,)
-        The objects.
+        Azimuths and distances of the objects.
     kind
-        ``"diffraction"``, defocus and aberrations included, or ``"geometric"``.
+        ``"diffraction"``, including defocus and aberrations, or ``"geometric"``.
     wavelength_nm, weights : scalar or (w,)
-        Wavelengths and their shares of the light, equal ones by default.
+        Wavelengths and their relative weights, equal by default.
     pixel
-        Whether to multiply by the MTF of the square pixel.
+        Multiply by the MTF of the square pixel.
 
     Returns
     -------
     Mtf
-        Tangential and sagittal, (n, k), with their scales.
+        Tangential and sagittal MTF, (n, k), with their scales.
 
     Raises
     ------
     OutsideField, InvalidParameter
-        A field angle that is not seen; numbers that are not valid.
+        Field angle outside the field of view; invalid numbers.
 
     Examples
     --------
@@ -172,12 +173,14 @@ def mtf(
 
 
 def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
-    """Return the optical transfer (f,) at frequencies (f,), cycles per mm: the autocorrelation of the aperture.
+    """Return the optical transfer function (f,) at frequencies (f,), cycles per mm: the
+    autocorrelation of the aperture.
 
-    ``axis`` 0 is tangential, 1 sagittal. The whole aperture and its copy overlap in a lens-shaped region, whose rows
-    are integrated by Gauss's rule; an aperture that an edge cuts is summed on a grid.
+    ``axis`` 0 is tangential, 1 sagittal. The overlap of the full aperture and its shifted copy is
+    lens-shaped and integrated by rows with Gauss-Legendre quadrature; a vignetted aperture is
+    summed on a grid.
     """
-    shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in radii of the aperture
+    shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in aperture radii
     if wave.is_cut:
         return _grid_otf(wave, shift, axis, wavelength_mm)
     nodes = wave.nodes(wavelength_mm)
@@ -200,11 +203,12 @@ def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: fl
 
 
 def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
-    """Return the optical transfer (f,) at shifts (f,), in radii, of an aperture that an edge cuts.
+    """Return the optical transfer function (f,) at shifts (f,), in radii, of a vignetted aperture.
 
-    The autocorrelation of a grid by its Fourier transform, with a spline between shifts by whole cells. Edges are
-    softened over one cell, so that amplitudes add up to those of sharp edges; the light, their square, is added up
-    apart. The mean slope of the phase is taken out first: of the autocorrelation, it is a phase factor.
+    The autocorrelation of a grid is computed by FFT, with spline interpolation between integer
+    shifts. Edges are softened over one cell, which preserves the sum of the amplitudes; the sum of
+    the light, their square, is computed separately. The mean slope of the phase is removed first;
+    it is a phase factor of the autocorrelation.
     """
     from scipy.interpolate import CubicSpline
 
@@ -226,7 +230,7 @@ def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) ->
 
 
 def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.complex128]:
-    """Optical transfer (f,) of the spot alone at frequencies (f,), cycles per mm."""
+    """Return the geometric optical transfer function (f,) at frequencies (f,), cycles per mm."""
     _, landing, _ = wave.at(FITTED.points)
     cycles = float(np.ptp(landing[:, axis])) * float(per_mm.max(initial=0.0))
     pupil = gaussian(int(np.clip(12 + 2 * cycles, 16, 200)))
@@ -247,19 +251,19 @@ def _all_light(wave: Wavefront, nodes: int) -> float:
 
 
 def _points(place: tuple[Array, Array], axis: int) -> Array:
-    """Points (n, 2) of the aperture at coordinates along and across an axis."""
+    """Return points (n, 2) of the aperture from coordinates along and perpendicular to an axis."""
     return np.stack(place if axis == 0 else place[::-1], axis=-1).reshape(-1, 2)
 
 
 def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
-    """MTF (2, k, f) of the square pixel along the tangential and the sagittal direction of each field."""
+    """Return the pixel MTF (2, k, f) in the tangential and sagittal directions."""
     along = bundles.axes().transpose(1, 0, 2)[:, :, None, :] * nu[:, None]
     transfer: Array = np.abs(np.sinc(along)).prod(axis=-1)
     return transfer
 
 
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
-    """Wavelengths and their shares, together 1."""
+    """Return wavelengths and their weights, with sum 1."""
     waves = row("wavelength_nm", wavelength_nm)
     shares = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(shares) != len(waves):

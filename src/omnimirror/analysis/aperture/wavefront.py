@@ -1,11 +1,11 @@
-"""What the aperture does to the light of one object: phase, landing places, brightness, and edges that block light.
+"""Wavefront of one object over the aperture: phase, aberrations, light density and edges.
 
-Rays through a few hundred points of the aperture are fitted with polynomials, smooth as these functions
-are, and from then on everything can be integrated exactly. The phase is the length of the path of light
-less that of a wave that would meet in the chief ray's image point (an ideal thin lens adds the same to
-both); its slopes are the ray's landing place: ``dW/d(rho) = -eps / (2 F)`` with the working F-number of
-that direction. Of a real lens these slopes are what is known, and the phase is their integral
-(:mod:`.lens_phase`).
+Rays through a few hundred points of the aperture are fitted with polynomials, which can then be
+integrated exactly because these functions are smooth. The phase is the optical path length minus
+that of the reference wave to the image point of the chief ray (an ideal thin lens contributes
+equally to both); its slopes are the transverse aberrations: ``dW/d(rho) = -eps / (2 F)`` with the
+working F-number in that direction. For a real lens these slopes are known, and the phase is their
+integral (:mod:`.lens_phase`).
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from .pupil_fit import DEGREE, FITTED, basis, fit, fitted_at, orders, slopes
 
 Array = NDArray[np.float64]
 
-SOFT = 5.0  # over nodes: width of softened edges in radii, the largest distance between neighbouring nodes
-CUT_NODES = 128  # per side, of integrals over an aperture that an edge cuts
-MANY = 4096  # points at which products of matrices are worth their start
-CLEAR_OF = 0.1  # of the range of its clearance: an edge that all rays pass by more does not cut the aperture
-ROUGHEST = 0.02  # of a wavelength of 550 nm: an rms misfit of the phase beyond this is refused
-PHASE, LANDING, DENSITY, EDGES = 0, (1, 2), 3, 4  # columns of what is fitted; edges from the last on
+SOFT = 5.0  # divided by the nodes: width of softened edges in radii, the largest distance of neighbouring nodes
+CUT_NODES = 128  # per side, of integrals over a vignetted aperture
+MANY = 4096  # points for which matrix products justify BLAS
+CLEAR_OF = 0.1  # relative to the range of its clearance: an edge with a larger clearance of all rays does not vignette
+ROUGHEST = 0.02  # wavelengths of 550 nm: largest rms residual of the phase
+PHASE, LANDING, DENSITY, EDGES = 0, (1, 2), 3, 4  # fitted columns; edges from the last index
 
 
 @dataclass(frozen=True)
 class Wavefront:
-    """The aperture's effect on one object, as functions of the aperture's tangential and sagittal coordinates.
+    """Wavefront of one object, as functions of the tangential and sagittal aperture coordinates.
 
     Attributes
     ----------
     coefficients : (terms, 4 + edges)
-        Of phase W (mm), landing place t and s (mm from the chief ray), density of light, and the clearance (mm) at
-        each edge that cuts the aperture.
+        Coefficients of phase W (mm), position t and s (mm from the chief ray), light density, and
+        the clearance (mm) at each vignetting edge.
     f_numbers
         Working F-numbers of the cone of light at the imager, tangential and sagittal.
     """
@@ -50,32 +50,32 @@ class Wavefront:
     f_numbers: tuple[float, float]
 
     def at(self, points: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return phase (n,) mm, landing places (n, 2) mm and light (n,) at points (n, 2) of the disk.
+        """Return phase (n,) mm, positions (n, 2) mm and light (n,) at points (n, 2) of the disk.
 
-        No light passes where an edge blocks it. Its shadow may be softened over a part of the aperture's radius, so
-        that sums over points as far apart as that do not jump.
+        Vignetted points have no light. The edge may be softened over a fraction of the aperture
+        radius, for continuous sums over points at this distance.
         """
         x, y = self._polynomials(points)
         t, s = (self._value(column, x, y) for column in LANDING)
         return self._value(PHASE, x, y), np.stack([t, s], axis=-1), self._light(x, y, soft)
 
     def light(self, points: Array, soft: float = 0.0) -> Array:
-        """Return the light (n,) at points (n, 2); its integral over a softened edge is that over a sharp one."""
+        """Return the light (n,) at points (n, 2); softening an edge preserves its integral."""
         return self._light(*self._polynomials(points), soft)
 
     def phase_and_amplitude(self, points: Array, soft: float = 0.0) -> tuple[Array, Array]:
-        """Return phase (n,) mm and amplitude (n,), whose integral over a softened edge is that over a sharp one."""
+        """Return phase (n,) mm and amplitude (n,); softening an edge preserves its integral."""
         x, y = self._polynomials(points)
         light = np.maximum(self._value(DENSITY, x, y), 0.0)
         return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
 
     def on_grid(self, centres: Array) -> tuple[Array, Array, Array]:
-        """Return phase, mm, density of light and open share of the cells of a square grid, (n, n) by t and s.
+        """Return phase, mm, light density and open share of a square grid, (n, n) by t and s.
 
         Parameters
         ----------
         centres : (n,) array
-            Coordinates of the cells' centres, evenly spaced.
+            Coordinates of the cell centres, evenly spaced.
         """
         polynomials, cell = np.polynomial.chebyshev.chebvander(centres, DEGREE), centres[1] - centres[0]
         phase, density, *edges = (
@@ -88,17 +88,17 @@ class Wavefront:
 
     @property
     def _edges(self) -> range:
-        """Columns of the edges."""
+        """Return the column indices of the edges."""
         return range(EDGES, self.coefficients.shape[1])
 
     def _square(self, column: int) -> Array:
-        """Coefficients (orders, orders) of a fitted function, by orders in t and in s."""
+        """Return the coefficients (orders, orders) of a fitted function by orders in t and s."""
         square = np.zeros((DEGREE + 1, DEGREE + 1))
         square[orders()] = self.coefficients[:, column]
         return square
 
     def _polynomials(self, points: Array) -> tuple[Array, Array]:
-        """Chebyshev polynomials (n, orders), (n, orders) of tangential and of sagittal coordinates."""
+        """Return Chebyshev polynomials (n, orders), (n, orders) of both coordinates."""
         t, s = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
         return t, s
 
@@ -107,7 +107,7 @@ class Wavefront:
         return light
 
     def _transmission(self, x: Array, y: Array, soft: float) -> Array:
-        """Return 1 (n,) where all edges let light pass and 0 where one blocks it, with a ramp over softened edges."""
+        """Return the transmission (n,) of all edges: 1 or 0, with a ramp over softened edges."""
         passed = np.ones(len(x))
         for column, slope in zip(self._edges, self._edge_slopes, strict=True):
             clearance = self._value(column, x, y)
@@ -115,16 +115,16 @@ class Wavefront:
         return passed
 
     def _value(self, column: int, x: Array, y: Array) -> Array:
-        """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
+        """Return a fitted function (n,) from Chebyshev polynomials (n, orders) in t and s."""
         square = self._square(column)
-        # for few points waking BLAS's threads takes longer than the product
+        # for few points, starting BLAS threads takes longer than the product
         along = x @ square if len(x) > MANY else np.einsum("ni,ij->nj", x, square)
         value: Array = np.einsum("nj,nj->n", along, y)
         return value
 
     @cached_property
     def _edge_slopes(self) -> list[float]:
-        """How fast (mm) the clearance at each edge changes over a radius of the aperture, where it is near 0."""
+        """Return the change (mm) of the clearance per aperture radius at each edge, near 0."""
         found = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in slopes())
@@ -134,26 +134,26 @@ class Wavefront:
 
     @property
     def is_cut(self) -> bool:
-        """Whether an edge blocks some of the aperture."""
+        """Return whether an edge vignettes the aperture."""
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
-        """Nodes per side that integrals over the disk need, for all the waves that cross it."""
+        """Return the nodes per side for integrals over the disk, according to the phase range."""
         return int(np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_cut else 32, 400))
 
     def waves(self, wavelength_mm: float) -> float:
-        """Range of the phase over the aperture, in wavelengths."""
+        """Return the range of the phase over the aperture, in wavelengths."""
         phase = basis(FITTED.points) @ self.coefficients[:, PHASE]
         return float(np.ptp(phase)) / wavelength_mm
 
 
 def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
-    """The wavefront of each of k objects, whose bundles fill the pupil :data:`FITTED`.
+    """Return the wavefronts of k objects, with bundles that fill the pupil :data:`FITTED`.
 
     Raises
     ------
     InvalidParameter
-        If the mirror bends the wave too wildly for polynomials.
+        Wavefront too rough for the polynomial fit.
     """
     sensor = bundles.focused_at(focus_mm)
     turn = bundles.axes()
@@ -194,33 +194,35 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
 
 
 def _softened(clearance: Array, width: Array | float) -> Array:
-    """Return the transmission of an edge that is softened over a width: a ramp from 0 to 1, 0.5 at the edge."""
+    """Return the transmission of an edge with a linear ramp, 0.5 at the edge."""
     ramp: Array = np.clip(0.5 + clearance / width, 0.0, 1.0)
     return ramp
 
 
 def _cuts(clearance: Array) -> bool:
-    """Return whether an edge cuts the aperture, by its clearance (n,) at the points that are fitted."""
+    """Return whether an edge vignettes the aperture, from the clearance (n,) at fitted points."""
     known = clearance[np.isfinite(clearance)]
     return bool(known.size and known.min() < CLEAR_OF * np.ptp(known))
 
 
 def _bounded(clearance: Array) -> Array:
-    """Return a clearance (n,) of which rays that never meet the edge pass it by as much as the best of the others."""
+    """Return a clearance (n,) with the infinite values, of rays that never meet the edge, replaced
+    by the largest finite one.
+    """
     return np.where(np.isposinf(clearance), np.max(clearance, where=np.isfinite(clearance), initial=0.0), clearance)
 
 
 def _misfit(phase: Array) -> Array:
-    """By how much (k,) mm rms polynomials miss phases (k, n)."""
+    """Return the rms residual (k,) in mm of the polynomial fit of phases (k, n)."""
     misfit = phase - np.einsum("nt,tm,km->kn", basis(FITTED.points), fit(), phase, optimize=True)
     return np.asarray(np.sqrt(misfit**2 @ FITTED.weights))
 
 
 def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
-    """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height.
+    """Return tangential and sagittal F-number (F_w / cos^3, F_w / cos) at an image height.
 
-    Where distortion widens the image it narrows the cone as much. The cone of a real lens is that of its rays
-    (:func:`~omnimirror.analysis.aperture.lens_phase.cone_of_light`).
+    Magnification by distortion reduces the cone by the same factor. The cone of a real lens follows
+    from its rays (:func:`~omnimirror.analysis.aperture.lens_phase.cone_of_light`).
     """
     F = sensor.lens.image_f_number()
     if not isinstance(sensor.lens, GaussianLens):
@@ -232,7 +234,7 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
 
 
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
-    """W (k, n), mm: path to each point of the aperture less that from the point in focus that the chief ray aims at."""
+    """Return W (k, n), mm: path to each aperture point minus that of the conjugate point."""
     train = sensor.optical_train
     in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
     pupil, centre = (train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2))))
@@ -244,7 +246,7 @@ def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
 
 
 def _conjugate(sensor: Sensor, image_mm: Array) -> Array:
-    """Points (k, 3) of the plane in focus, from the lens's reference point, that image points (k, 2) belong to."""
+    """Return the conjugates (k, 3) of image points (k, 2) in the plane in focus."""
     lens = sensor.lens
     origins, directions = lens.rays(image_mm, np.zeros_like(image_mm))
     steps = (lens.focus_distance_mm - origins[:, 2]) / directions[:, 2]

@@ -1,4 +1,4 @@
-"""The paper's figures, for any list of sensors."""
+"""Figures of the paper for any list of sensors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class FigureSpec:
-    """A figure: what draws it, and what is printed above and below it."""
+    """Figure with its drawing function, title and caption."""
 
     name: str
     title: str
@@ -122,7 +122,7 @@ FIGURES: dict[str, FigureSpec] = {
         ),
     )
 }
-"""Every figure by its name, in the order of the paper."""
+"""Figures by name, in the order of the paper."""
 
 
 def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -> Figure:
@@ -131,16 +131,16 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     Parameters
     ----------
     name
-        A key of :data:`FIGURES`.
+        Key of :data:`FIGURES`.
     sensors
-        One to six; their names become labels and their order decides their colours.
-    basis
-        :data:`EXACT`, or :data:`PAPER` to compute as the paper does.
+        One to six sensors; their names are used as labels, their order determines the colours.
+    conditions
+        :data:`EXACT`, or :data:`PAPER` for the method of the paper.
 
     Raises
     ------
     InvalidParameter
-        An unknown figure, or too few or too many sensors.
+        Unknown figure, or too few or too many sensors.
 
     Examples
     --------
@@ -168,20 +168,20 @@ def save_all(
     Parameters
     ----------
     which
-        Names of figures; all of them by default.
+        Names of figures; by default all of them.
     progress
-        Called with the name of each figure before it is drawn.
+        Callback with the name of each figure, called before it is drawn.
 
     Returns
     -------
-    The files written, in the order of the figures.
+    Written files, in the order of the figures.
 
     Raises
     ------
     InvalidParameter
-        An unknown figure or format, or too few or too many sensors; before anything is written.
+        Unknown figure or format, or too few or too many sensors; raised before any file is written.
     OmnimirrorError
-        A file cannot be written.
+        File that cannot be written.
     """
     names = list(FIGURES) if which is None else list(dict.fromkeys(which))
     for known, asked, noun in ((FIGURES, names, "figure"), (FORMATS, formats, "format")):

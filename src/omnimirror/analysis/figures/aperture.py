@@ -1,4 +1,4 @@
-"""What the whole aperture makes of points: spots, PSF, MTF, encircled energy and illumination."""
+"""Figures of the whole-aperture analysis: spots, PSF, MTF, encircled energy, illumination."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, n
 Array = NDArray[np.float64]
 
 RMS = QUANTITIES["rms_radius_px"]
-FINEST_GRID = 12  # px to each side; a finer grid of pixels would be grey
-LIGHT_FROM = 1e-4  # of the peak, the darkest shade of a PSF
+FINEST_GRID = 12  # px to each side; the lines of a larger pixel grid would merge
+LIGHT_FROM = 1e-4  # relative to the peak, the darkest shade of a PSF
 
 
 def spot_matrix(spots: Spots, airy_px: float) -> Figure:
-    """Spots to one scale with pixel grid and Airy disk: field angles by focuses, or all field angles at one focus."""
+    """Draw spots at one scale with pixel grid and Airy disk, by field angle and focus."""
     objects, focuses, _ = spots.t_px.shape
     cells = [(i, j) for i in range(objects) for j in range(focuses)]
     columns = focuses if focuses > 1 else min(objects, 5)
@@ -56,12 +56,12 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
 
 
 def _reach(spots: Spots) -> float:
-    """Half the largest width of all spots, px."""
+    """Return half the largest width of all spots, px."""
     return float(max(a.max() for a in spots.extent_px())) / 2
 
 
 def _spot(ax: Axes, spots: Spots, i: int, j: int, airy_px: float) -> None:
-    """The rays of one spot about its middle."""
+    """Draw the rays of one spot about its centre."""
     passes = spots.bundles.passes[i]
     t, s = (a[i, j, passes] for a in (spots.t_px, spots.s_px))
     t, s = (a - (a.max() + a.min()) / 2 for a in (t, s))
@@ -75,14 +75,14 @@ def _pixel_grid(ax: Axes, half: float) -> None:
     for spine in ax.spines.values():
         spine.set_visible(True)
         spine.set_color("#BBBBBB")
-    if half <= FINEST_GRID:  # finer grids would be grey
+    if half <= FINEST_GRID:  # the lines of larger grids would merge
         for line in np.arange(-np.floor(half + 0.5) + 0.5, half):
             ax.axhline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
             ax.axvline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
 
 
 def mtf_curves(mtf: Mtf) -> Figure:
-    """Tangential (solid) and sagittal (dashed) MTF of every field angle, with Nyquist's frequency and lp/mm above."""
+    """Draw tangential (solid) and sagittal (dashed) MTF with the Nyquist frequency."""
     with styled():
         figure = new_figure(0.75 * PAGE, 3.0)
         ax = figure.subplots()
@@ -110,7 +110,7 @@ def mtf_curves(mtf: Mtf) -> Figure:
 
 
 def encircled_energy(psfs: Sequence[Psf]) -> Figure:
-    """Share of the light within a radius of the centroid, one line per PSF."""
+    """Draw the encircled energy within a radius of the centroid, one line per PSF."""
     with styled():
         figure = new_figure(COLUMN + 0.5, 2.6)
         ax, labels = figure.subplots(), EndLabels(figure)
@@ -128,7 +128,7 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
 
 
 def psf_pictures(psfs: Sequence[Psf]) -> Figure:
-    """PSFs side by side on one scale of length, logarithmic in light."""
+    """Draw PSFs at a common length scale, with logarithmic intensity."""
     columns = min(len(psfs), 5)
     rows = -(-len(psfs) // columns)
     with styled():
@@ -154,7 +154,7 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
 
 
 def illumination_curves(named: Sequence[tuple[str, Illumination]]) -> Figure:
-    """Relative illumination over the field, one line per sensor."""
+    """Draw the relative illumination over the field, one line per sensor."""
     with styled():
         figure = new_figure(COLUMN + 0.5, 2.5)
         ax, labels = figure.subplots(), EndLabels(figure)
@@ -170,5 +170,5 @@ def illumination_curves(named: Sequence[tuple[str, Illumination]]) -> Figure:
 
 
 def _shades(count: int) -> list[str]:
-    """Colours told apart, in the order of the field; the palette first, and greys when it is used up."""
+    """Return distinct colours in the order of the field: the palette, then greys."""
     return [*PALETTE, INK, GREY, *["#AAAAAA"] * count][:count]

@@ -1,4 +1,4 @@
-"""Sensors side by side: curves over each other under one legend, cross-sections to one scale, pictures."""
+"""Figures of a comparison: curves with a common legend, cross-sections at one scale, images."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ DASHES: tuple[Any, ...] = (
     (0, (1, 1.2)),
     (0, (8, 2, 2, 2, 2, 2)),
 )
-"""One for each sensor beside its colour, so that curves that coincide show both."""
+"""Dash pattern of each sensor, which keeps coincident curves distinguishable."""
 
 
 def side_by_side(sensors: Sequence[Sensor]) -> Figure:
-    """Six quantities against the field angle and the cross-sections, for one to six sensors.
+    """Draw six quantities against the field angle, and the cross-sections, for one to six sensors.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def _styles(subjects: Sequence[Subject]) -> list[tuple[Subject, Any]]:
 
 
 def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
-    """One column of the evaluation table of every sensor."""
+    """Draw one column of the evaluation table for all sensors."""
     zero_line(ax)
     for s, dash in _styles(subjects):
         ax.plot(s.curve.omega_deg, getattr(s.curve, column), color=s.colour, linestyle=dash, gid=f"{s.name}:{column}")
@@ -74,7 +74,7 @@ def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
 
 
 def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
-    """Mirrors and lenses to one scale, the vertices of the mirrors in one place, the ray of the rim to each lens."""
+    """Draw mirrors and lenses at one scale with a common vertex, and the rim ray to each lens."""
     ax.set_aspect("equal", adjustable="datalim", anchor="N")
     for s, dash in _styles(subjects):
         rim, second = s.rim_mm, s.sensor.secondary
@@ -98,9 +98,9 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
 
 
 def picture_sheet(names: Sequence[str], circles: Sequence[NDArray[Any]], panoramas: Sequence[NDArray[Any]]) -> Figure:
-    """The pictures that sensors take of one scene, and below them their panoramas, all to one scale.
+    """Draw the images of one scene by several sensors, and their panoramas, at one scale.
 
-    Pictures are (rows, columns, 3) uint8 in RGB order.
+    Images are (rows, columns, 3) uint8 in RGB order.
     """
     columns, count = min(len(names), 3), len(names)
     rows = -(-count // columns)
@@ -123,9 +123,9 @@ def _show(ax: Axes, picture: NDArray[Any], name: str) -> None:
 
 
 def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Sequence[Sequence[bool]]) -> Figure:
-    """A table as a picture: a title and a unit, then one cell for each sensor, the best of each line bold.
+    """Draw a table: title, unit and one cell for each sensor, with the best of each row in bold.
 
-    ``lines`` hold title, unit and cells; ``best`` says which cells are marked.
+    ``lines`` contains title, unit and cells; ``best`` is the mask of marked cells.
     """
     row = 0.165
     with styled():
@@ -137,7 +137,7 @@ def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Seq
         left, width = 0.28, 0.71 / len(header)
         for j, name in enumerate(header):
             at = left + (j + 1) * width
-            fitting = int(width * PAGE / 0.062)  # letters
+            fitting = int(width * PAGE / 0.062)  # characters
             ax.text(
                 at,
                 -0.8,

@@ -1,4 +1,4 @@
-"""Quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15."""
+"""Curves of quantities against the field angle: Figs. 5, 6, 7, 9, 12 and 15."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ Array = NDArray[np.float64]
 
 DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
 VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
-SAME_PX = 1e-6  # errors of viewpoint below this are rounding: the sensor has a single one
+SAME_PX = 1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
 
 
 def mapping(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 5: image height and its rate of change."""
+    """Draw Fig. 5: image height and its derivative."""
     return _column_panels(subjects, "h_px", "dh_domega_px_per_deg")
 
 
 def viewpoints(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 6: where the chief rays meet the axis."""
+    """Draw Fig. 6: intersections of the chief rays with the axis."""
     return _column_panels(subjects, "viewpoint_z_mm")
 
 
 def area_and_aspect(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 7: image area and aspect of one square degree."""
+    """Draw Fig. 7: image area and aspect of one square degree."""
     return _column_panels(subjects, "area_px2", "aspect")
 
 
 def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
-    """One panel per column of the evaluation table, one line per sensor."""
+    """Draw one panel per column of the evaluation table, one line per sensor."""
     count = len(columns)
     figure = new_figure(COLUMN if count == 1 else PAGE, 2.5)
     labels = EndLabels(figure)
@@ -60,7 +60,7 @@ def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
 
 
 def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
-    """What of the field is hidden, a pale band of each sensor's colour."""
+    """Draw the obscured parts of the field as pale bands in the colour of each sensor."""
     said = False
     for s in subjects:
         for low, high in s.hidden_deg:
@@ -73,7 +73,7 @@ def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
 
 
 def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object) -> Line2D:
-    """A column of the subject's table as a line whose gid is "name:column"."""
+    """Draw a column of the subject's table as a line with the gid "name:column"."""
     y = getattr(subject.curve, column) if values is None else values
     look = {"color": subject.colour, **look}
     (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **look)  # type: ignore[arg-type]
@@ -81,12 +81,12 @@ def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, 
 
 
 def _limits(ax: Axes, lines: Sequence[Line2D], from_zero: bool = True) -> None:
-    """The limits of lines already drawn."""
+    """Set the limits for lines already drawn."""
     value_limits(ax, [np.asarray(line.get_ydata(), float) for line in lines], from_zero)
 
 
 def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> None:
-    """From 0 where the values allow, with 4 % of air; poles (a cone's tip) are cut at the typical size."""
+    """Set limits from 0 if possible, with a margin of 4 %; poles (tip of a cone) are clipped."""
     y = np.concatenate(values)
     y = y[np.isfinite(y)]
     low, high = np.quantile(y, [0.0, 1.0])
@@ -102,7 +102,7 @@ def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> N
 
 
 def blur(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 9: blur in pixels, in degrees, and its area in square degrees."""
+    """Draw Fig. 9: blur in pixels, in degrees, and its area in square degrees."""
     figure = new_figure(COLUMN if max(len(_prefix(s, subjects)) for s in subjects) < 10 else 0.7 * PAGE, 6.6)
     axes = grid_of_axes(figure, 3, 1, 3, sharex=True)
     labels = EndLabels(figure)
@@ -118,7 +118,7 @@ def blur(subjects: Sequence[Subject]) -> Figure:
 
 
 def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLabels) -> None:
-    """Tangential blur solid, sagittal dashed."""
+    """Draw tangential blur solid, sagittal dashed."""
     zero_line(ax)
     drawn = [
         (_line(ax, s, f"blur_{way}_{unit}", linestyle=style), f"{_prefix(s, subjects)}{way.upper()}")
@@ -141,7 +141,7 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
             va="bottom",
         )
     for (line_t, text), (line_s, other) in zip(drawn[::2], drawn[1::2], strict=True):
-        if _coincide(ax, line_t, line_s):  # as with a single viewpoint
+        if _coincide(ax, line_t, line_s):  # as for a single viewpoint
             labels.of_line(ax, line_t, f"{text}, S")
         else:
             labels.of_line(ax, line_t, text)
@@ -149,19 +149,19 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
 
 
 def _prefix(subject: Subject, subjects: Sequence[Subject]) -> str:
-    """The name before "T" and "S", where there is more than one."""
+    """Return the name before "T" and "S", if there is more than one sensor."""
     return f"{subject.name} " if len(subjects) > 1 else ""
 
 
 def _coincide(ax: Axes, one: Line2D, other: Line2D) -> bool:
-    """Whether two lines lie within a line's width of each other."""
+    """Return whether two lines coincide within a line width."""
     bottom, top = ax.get_ylim()
     apart = np.abs(np.asarray(one.get_ydata(), float) - np.asarray(other.get_ydata(), float))
     return bool(np.nanmax(apart) < 0.01 * (top - bottom))
 
 
 def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -> None:
-    """The paper's product solid, the area with a pixel and the Airy disk added dotted; logarithmic."""
+    """Draw the blur area of the paper (solid) and the floored area (dotted), logarithmic."""
     ax.set_yscale("log")
     drawn = []
     for s in subjects:
@@ -182,10 +182,10 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
 
 
 def viewing_angle(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 12: image area of spherical mirrors that see the same field at different viewing angles.
+    """Draw Fig. 12: image area of spherical mirrors at different viewing angles.
 
-    The family takes rim, field and image circle of the first sensor with a spherical mirror, or of
-    the first one.
+    The family has the rim, field and image circle of the first sensor with a spherical mirror, or
+    of the first sensor.
     """
     subject = next((s for s in subjects if isinstance(s.sensor.mirror, Sphere)), subjects[0])
     field = round(subject.sensor.field_deg[1], 1)
@@ -214,10 +214,11 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
 
 
 def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px: float) -> Sensor:
-    """The spherical mirror of the same rim that sees a field at a viewing angle, in closed form.
+    """Return the spherical mirror of the same rim for a field and viewing angle, in closed form.
 
-    ``A = M / sin(beta)``, ``beta = (Omega_max - Theta)/2``, ``m = M/tan(Theta) - A (1 - cos(beta))``;
-    a viewing angle of 0 takes an orthographic lens. The paper found its parameters by trial and error.
+    ``A = M / sin(beta)``, ``beta = (Omega_max - Theta)/2``, ``m = M/tan(Theta) - A (1 -
+    cos(beta))``; a viewing angle of 0 selects an orthographic lens. The parameters of the paper
+    were found by trial and error.
 
     >>> from omnimirror.optics.sensor_files import load_sensor
     >>> sphere = sphere_for(load_sensor("paper-spherical"), 135.0, 12.0, 500.0)
@@ -238,18 +239,18 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
     return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None)
 
 
-# -- Fig. 15: one viewpoint for all ------------------------------------------------------------
+# -- Fig. 15: single viewpoint -----------------------------------------------------------------
 
 
 def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 15: error of assuming the best single viewpoint, for objects 7, 10, 20 and 40 rim radii away."""
+    """Draw Fig. 15: error of the best single viewpoint, for objects at 7 to 40 rim radii."""
     columns = min(len(subjects), 3)
     rows = -(-len(subjects) // columns)
     figure = new_figure(COLUMN if columns == 1 else PAGE, 2.5 * rows)
     axes = grid_of_axes(figure, rows, columns, len(subjects), sharey=True)
     labels = EndLabels(figure)
     worst = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
-    axes[0].set_ylim(-1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5))  # room for the viewpoints
+    axes[0].set_ylim(-1.1 * max(worst, 0.5), 1.5 * max(worst, 0.5))  # space for the viewpoint values
     for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
@@ -263,7 +264,7 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
 
 
 def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
-    """Lines of one sensor; returns the largest error, px."""
+    """Draw the lines of one sensor and return the largest error, px."""
     zero_line(ax)
     M, worst, places = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg

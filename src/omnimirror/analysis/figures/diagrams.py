@@ -1,4 +1,4 @@
-"""Figs. 1, 2, 13, 14, 16 and 18: how the sensor works, drawn to scale from true rays."""
+"""Figs. 1, 2, 13, 14, 16 and 18: diagrams of the sensor, drawn to scale from real rays."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 RAY, OTHER, WALL = PALETTE[0], PALETTE[1], PALETTE[5]
-ABOVE_MM = 4.0  # what a tube stands out above its mirror
+ABOVE_MM = 4.0  # extension of a tube above its mirror
 
 
 class Ray(NamedTuple):
-    """A chief ray in the meridian, mm: its mirror point P, Omega in radians, and its viewpoint's height."""
+    """Chief ray in the meridian, mm: mirror point P, Omega in radians, viewpoint height."""
 
     x: float
     z: float
@@ -34,17 +34,17 @@ class Ray(NamedTuple):
 
     @property
     def towards(self) -> Array:
-        """Unit vector (2,) from the mirror to the object."""
+        """Return the unit vector (2,) from the mirror to the object."""
         return np.array([np.sin(self.omega), -np.cos(self.omega)])
 
     def at(self, distance: float) -> tuple[float, float]:
-        """The point at a distance from the mirror."""
+        """Return the point at a distance from the mirror."""
         x, z = np.array([self.x, self.z]) + distance * self.towards
         return float(x), float(z)
 
 
 def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
-    """The chief ray of a field angle, by the evaluation."""
+    """Return the chief ray of a field angle, from the evaluation."""
     result = evaluate(sensor, omega_deg)
     return Ray(float(result.x_mm[0]), float(result.z_mm[0]), np.radians(omega_deg), float(result.viewpoint_z_mm[0]))
 
@@ -53,7 +53,7 @@ def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
 
 
 def principle(sensor: Sensor, circle: Picture) -> Figure:
-    """Fig. 1: what stands around the mirror, mirrored into the lens, and the circular picture (n, n, 3)."""
+    """Draw Fig. 1: optical paths via mirror and lens, and the circular image (n, n, 3)."""
     M = sensor.mirror.rim_radius_mm
     with styled():
         figure = new_figure(PAGE, 3.4)
@@ -79,7 +79,7 @@ def principle(sensor: Sensor, circle: Picture) -> Figure:
 
 
 def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
-    """Fig. 2: the quantities of Eqs. 1 to 6 about one chief ray."""
+    """Draw Fig. 2: the quantities of Eqs. 1 to 6 for one chief ray."""
     M, m = sensor.mirror.rim_radius_mm, sensor.meridian.m
     ray = chief_ray(sensor, omega_deg)
     result = evaluate(sensor, omega_deg)
@@ -124,11 +124,11 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
     return figure
 
 
-# -- Figs. 13 and 14: straightening ----------------------------------------------------------------
+# -- Figs. 13 and 14: dewarping --------------------------------------------------------------------
 
 
 def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
-    """Fig. 13: a virtual projector before a cylindrical and a spherical screen, and what is projected on them."""
+    """Draw Fig. 13: a virtual projector with a cylindrical and a spherical screen."""
     M = sensor.mirror.rim_radius_mm
     with styled():
         figure = new_figure(PAGE, 4.6)
@@ -148,7 +148,7 @@ def virtual_screens(sensor: Sensor, pictures: Sequence[Picture]) -> Figure:
 
 
 def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
-    """A projector at the mirror, and rays of the whole field out to the screen."""
+    """Draw a projector at the mirror, and rays of the whole field to the screen."""
     _mirror(ax, sensor)
     middle = chief_ray(sensor, 90.0).viewpoint
     ends = []
@@ -173,7 +173,7 @@ def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
 
 
 def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
-    """How far the ray goes from the mirror to a cylinder about the axis, or a sphere about a point of it."""
+    """Return the ray length from the mirror to a cylinder or a sphere on the axis."""
     d = ray.towards
     if not is_sphere:
         return float((radius - ray.x) / d[0])
@@ -183,7 +183,7 @@ def _reach(ray: Ray, middle: float, radius: float, is_sphere: bool) -> float:
 
 
 def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0, distance: float = 3.0) -> Figure:
-    """Fig. 14: by which angle an object, ``distance`` rim radii away, is looked for beside where it is (Eq. 23)."""
+    """Draw Fig. 14: single-viewpoint error for an object at ``distance`` rim radii (Eq. 23)."""
     M = sensor.mirror.rim_radius_mm
     ray = chief_ray(sensor, omega_deg)
     P, T = np.array([ray.x, ray.z]), np.array(ray.at(distance * M))
@@ -224,7 +224,7 @@ def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0
 def blur_geometry(
     focal_length: float = 1.0, aperture: float = 1.1, focus: float = 3.2, object_at: float = 6.0
 ) -> Figure:
-    """Fig. 18: the triangles of Eqs. 24 to 28, of a lens much closer to its object than a sensor's."""
+    """Draw Fig. 18: the triangles of Eqs. 24 to 28, with a close object."""
     b0, b = (1 / (1 / focal_length - 1 / L) for L in (focus, object_at))
     blur = aperture * (b0 - b) / b
     with styled():
@@ -260,7 +260,7 @@ def blur_geometry(
 
 
 class Prototype(NamedTuple):
-    """What is drawn of a prototype: its sensor, title, picture (n, n, 3), and what stands around it, sizes given."""
+    """Prototype to be drawn: its sensor, title, image (n, n, 3), and housing with given sizes."""
 
     sensor: Sensor
     title: str
@@ -269,7 +269,7 @@ class Prototype(NamedTuple):
 
 
 def prototypes(shown: Sequence[Prototype]) -> Figure:
-    """Fig. 16: each prototype in cross-section, and a simulated picture that it takes."""
+    """Draw Fig. 16: each prototype in cross-section, with a simulated image."""
     with styled():
         figure = new_figure(PAGE, 5.3)
         grid = figure.subplots(2, len(shown), height_ratios=[1.25, 1], squeeze=False)
@@ -285,7 +285,7 @@ def prototypes(shown: Sequence[Prototype]) -> Figure:
 
 
 def _draw_prototype(ax: Axes, p: Prototype) -> None:
-    """The sensor and its housing, all that holds the mirror clear."""
+    """Draw the sensor and its housing with transparent supports."""
     M, m, top = p.sensor.mirror.rim_radius_mm, p.sensor.meridian.m, _top(p.sensor)
     rod, shell, camera = p.housing.rod, p.housing.shell, p.housing.camera
     if rod is not None and rod.gap_mm is not None and rod.end_diameter_mm is not None:
@@ -306,16 +306,16 @@ def _draw_prototype(ax: Axes, p: Prototype) -> None:
     _camera(ax, p.sensor, 0.75 * M, camera.diameter_mm / 2 if camera else None)
 
 
-# -- parts of drawings -----------------------------------------------------------------------------
+# -- drawing elements ------------------------------------------------------------------------------
 
 
 def _top(sensor: Sensor) -> float:
-    """Highest z (mm) of the mirror."""
+    """Return the maximum z (mm) of the mirror."""
     return float(sensor.mirror.bounds[1][1])
 
 
 def _mirror(ax: Axes, sensor: Sensor) -> None:
-    """The mirror's cross-section, filled behind."""
+    """Draw the cross-section of the mirror with a filled back."""
     M = sensor.mirror.rim_radius_mm
     x = np.linspace(-M, M, 201)
     z = sensor.mirror.sag(np.abs(x))
@@ -325,7 +325,7 @@ def _mirror(ax: Axes, sensor: Sensor) -> None:
 
 
 def _camera(ax: Axes, sensor: Sensor, behind: float, radius: float | None = None) -> None:
-    """The lens as a double arrow, and the image sensor drawn at a distance behind it; a body if it has a radius."""
+    """Draw the lens as a double arrow, the image sensor behind it, and an optional body."""
     m, half = sensor.meridian.m, 0.2 * sensor.mirror.rim_radius_mm
     if radius is not None:
         ax.add_patch(Rectangle((-radius, -m - 1.2 * behind), 2 * radius, 1.2 * behind, facecolor=PALE, edgecolor=INK))
@@ -348,7 +348,7 @@ def _dot(ax: Axes, at: Array, name: str, dx: float, dz: float) -> None:
 
 
 def _angle(ax: Axes, at: Array, radius: float, begin: float, end: float, name: str) -> None:
-    """An arc from one direction (deg, counter-clockwise from +x) to another, and its name beyond it."""
+    """Draw an arc between two directions (deg, counter-clockwise from +x), with its label."""
     ax.add_patch(Arc(tuple(at), 2 * radius, 2 * radius, theta1=begin, theta2=end, color=INK, linewidth=0.6, zorder=5))
     middle = np.radians((begin + end) / 2)
     reach = 1.16 * radius

@@ -1,4 +1,4 @@
-"""What designs trade for what: a front of designs, with known sensors marked on the same two scales."""
+"""Pareto fronts of designs, with reference sensors on the same axes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .style import GREY, INK, PAGE, PALETTE, new_figure
 Array = NDArray[np.float64]
 
 TEXT = 6.5
-BESIDE, NEAR = 8.0, 30.0  # points: from a mark to its name, and how near the next mark is stepped over
-RIGHT = 0.65  # of the width: names of marks beyond it stand to their left
+BESIDE, NEAR = 8.0, 30.0  # points: distance of a label from its mark, and search range for neighbouring marks
+RIGHT = 0.65  # relative to the width: marks beyond it have their labels on the left
 LEADER: dict[str, Any] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "shrinkA": 1.0, "shrinkB": 4.0}
 RINGED: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.8}
 
@@ -30,10 +30,10 @@ def front(
     marks: Mapping[str, tuple[float, float]],
     others: Mapping[str, tuple[float, float]],
 ) -> Figure:
-    """Two merits of a front's designs (n, 2), both the better the smaller, and those of named sensors.
+    """Draw two merits of the designs (n, 2) of a front, and those of named sensors.
 
-    ``marks`` are shown as diamonds in colour, ``others`` as rings, so that both are seen where they meet. What lies
-    above and to the right of the line is beaten by a design on it.
+    ``marks`` are drawn as coloured diamonds, ``others`` as rings, which keeps coincident marks
+    visible. Points above and to the right of the line are dominated by a design on it.
     """
     at = np.asarray(points, dtype=float)
     known = np.array([*marks.values(), *others.values()]).reshape(-1, 2)
@@ -53,7 +53,7 @@ def front(
 
 
 def _scales(ax: Axes, values: Array) -> None:
-    """Logarithmic scales with plain numbers, a little wider than the values (n, 2)."""
+    """Set logarithmic scales with plain numbers and a margin around the values (n, 2)."""
     low, high = values.min(axis=0), values.max(axis=0)
     room = (high / low) ** 0.07
     ax.set(xscale="log", yscale="log", xlim=(low[0] / room[0], high[0] * room[0]))
@@ -66,7 +66,7 @@ def _scales(ax: Axes, values: Array) -> None:
 
 
 def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: list[str]) -> None:
-    """A name beside each mark, to its right where there is room, past marks there; moved where names would meet."""
+    """Draw a label next to each mark, shifted to avoid other marks and labels."""
     if not names:
         return
     figure.draw_without_rendering()

@@ -1,4 +1,4 @@
-"""How objects and blur appear in the image and in object space: Figs. 3, 8, 10 and 11."""
+"""Objects and blur in the image and in object space: Figs. 3, 8, 10 and 11."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .subjects import Subject, widest
 
 Array = NDArray[np.float64]
 
-OBJECT_DEG = 15.0  # side of the objects drawn
-ENLARGED = 10.0  # blur spots against the objects
+OBJECT_DEG = 15.0  # side of the drawn objects
+ENLARGED = 10.0  # magnification of blur spots relative to the objects
 SPOT = "#B2182B"
 
 
@@ -27,7 +27,7 @@ SPOT = "#B2182B"
 
 
 def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 3: objects of 15 x 15 deg on the sphere, and their images."""
+    """Draw Fig. 3: objects of 15 x 15 deg on the viewing sphere, and their images."""
     count = len(subjects) + 1
     columns = min(count, 4)
     rows = -(-count // columns)
@@ -42,10 +42,10 @@ def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
 
 
 def object_outline(omega_deg: float, phi_deg: float, side_deg: float = OBJECT_DEG, points: int = 25) -> Array:
-    """Outline of a square object: directions (4 points, 3) in the camera frame.
+    """Return the outline of a square object: directions (4 points, 3) in the camera frame.
 
-    Its sides are great circles and its middle lines ``side_deg`` long, so objects are congruent
-    wherever they stand; neighbours touch in the middle of a side.
+    Its sides are great circles and its centre lines ``side_deg`` long; therefore all objects are
+    congruent, and neighbours touch at the centre of a side.
     """
     omega, phi = np.radians(omega_deg), np.radians(phi_deg)
     t = np.linspace(-1, 1, points)
@@ -61,7 +61,7 @@ def object_outline(omega_deg: float, phi_deg: float, side_deg: float = OBJECT_DE
 
 
 def _objects(subject: Subject) -> list[tuple[float, float, Array]]:
-    """(Omega, phi, outline) of every object that lies wholly in the field, in four directions."""
+    """Return (Omega, phi, outline) of all objects completely within the field, at four azimuths."""
     low, high = np.cos(np.radians(subject.sensor.field_deg)) + np.array([1e-9, -1e-9])
     found = []
     for omega in np.arange(0, 181, OBJECT_DEG):
@@ -74,7 +74,7 @@ def _objects(subject: Subject) -> list[tuple[float, float, Array]]:
 
 
 def _draw_sphere(ax: Axes, subjects: Sequence[Subject]) -> None:
-    """The sphere from a little below, seen along parallel lines; what is behind is pale."""
+    """Draw the sphere in parallel projection from slightly below; hidden parts are pale."""
     to_viewer, right, up = _view(azimuth_deg=-35.0, elevation_deg=-24.0)
 
     def flat(d: Array) -> Array:
@@ -111,7 +111,7 @@ def _draw_sphere(ax: Axes, subjects: Sequence[Subject]) -> None:
 
 
 def _view(azimuth_deg: float, elevation_deg: float) -> tuple[Array, Array, Array]:
-    """Unit vectors to the viewer, to his right and up."""
+    """Return unit vectors to the viewer, to the right and up."""
     a, e = np.radians(azimuth_deg), np.radians(elevation_deg)
     to_viewer = np.array([np.cos(e) * np.sin(a), -np.cos(e) * np.cos(a), np.sin(e)])
     right = np.array([np.cos(a), np.sin(a), 0.0])
@@ -119,7 +119,7 @@ def _view(azimuth_deg: float, elevation_deg: float) -> tuple[Array, Array, Array
 
 
 def _draw_image_circle(ax: Axes, subject: Subject) -> None:
-    """The image circle with the images of the objects."""
+    """Draw the image circle with the images of the objects."""
     bare(ax)
     N = subject.radius_px
     ax.add_patch(Circle((0, 0), N, facecolor="none", edgecolor=INK, linewidth=0.7))
@@ -151,7 +151,7 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
 
 
 def _hidden_px(subject: Subject) -> list[tuple[float, float]]:
-    """Radii of the rings of the picture in which the view is hidden, px; two mirrors hide their middle."""
+    """Return the radii of the obscured rings of the image, px; two mirrors obscure the centre."""
     low, _ = subject.sensor.field_deg
     rings = []
     for inside, outside in subject.hidden_deg:
@@ -161,7 +161,7 @@ def _hidden_px(subject: Subject) -> list[tuple[float, float]]:
 
 
 def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
-    """A bar of a round number of pixels near ``about``, and its length."""
+    """Draw a scale bar with a round number of pixels near ``about``."""
     step = 10.0 ** np.floor(np.log10(about))
     length = float(step * max(m for m in (1, 2, 5) if m * step <= about))
     ax.plot([x - length, x], [y, y], color=INK, linewidth=1.2, solid_capstyle="butt")
@@ -172,12 +172,12 @@ def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
 
 
 def image_forming(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 8: the image of one square degree, enlarged 15 times, along the image radius."""
+    """Draw Fig. 8: the image of one square degree, magnified 15 times, along the image radius."""
     return _strips(subjects, _draw_rectangles)
 
 
 def blur_in_image(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 10: the same with blur spots enlarged ten times."""
+    """Draw Fig. 10: the image of one square degree with blur spots magnified ten times."""
 
     def draw(ax: Axes, subject: Subject) -> None:
         _draw_rectangles(ax, subject)
@@ -189,10 +189,10 @@ def blur_in_image(subjects: Sequence[Subject]) -> Figure:
 
 
 def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], note: str = "") -> Figure:
-    """One strip per sensor, the image centre on the left and the rim on the right."""
+    """Draw one strip per sensor, from the image centre on the left to the rim on the right."""
     half = [_half_width(s) / s.radius_px for s in subjects]
     left, right = (float(f) for f in np.max([_reach(s) for s in subjects], axis=0))
-    width = 0.86 * PAGE  # three strips then fill a page
+    width = 0.86 * PAGE  # three strips fill a page
     inches = (width - 0.15) / (left + right)
     same_scale = len({round(s.radius_px, 3) for s in subjects}) == 1
     between = 0.22 if same_scale else 0.36
@@ -223,14 +223,14 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
 
 
 def _reach(subject: Subject) -> tuple[float, float]:
-    """How far rectangles reach to the left and right of the image centre, in image radii."""
+    """Return the extent of the rectangles left and right of the centre, in image radii."""
     half = OBJECT_DEG * subject.marks.dh_domega_px_per_deg / 2 / subject.radius_px
     h = subject.marks.h_px / subject.radius_px
     return max(0.02, 0.02 - float((h - half).min())), max(1.02, min(0.02 + float((h + half).max()), 1.4))
 
 
 def _half_width(subject: Subject) -> float:
-    """Half the height of a strip, px: the widest rectangle, with room for the angles."""
+    """Return half the height of a strip, px: the widest rectangle with a margin for the angles."""
     widths = subject.marks.width_px_per_deg
     largest = float(np.nanmax(np.where(np.isfinite(widths), widths, 0.0)))
     return min(OBJECT_DEG * largest / 2, 0.3 * subject.radius_px) + 0.045 * subject.radius_px
@@ -254,18 +254,18 @@ def _draw_rectangles(ax: Axes, subject: Subject) -> None:
 
 
 def _spot(ax: Axes, centre: tuple[float, float], along_x: float, along_y: float, smallest: float) -> Ellipse:
-    """A blur spot; one that has shrunk to nothing still shows as a hairline."""
+    """Draw a blur spot, with a minimum size."""
     width, height = max(abs(along_x), smallest), max(abs(along_y), smallest)
     spot = Ellipse(centre, width, height, facecolor=to_rgba(SPOT, 0.45), edgecolor=SPOT, linewidth=0.5, zorder=3)
     ax.add_patch(spot)
     return spot
 
 
-# -- Fig. 11: in object space ------------------------------------------------------------------
+# -- Fig. 11: blur in object space -------------------------------------------------------------
 
 
 def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 11: blur against squares of 15 x 15 deg; all squares are equal here."""
+    """Draw Fig. 11: blur relative to squares of 15 x 15 deg, all drawn at the same size."""
     count = len(subjects)
     longest = max(len(s.marks) for s in subjects)
     pitch = 18.0

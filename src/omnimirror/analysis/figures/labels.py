@@ -1,4 +1,4 @@
-"""Labels of axes, and labels at the ends of lines, moved apart until none covers another."""
+"""Axis labels, and line labels at the right edge without overlap."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ...base.quantities import QUANTITIES
 
 Array = NDArray[np.float64]
 
-INDENT_PT = 7.0  # of labels at the ends of lines, from the axes
+INDENT_PT = 7.0  # distance of line labels from the axes
 
 
 def axis_label(name: str, titled: bool = False) -> str:
-    """Symbol and unit of a quantity, as an axis bears them; its title before them where no panel has it.
+    """Return symbol and unit of a quantity for an axis, optionally with its title.
 
     >>> axis_label("distance_t_mm"), axis_label("h_px", titled=True)
     ('L$_t$ (mm)', 'Image height h (px)')
@@ -36,7 +36,7 @@ def axis_label(name: str, titled: bool = False) -> str:
 
 
 def axis_title(name: str) -> str:
-    """Title and unit of a quantity, as an axis bears them that stands for several symbols or for none.
+    """Return title and unit of a quantity, for an axis with several symbols or none.
 
     >>> axis_title("blur_area_deg2"), axis_title("relative")
     ('Blur area (deg²)', 'Relative illumination')
@@ -46,7 +46,7 @@ def axis_title(name: str) -> str:
 
 
 def axis_of_both(name: str, *parts: str) -> str:
-    """Title of a quantity, symbols of its parts, and their unit.
+    """Return the title of a quantity, the symbols of its parts, and their unit.
 
     >>> axis_of_both("blur_px", "blur_t_px", "blur_s_px")
     'Blur Δ$_t$, Δ$_s$ (px)'
@@ -56,10 +56,11 @@ def axis_of_both(name: str, *parts: str) -> str:
 
 
 def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
-    """Positions (n,) at least ``gap`` apart and between low and high, as near the sought ones as can be.
+    """Return positions (n,) with a minimum distance ``gap`` between low and high, as near as
+    possible to the desired ones.
 
-    The order stays. Least squares under these constraints is an isotonic regression of what remains
-    after the gaps are taken out. Where the room does not suffice the gap shrinks.
+    The order is preserved. Least squares with these constraints are an isotonic regression after
+    subtraction of the gaps. If the range is too small, the gap is reduced.
 
     >>> spread([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
     array([-1.3..., 0.6..., 2.6..., 9. ])
@@ -77,7 +78,7 @@ def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
 
 
 def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
-    """Which points of a line lie within the limits of its axes."""
+    """Return the mask of the points of a line within the axis limits."""
     x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
     (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
     return (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
@@ -85,7 +86,7 @@ def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
 
 @dataclass
 class EndLabels:
-    """Labels to the right of a figure's axes, one per line; :meth:`settle` once all is drawn."""
+    """Labels to the right of the axes, one per line; call :meth:`settle` after drawing."""
 
     figure: Figure
     size: float = 6.5
@@ -99,7 +100,7 @@ class EndLabels:
             self.at(ax, x, y, text, str(line.get_color()))
 
     def at(self, ax: Axes, x: float, y: float, text: str, colour: str) -> None:
-        """Label a point (data coordinates), joined to it by a hairline."""
+        """Label a point (data coordinates), connected to it by a thin line."""
         hairline = {
             "arrowstyle": "-",
             "color": colour,
@@ -122,13 +123,13 @@ class EndLabels:
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
-        """Have every label placed whenever the figure is laid out. Call it last: limits and sizes must be final."""
+        """Place all labels at each layout of the figure; call it last, with final limits."""
         self.place()
         self.figure.set_layout_engine(_LayoutWithLabels(self))
         return self.figure
 
     def place(self) -> None:
-        """Give every label its place beside axes that have theirs."""
+        """Place all labels for the current positions of the axes."""
         for ax, labels in self._labels.items():
             ax.apply_aspect()
             box = ax.get_window_extent()
@@ -141,7 +142,7 @@ class EndLabels:
 
 
 class _LayoutWithLabels(ConstrainedLayoutEngine):
-    """Matplotlib's layout, after which labels move to where axes have come: a layout for that alone takes as long."""
+    """Matplotlib layout followed by the placement of the labels."""
 
     def __init__(self, labels: EndLabels) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Mirrors side by side: their sections, and where each lays the field angles in the image."""
+"""Comparison of mirrors: profiles, and image heights against field angles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ POINTS = 400
 
 
 def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
-    """Draw up to six mirrors by their names, lengths in rim radii and image heights in that of the rim."""
+    """Draw up to six mirrors by name, with lengths in rim radii."""
     with styled():
         figure = new_figure(PAGE, 2.9)
         sections, heights = grid_of_axes(figure, 1, 2, 2)

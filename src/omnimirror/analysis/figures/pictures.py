@@ -1,4 +1,4 @@
-"""Fig. 17, the picture of a sensor and what straightening makes of it; and maps over the picture."""
+"""Fig. 17, the image of a sensor with its dewarped views, and maps over the image."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .style import COLUMN, INK, PAGE, new_figure, panel_title, styled
 
 
 def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[Any]) -> Figure:
-    """Fig. 17: circular picture, panorama and zoom, each (rows, columns, 3) uint8 in RGB order.
+    """Draw Fig. 17: circular image, panorama and zoom, each (rows, columns, 3) uint8 in RGB order.
 
-    The panorama takes the whole width; above it stand the other two, equally high.
+    The panorama has the full width, below the other two, which have equal heights.
     """
     inner = PAGE - 0.15
     shapes = [picture.shape[1] / picture.shape[0] for picture in (circle, zoom)]
@@ -34,7 +34,7 @@ def three_pictures(circle: NDArray[Any], panorama: NDArray[Any], zoom: NDArray[A
 
 
 def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], unit: str, title: str) -> Figure:
-    """Errors (rows, columns), NaN where there are none, over the pixels of a picture, with lines of equal error."""
+    """Draw errors (rows, columns), NaN without a value, over an image, with contour lines."""
     seen = error[np.isfinite(error) & (error > 0)]
     with styled():
         figure = new_figure(COLUMN * 1.5, COLUMN * 1.5 * len(rows) / len(columns) + 0.3)
@@ -47,7 +47,7 @@ def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], un
         ax.set_xlim(columns[0], columns[-1])
         ax.set_ylim(rows[-1], rows[0])
         if seen.size:
-            low, high = np.percentile(seen, [0.5, 95.0])  # towards the horizon a floor's errors have no end
+            low, high = np.percentile(seen, [0.5, 95.0])  # the errors of a floor diverge towards the horizon
             scale = LogNorm(low, max(high, 1.01 * low))
             drawn = ax.pcolormesh(columns, rows, np.ma.masked_invalid(error), norm=scale, cmap="viridis_r")
             drawn.set_rasterized(True)
@@ -64,7 +64,7 @@ def error_map(columns: NDArray[Any], rows: NDArray[Any], error: NDArray[Any], un
 
 
 def _round_levels(low: float, high: float) -> NDArray[Any]:
-    """Numbers 1, 2 and 5 times powers of ten between two."""
+    """Return the numbers 1, 2 and 5 times powers of ten in a range."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     levels = np.sort(np.outer(decades, [1.0, 2.0, 5.0]).ravel())
     return levels[(levels > low) & (levels < high)]

@@ -1,4 +1,4 @@
-"""Fig. 4: the sensor in cross-section, with chief rays, virtual images and the depth of field."""
+"""Fig. 4: cross-section of the sensor, with chief rays, virtual images and depth of field."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from .labels import EndLabels, shown_points
 from .style import COLUMN, GREY, INK, PAGE, new_figure, panel_title
 from .subjects import Subject
 
-FAR_AWAY = 2.5  # virtual images farther than this from the vertex, in rim radii, are cut
+FAR_AWAY = 2.5  # virtual images farther from the vertex, in rim radii, are clipped
 BAND, BAND_INK = "#F3E3B3", "#8A6A00"  # depth of field
 
 
 class PanelLimits(NamedTuple):
-    """Limits of a panel in rim radii, common to all sensors so that their scales agree."""
+    """Limits of a panel in rim radii, common to all sensors for equal scales."""
 
     left: float
     right: float
@@ -40,7 +40,7 @@ class PanelLimits(NamedTuple):
 
     @property
     def shape(self) -> float:
-        """Height over width."""
+        """Return the ratio of height to width."""
         return (self.top - self.bottom) / (self.right - self.left)
 
     def apply(self, ax: Axes, M: float) -> None:
@@ -50,12 +50,12 @@ class PanelLimits(NamedTuple):
 
 
 def ray_traces(subjects: Sequence[Subject]) -> Figure:
-    """Fig. 4: for each sensor the whole cross-section, and below it the mirror with its virtual images."""
+    """Draw Fig. 4: for each sensor the cross-section, and the mirror with virtual images."""
     columns = min(len(subjects), 3)
     blocks = -(-len(subjects) // columns)
     overview, close_up = _overview_window(subjects), _close_up_window(subjects)
     width = (PAGE if columns > 1 else COLUMN) if columns != 2 else 0.7 * PAGE
-    panel = width / columns - 0.9  # beside which labels have room
+    panel = width / columns - 0.9  # remaining width for labels
     heights = [panel * overview.shape, panel * close_up.shape]
     figure = new_figure(width, blocks * (sum(heights) + 0.95))
     grid = figure.subplots(2 * blocks, columns, squeeze=False, height_ratios=heights * blocks)
@@ -85,14 +85,14 @@ def _overview_window(subjects: Sequence[Subject]) -> PanelLimits:
 
 
 def _lowest(subject: Subject) -> float:
-    """Lowest z (mm) of the sensor: its lens, or its second mirror."""
+    """Return the minimum z (mm) of the sensor: its lens, or its second mirror."""
     second = secondary_curve(subject.sensor)
     lens = lens_height(subject.sensor)
     return lens if second is None else min(lens, float(second.z.min()))
 
 
 def _highest(subject: Subject) -> float:
-    """Highest z (mm) of what the overview shows: the mirror, its depth of field, a lens behind it."""
+    """Return the maximum z (mm) of the overview: mirror, depth of field, or a lens behind it."""
     shown = [top_height(subject.sensor), lens_height(subject.sensor)]
     if is_as_seen(subject.sensor):
         shown.append(min(focus_band(subject.curve).far, FAR_AWAY * subject.rim_mm))
@@ -100,7 +100,7 @@ def _highest(subject: Subject) -> float:
 
 
 def _close_up_window(subjects: Sequence[Subject]) -> PanelLimits:
-    """Everything up to :data:`FAR_AWAY`: mirror, depth of field and virtual images."""
+    """Return the limits of mirror, depth of field and virtual images up to :data:`FAR_AWAY`."""
     points = []
     for s in subjects:
         heights = [curve.z for _, curve, _ in _virtual_images(s)]
@@ -140,7 +140,7 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 
 def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top: float) -> tuple[float, float]:
-    """Where the ray from the object enters the panel."""
+    """Return the intersection of the ray from the object with the border of the panel."""
     dx, dz = np.sin(omega), -np.cos(omega)
     reach = [(right - x) / dx] if dx > 0 else []
     reach += [(bottom - z) / dz] if dz < 0 else [(top - z) / dz] if dz > 0 else []
@@ -149,7 +149,7 @@ def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top
 
 
 def _draw_lens(ax: Axes, subject: Subject) -> None:
-    """A lens as a double arrow, as wide as the mirror when telecentric."""
+    """Draw the lens as a double arrow, with the width of the mirror if telecentric."""
     telecentric, M = subject.sensor.lens.TELECENTRIC, subject.rim_mm
     z, half = lens_height(subject.sensor), lens_half_width(subject.sensor)
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
@@ -157,7 +157,7 @@ def _draw_lens(ax: Axes, subject: Subject) -> None:
     if telecentric:
         ax.text(-half, z - 0.08 * M, "telecentric lens", size=6, va="top")
     else:
-        beside = subject.sensor.secondary is None  # else the mirror is there
+        beside = subject.sensor.secondary is None  # otherwise the mirror is there
         x, y, ha, va = (-half - 0.06 * M, z, "right", "center") if beside else (0.0, z + 0.08 * M, "center", "bottom")
         ax.text(x, y, "lens", size=6, ha=ha, va=va)
 
@@ -170,10 +170,10 @@ def _draw_band(ax: Axes, subject: Subject) -> None:
 
 
 def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
-    """The mirror and behind it T and S images of far objects (strong) and near ones (fine).
+    """Draw the mirror with T and S images of far objects (thick) and near objects (thin).
 
-    A fold is taken out of the way. Through a curved second mirror the lens sees the images elsewhere than
-    the first mirror makes them: they are drawn where it sees them, and the first mirror, bent too, is not.
+    A fold is unfolded. With a curved second mirror, the images are drawn at their positions seen by
+    the lens, and the first mirror, which would be distorted, is omitted.
     """
     _draw_band(ax, subject)
     if is_as_seen(subject.sensor):
@@ -197,7 +197,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 
 def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str, object]]]:
-    """Name, places and look of four curves: of the objects asked for (strong), and of near ones."""
+    """Return name, positions and style of four image curves, for far and near objects."""
     p = subject.conditions.object_distance_mm
     asked = "∞" if np.isinf(p) else f"{p:g}mm"
     strong: dict[str, object] = {"linewidth": 1.3}

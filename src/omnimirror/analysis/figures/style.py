@@ -1,7 +1,7 @@
-"""One style for every figure: sizes, colours, axes, saving.
+"""Common style of all figures: sizes, colours, axes and output.
 
-Figures are drawn with :class:`matplotlib.figure.Figure` directly and never through pyplot, so nothing
-global changes and a server may draw in any thread.
+Figures are created with :class:`matplotlib.figure.Figure` directly instead of pyplot; therefore no
+global state is changed, and a server may draw in any thread.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .labels import axis_label
 COLUMN, PAGE = 3.46, 7.2  # widths in inches of one and of two columns of a journal
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's colours, told apart by the colour-blind too; the order is that of the sensors."""
+"""Colour-blind-safe palette of Okabe and Ito, in the order of the sensors."""
 
 INK, GREY, PALE = "#222222", "#777777", "#D9D9D9"
 
@@ -63,25 +63,25 @@ STYLE: dict[str, Any] = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
     "savefig.dpi": 200,
-    "svg.fonttype": "none",  # text stays text: it can be searched, edited and read aloud
-    "svg.hashsalt": "omnimirror",  # the same figure gives the same file
+    "svg.fonttype": "none",  # text remains searchable, editable and accessible
+    "svg.hashsalt": "omnimirror",  # reproducible files
     "path.simplify": False,
     "axes.unicode_minus": True,
 }
 
 FORMATS = {"svg": 72, "png": STYLE["savefig.dpi"], "pdf": 72}
-"""What figures are written as, and at how many dots to the inch texts are measured there."""
+"""Output formats with the resolution, in dpi, of text measurements."""
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches, whose layout keeps labels from being cut off."""
+    """Return an empty figure, inches, with a layout that keeps labels within its bounds."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)  # whose renderer stays, with all texts that it has measured
+    FigureCanvasAgg(figure)  # its renderer persists with all measured texts
     return figure
 
 
 def grid_of_axes(figure: Figure, rows: int, columns: int, count: int, **options: Any) -> list[Axes]:
-    """``count`` axes filling rows from the left; places left over stay empty."""
+    """Return ``count`` axes that fill rows from the left; remaining cells are empty."""
     axes: list[Axes] = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **options)))
     for spare in axes[count:]:
         spare.remove()
@@ -89,12 +89,12 @@ def grid_of_axes(figure: Figure, rows: int, columns: int, count: int, **options:
 
 
 def panel_title(ax: Axes, index: int, text: str, of: int = 2) -> None:
-    """Title such as "(b) Aspect"; a lone panel needs no letter."""
+    """Set a title such as "(b) Aspect"; a single panel has no letter."""
     ax.set_title(f"({chr(ord('a') + index)}) {text}" if of > 1 else text)
 
 
 def angle_axis(ax: Axes, high_deg: float, most_ticks: int = 10) -> None:
-    """Horizontal axis of field angles, from 0 to the largest one."""
+    """Set the horizontal axis to field angles from 0 to the largest one."""
     step = next((s for s in (1, 5, 15, 30) if high_deg / s <= most_ticks), 45)
     ax.set_xlim(0, high_deg)
     ax.set_xticks(step * np.arange(np.floor(high_deg / step + 1e-3) + 1))
@@ -106,23 +106,23 @@ def zero_line(ax: Axes) -> None:
 
 
 def bare(ax: Axes) -> None:
-    """No frame, ticks or grid: a drawing, not a plot."""
+    """Remove frame, ticks and grid, for a drawing instead of a plot."""
     ax.set_axis_off()
     ax.set_aspect("equal")
 
 
 def styled() -> AbstractContextManager[None]:
-    """The style for as long as a block lasts; nothing global stays changed."""
+    """Return a context with the figure style, without a permanent global change."""
     return mpl.rc_context(cast(Any, STYLE))
 
 
 def render(figure: Figure, kind: str = "svg") -> bytes:
-    """The bytes of a picture file, the same ones for the same figure.
+    """Return the bytes of an image file, reproducible for the same figure.
 
     Raises
     ------
     InvalidParameter
-        A format that is not known.
+        Unknown format.
     """
     if kind not in FORMATS:
         raise InvalidParameter(f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}")
@@ -135,9 +135,9 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
 
 @contextmanager
 def _laid_out(figure: Figure, kind: str) -> Iterator[FigureCanvasBase]:
-    """The canvas of a format, its figure laid out for the widths that texts have there.
+    """Provide the canvas of a format, with the figure laid out for its text widths.
 
-    ``figure.savefig`` would draw all of it twice for that.
+    ``figure.savefig`` would draw the whole figure twice.
     """
     layout, before, dpi = figure.get_layout_engine(), figure.canvas, figure.dpi
     canvas = get_registered_canvas_class(kind)(figure)
@@ -154,14 +154,14 @@ def _laid_out(figure: Figure, kind: str) -> Iterator[FigureCanvasBase]:
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure in the format that its file name ends in.
+    """Write a figure in the format of the file extension.
 
     Raises
     ------
     InvalidParameter
-        A format that is not known.
+        Unknown format.
     OmnimirrorError
-        The file cannot be written.
+        File that cannot be written.
     """
     path = Path(path)
     data = render(figure, path.suffix.lstrip(".").lower())

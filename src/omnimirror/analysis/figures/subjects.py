@@ -1,4 +1,4 @@
-"""What a figure draws: sensors with a colour each, evaluated under the same conditions."""
+"""Subjects of a figure: sensors with their colours, evaluated under common conditions."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ NODES = 361  # points of a curve
 
 @dataclass(frozen=True)
 class Conditions:
-    """Under which conditions quantities are computed: exactly and in the sensor's own pixels, or as the paper does.
+    """Evaluation conditions: exact with the pixels of the sensor, or according to the paper.
 
     Parameters
     ----------
     mode
-        Of the blur: ``"exact"`` (Eq. 28) or ``"paper"`` (Eq. 29).
+        Blur mode: ``"exact"`` (Eq. 28) or ``"paper"`` (Eq. 29).
     image_radius_px
-        Radius to which the image of every rim is scaled; None for the real one.
+        Radius of the rim image to which all images are scaled; None for the real one.
     object_distance_mm
-        Distance from mirror to object, of virtual images and blur.
+        Object distance from the mirror, for virtual images and blur.
     wavelength_nm, tolerance_px
-        Of the Airy disk; permissible blur of the depth of field.
+        Wavelength of the Airy disk; permissible blur of the depth of field.
     """
 
     mode: BlurMode = "exact"
@@ -45,19 +45,19 @@ class Conditions:
 
     @classmethod
     def of(cls, result: Evaluation) -> Conditions:
-        """How an evaluation was computed; of several object distances the nearest."""
+        """Return the conditions of an evaluation, with its nearest object distance."""
         p = float(np.min(result.object_distance_mm))
         return cls(result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px)
 
 
 EXACT = Conditions()
 PAPER = Conditions("paper", 500.0)
-"""Eq. 29 for the blur, and an image circle of 2N = 1000 pixels."""
+"""Blur by Eq. 29, and an image circle of 2N = 1000 pixels."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """One sensor of a figure."""
+    """Sensor of a figure."""
 
     sensor: Sensor
     colour: str
@@ -65,38 +65,38 @@ class Subject:
 
     @property
     def name(self) -> str:
-        """Name of the sensor, as a label of a figure."""
+        """Return the name of the sensor for labels."""
         return plot_text(self.sensor.name)
 
     @property
     def objects(self) -> str:
-        """What is said where objects are not distant."""
+        """Return a title suffix for finite object distances."""
         p = self.conditions.object_distance_mm
         return "" if np.isinf(p) else f", objects at {p:g} mm"
 
     @property
     def rim_mm(self) -> float:
-        """M."""
+        """Return the rim radius M."""
         return self.sensor.mirror.rim_radius_mm
 
     @property
     def radius_px(self) -> float:
-        """Radius of the image circle."""
+        """Return the radius of the image circle."""
         return self.conditions.image_radius_px or self.sensor.rim_radius_px
 
     @cached_property
     def curve(self) -> Evaluation:
-        """The field from end to end at :data:`NODES` angles."""
+        """Return the evaluation of the whole field at :data:`NODES` angles."""
         return self.at(np.linspace(*self.sensor.field_deg, NODES))
 
     @cached_property
     def marks(self) -> Evaluation:
-        """Every 15 deg of the field."""
+        """Return the evaluation at every 15 deg of the field."""
         return self.at(field_angles(self.sensor, 15.0))
 
     @property
     def hidden_deg(self) -> tuple[tuple[float, float], ...]:
-        """Rings of the field that what stands around the mirror hides, from where to where."""
+        """Return the angular ranges of the field obscured by the housing."""
         return tuple(ring.omega_deg for ring in self.sensor.obscured)
 
     def at(self, omega_deg: ArrayLike) -> Evaluation:
@@ -112,20 +112,20 @@ class Subject:
         )
 
     def mean_pixel_deg(self) -> float:
-        """Side (deg) of the square that a pixel of the image circle sees on average (Sec. 3.3)."""
+        """Return the side (deg) of the mean square field of view of a pixel (Sec. 3.3)."""
         low, high = np.radians(self.sensor.field_deg)
         seen = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
-        inner = float(self.curve.h_px[0])  # a pointed mirror leaves a hole in the image circle
+        inner = float(self.curve.h_px[0])  # a pointed mirror has an annular image
         return float(np.sqrt(seen / (np.pi * (self.radius_px**2 - inner**2))))
 
 
 def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subject]:
-    """One subject per sensor, in its colour.
+    """Return one subject per sensor, with its colour.
 
     Raises
     ------
     InvalidParameter
-        No sensor, or more than there are colours.
+        No sensor, or more sensors than colours.
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}")
@@ -133,5 +133,5 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
 
 
 def widest(subjects: Sequence[Subject]) -> float:
-    """Largest field angle of all, deg, rounded to what was meant by 135.005."""
+    """Return the largest field angle of all subjects, deg, rounded to 0.1 deg."""
     return round(max(s.sensor.field_deg[1] for s in subjects), 1)

@@ -1,1 +1,1 @@
-"""What the chief ray and its neighbours do: imaging, viewpoints, virtual images, and blur against focus."""
+"""Meridional analysis: imaging characteristics, viewpoints, virtual images and focus."""

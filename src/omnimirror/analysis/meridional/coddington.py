@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 
 class VirtualImages(NamedTuple):
-    """Where a mirror shows the image of an object point; each array (n,), mm.
+    """Virtual images of an object point in a mirror; each array (n,), mm.
 
-    ``q`` counts from the mirror point along the chief ray, positive behind the mirror, and (x, z) is
-    the image in the meridian plane, z from the vertex.
+    ``q`` is measured from the mirror point along the chief ray, positive behind the mirror. (x, z)
+    is the image position in the meridional plane, z from the vertex.
     """
 
     q_t: Array
@@ -27,23 +27,25 @@ class VirtualImages(NamedTuple):
     x_s: Array
     z_s: Array
     object_distance: Array = np.array(np.inf)
-    """() or (n,): distance p of the objects from the mirror points, mm."""
+    """Distance p of the objects from the mirror points, () or (n,), mm."""
 
 
 def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:
-    """Tangential and sagittal images of objects at a distance p (mm) from their mirror points.
+    """Compute tangential and sagittal images of objects at a distance p (mm).
 
-    ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19). Through a cover p
-    counts along the chief ray, and each side of it refracts the wavefront first (Coddington).
+    ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19).
+    With a cover, p is measured along the chief ray, and each side of the cover refracts the
+    wavefront first (Coddington).
 
     Raises
     ------
     InvalidParameter
-        A distance that is not above 0, or inside a cover; infinity is allowed and common.
+        Distance that is not positive, or inside a cover; infinity is permitted.
 
     Examples
     --------
-    A sphere of 50 mm halves its radius on the axis, for distant objects:
+    On the axis of a sphere of radius 50 mm, the image distance of distant objects is half the
+    radius:
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> from omnimirror.optics.tracing.meridian import trace_chief_rays
@@ -60,10 +62,10 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
 
 
 def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:
-    """L_t and L_s (n,), mm: what the lens focuses on, along its axis from its reference point (Eqs. 34, 35).
+    """Return axial image distances L_t and L_s (n,), mm, from the lens (Eqs. 34, 35).
 
-    Where the lens sees the mirror in a second one, the images in the first are the objects of the second,
-    at ``q + |P1 P2|`` from its chief rays, and the same equations hold once more.
+    With a second mirror, the images in the first are its objects, at ``q + |P1 P2|`` along the
+    chief rays, and the same equations apply again.
     """
     if rays.seen_in is not None:
         images = _images(rays.seen_in, images.q_t + rays.path, images.q_s + rays.path)
@@ -72,7 +74,8 @@ def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, 
 
 
 def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
-    """Images of tangential and sagittal objects at distances that may be negative: light that converges."""
+    """Return images of tangential and sagittal objects; distances may be negative."""
+    # Coddington equations (Eqs. 15, 19), solved for q.
     cos_gamma = np.cos(rays.gamma)
     with np.errstate(divide="ignore"):
         q_t = 1 / (2 / (rays.radius_t() * cos_gamma) + 1 / p_t)
@@ -89,6 +92,6 @@ def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
 
 
 def _times(q: Array, s: Array) -> Array:
-    """q s, with 0 for an infinite image seen exactly along the axis."""
+    """Return q s, and 0 for an infinite image exactly on the axis."""
     with np.errstate(invalid="ignore"):
         return np.where(s == 0.0, 0.0, q * s)

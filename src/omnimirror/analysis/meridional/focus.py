@@ -1,7 +1,7 @@
-"""Blur against focus: what the lens and the imager make of the virtual images, and the best focus.
+"""Through-focus blur of the virtual images on the imager, and the best focus.
 
-Signed blur diameters are positive where the image lies beyond the focus. In angle they are
-``Delta_t / Dh`` and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 prints L_t where L_s is meant, erratum 7).
+Signed blur diameters are positive for images beyond the focus. In angle they are ``Delta_t / Dh``
+and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 contains L_t instead of L_s, erratum 7).
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .imaging import ImagingCharacteristics, imaging_characteristics
 
 Array = NDArray[np.float64]
 
-POINTED_CENTRE = 0.1  # of the image radius
+POINTED_CENTRE = 0.1  # relative to the image radius
 
 
 @dataclass(frozen=True)
 class FocusStudy:
-    """Everything about n field angles that does not depend on where the lens is focused."""
+    """Focus-independent quantities at n field angles."""
 
     sensor: Sensor
     rays: ChiefRays
@@ -47,26 +47,27 @@ class FocusStudy:
 
     @cached_property
     def distances(self) -> tuple[Array, Array]:
-        """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
+        """Return L_t and L_s (n,), mm: image distances from the lens (Eqs. 34, 35)."""
         L_t, L_s = distances_from_lens(self.rays, self.images)
         displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
-        return L_t + displaced, L_s + displaced  # m itself holds it under a perspective lens
+        return L_t + displaced, L_s + displaced  # already included in m for a perspective lens
 
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:
-        """Return h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""
+        """Return h (px) and dh/dOmega (px per radian), (n,), of a focused sensor."""
         scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
         return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
 
     def imaging(self, sensor: Sensor) -> ImagingCharacteristics:
-        """Return the image (n,) of one degree of the objects, seen from the mirror points at their distance."""
+        """Return the image (n,) of one object degree, seen from the mirror points."""
         return imaging_characteristics(self.rays.omega, *self.heights(sensor), *self._parallax)
 
     @cached_property
     def _parallax(self) -> tuple[Array, Array]:
-        """Motion (n,), (n,) of a finite object over that of a distant one: across the ray, and around the axis.
+        """Return the image motion (n,), (n,) of a finite object relative to a distant one.
 
-        At a distance D from where the ray begins, ``spread + D Omega'`` and ``x + D sin(Omega)`` per motion of the
-        mirror point and per radian of azimuth, both over the distance p from the mirror point.
+        At a distance D from the start of the ray, ``spread + D Omega'`` and ``x + D sin(Omega)``
+        per motion of the mirror point and per radian of azimuth, both divided by the distance p
+        from the mirror point.
         """
         rays, p = self.rays, self.images.object_distance
         near = 1 / p
@@ -78,30 +79,32 @@ class FocusStudy:
         return t, np.where(rays.omega == 0.0, t, s)
 
     def ideal_height(self, lens: Lens) -> Array:
-        """Image heights (n,) mm under a lens without distortion."""
+        """Return image heights (n,) mm for a lens without distortion."""
         return lens.ideal_height(self.rays.first.x, self.rays.first.w)
 
     def stretch(self, lens: Lens) -> tuple[Array, Array]:
-        """By how much (n,), (n,) a lens as focused widens a blur off its axis; all but the same at any focus."""
+        """Return the off-axis magnification (n,), (n,) of the blur by a focused lens, nearly
+        independent of the focus.
+        """
         return lens.blur_stretch(self.ideal_height(lens))
 
     def own_px(self, lens: Lens) -> tuple[Array, Array]:
-        """Blur (n,), (n,) px of the lens alone."""
+        """Return the blur (n,), (n,) px of the lens alone."""
         pitch = self.sensor.imager.pitch_mm
         t, s = lens.own_blur(self.ideal_height(lens))
         return t / pitch, s / pitch
 
     def coordinates(self, lens: Lens) -> tuple[Array, Array]:
-        """Focus coordinates (n,), (n,) of the images."""
+        """Return the focus coordinates (n,), (n,) of the images."""
         return lens.image_coordinates(*self.distances, self.ideal_height(lens))
 
     @cached_property
     def own_coordinates(self) -> Array:
-        """Focus coordinates (2, n) of the images under the lens as it is focused."""
+        """Return the focus coordinates (2, n) of the images for the lens at its current focus."""
         return np.stack(self.coordinates(self.sensor.lens))
 
     def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
-        """What changes with the focus, of focus coordinates u that count from a middle in a unit."""
+        """Return the focus-dependent quantities as a function of normalised focus coordinates u."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
         airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
@@ -115,7 +118,7 @@ class FocusStudy:
         return at
 
     def at(self, focus_mm: float) -> FocusedBlur:
-        """Blur with the lens focused at an object distance in mm."""
+        """Return the blur with the lens focused at an object distance in mm."""
         sensor = self.sensor
         if focus_mm != sensor.lens.focus_distance_mm:
             sensor = sensor.with_lens(sensor.lens.focused_at(focus_mm))
@@ -129,7 +132,7 @@ class FocusStudy:
 
 
 class BestFocus(NamedTuple):
-    """The focus that minimises a merit, and the merit there."""
+    """Optimal focus and value of the merit."""
 
     focus_mm: float
     value: float
@@ -146,39 +149,40 @@ def best_focus(
     image_radius_px: float | None = None,
     wavelength_nm: float = 550.0,
 ) -> BestFocus:
-    """The object distance L0 to focus at, over the whole field or the angles given.
+    """Compute the focus distance L0 of minimum merit, over the whole field or given angles.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     merit
-        One of :data:`FOCUS_MERITS`.
+        Name of a merit in :data:`FOCUS_MERITS`.
     omega_deg : (n,), optional
-        Field angles, in any order and spacing; 1001 over the whole field by default, without the middle tenth
-        of the image of a pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
+        Field angles in any order and spacing; by default 1001 over the whole field. For a pointed
+        mirror, the central 10 % of the image radius are excluded because the azimuthal image scale
+        vanishes there.
     object_distance_mm : scalar or (n,)
         Distance from the reflection point to the object.
     mode, image_radius_px
-        ``"paper"`` and 500 to compute as the paper does.
+        ``"paper"`` and 500 reproduce the method of the paper.
     wavelength_nm
-        Of the Airy disk, nm.
+        Wavelength of the Airy disk, nm.
 
     Returns
     -------
     BestFocus
-        The focus L0 in mm, and the merit there.
+        Focus L0 in mm, and the merit at this focus.
 
     Raises
     ------
     InvalidParameter
-        An unknown merit or mode, numbers that are not valid, or a mirror without virtual images.
+        Unknown merit or mode, invalid numbers, or a mirror without virtual images.
     OutsideField
-        A field angle that is not seen.
+        Field angle outside the field of view.
 
     Examples
     --------
-    The paper's choice for its spherical mirror, L0 = 212 mm:
+    Focus of the spherical mirror in the paper, L0 = 212 mm:
 
     >>> from omnimirror.optics.sensor_files import load_sensor
     >>> best = best_focus(load_sensor("paper-spherical"), "worst_blur_area_deg2", mode="paper", image_radius_px=500)
@@ -196,7 +200,7 @@ def best_focus(
 
 
 def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
-    """Object distances as an array, one for all field angles (n,) or one for each."""
+    """Return object distances as an array, one for all field angles or one for each (n,)."""
     p = distances("object_distance_mm", object_distance_mm)
     if p.shape not in ((), (1,), angles.shape):
         raise InvalidParameter(
@@ -206,7 +210,7 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
 
 
 def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
-    """The focus (mm) that makes a merit least."""
+    """Return the focus (mm) of minimum merit."""
     lens = study.sensor.lens
     low, high = _searched(lens, study.own_coordinates)
     middle, half = (low + high) / 2, (high - low) / 2 or 1.0
@@ -223,7 +227,7 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
 
 
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
-    """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
+    """Return a merit as a function of normalised :meth:`Lens.focus_coordinate` values."""
     sensor = study.sensor
     imaging = study.imaging(sensor)
     t, s = (study.own_coordinates - middle) / unit
@@ -234,19 +238,20 @@ def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: fl
 
 
 def _searched(lens: Lens, coordinates: Array) -> tuple[float, float]:
-    """The range of focus coordinates that is searched: those of all images, and a little more."""
+    """Return the search range of focus coordinates: those of all images, with a margin."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return _around(coordinates, limits.low, limits.high)
-    # by nearness, so that far images do not stretch the search; what lies behind the lens converges: beyond infinity
+    # vergences keep the range bounded for distant images; converging images are beyond infinity
     far, near = lens.focus_coordinate([limits.high, max(limits.low, lens.nearest_focus_mm)])
     return _around(np.maximum(coordinates, 0.0), float(far), float(near))
 
 
 def _around(coordinates: Array, least: float, most: float) -> tuple[float, float]:
-    """An interval that holds the focus coordinates of all images that a lens can be focused at, and a little more.
+    """Return an interval of the focus coordinates of all focusable images, with a margin.
 
-    Those past the last one are left out, unless there are no others; those before the first count as the first.
+    Coordinates above the upper bound are excluded unless there are no others; those below the lower
+    bound are clipped.
     """
     coordinates = coordinates[~np.isnan(coordinates)]
     if not coordinates.size:
@@ -258,7 +263,7 @@ def _around(coordinates: Array, least: float, most: float) -> tuple[float, float
 
 
 def _focusable(sensor: Sensor) -> Array:
-    """The field angles (n,), deg, that the focus is chosen for."""
+    """Return the field angles (n,), deg, used for focusing."""
     low, high = sensor.field_deg
     if sensor.mirror.is_pointed:
         edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))

@@ -1,9 +1,10 @@
-"""What a best focus makes least, and how each of these depends on the focus.
+"""Merits of the best focus, and their dependence on the focus.
 
-On the coordinate v on which blur is linear (1/L0; under a telecentric lens L0) the blurs of a field angle whose images
-stand at v_t and v_s are ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, w the share of the lens's distortion, and a degree
-of object is ``g Dh`` by ``g Dw`` wide; s, g and the Airy disk depend on v alone. So the square of every merit is a sum
-of a few functions of v, the same for all field angles, with coefficients that do not change with the focus.
+On the coordinate v of linear blur (1/L0; for a telecentric lens L0), a field angle with images at
+v_t and v_s has the blurs ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, where w is the magnification
+by lens distortion, and one degree of the object has the image size ``g Dh`` by ``g Dw``; s, g and
+the Airy disk depend on v alone. Therefore the square of each merit is a sum of a few functions of
+v, common to all field angles, with focus-independent coefficients.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FocusedBlur:
-    """Blur of n field angles at one focus.
+    """Blur at n field angles for one focus.
 
     Attributes
     ----------
     t_px, s_px : (n,) px
         Signed tangential and sagittal blur diameters.
     imaging
-        Image-forming characteristics, which turn pixels into degrees.
+        Image-forming characteristics for the conversion of pixels to degrees.
     omega : (n,) radians
     airy_px
         Diameter of the Airy disk.
@@ -48,92 +49,93 @@ class FocusedBlur:
 
     @property
     def t_deg(self) -> Array:
-        """Tangential blur (n,) in degrees of the object (Eq. 36)."""
+        """Return the tangential blur (n,) in degrees of the object (Eq. 36)."""
         return self.t_px / self.imaging.height
 
     @property
     def s_deg(self) -> Array:
-        """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone a degree has no width
+        """Return the sagittal blur (n,) in degrees of the object (Eq. 37)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # a degree has no width at the tip of a cone
             return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.s_px), self.s_px / self.imaging.width)
 
     def product(self) -> Array:
-        """The paper's blur area (n,), square degrees: a product without pi/4 (Fig. 9c), signed by its factors."""
+        """Return the blur area of the paper (n,), deg^2: signed product without pi/4 (Fig. 9c)."""
         with np.errstate(invalid="ignore"):
             area = self.t_deg * self.s_deg
         return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
 
     def floored_area(self) -> Array:
-        """Blur area (n,), square degrees, with a pixel, the Airy disk and the lens's own blur added in quadrature.
+        """Return the blur area (n,), deg^2, with pixel, Airy disk and lens blur in quadrature.
 
-        What a user really gets: the bare product vanishes wherever one of its factors does.
+        In contrast to the product of the blurs, it does not vanish with one of its factors.
         """
+        # Sum of squares per direction, px^2; division by Ds converts to square degrees (Eq. 11).
         floor = 1 + self.airy_px**2
         with np.errstate(divide="ignore", invalid="ignore"):
             t, s = self.t_px**2 + floor + self.own_t_px**2, self.s_px**2 + floor + self.own_s_px**2
             return np.sqrt(t * s) / self.imaging.area
 
 
-# -- the same as functions of the focus ----------------------------------------------------------------
+# -- merits as functions of the focus -------------------------------------------------------------
 
 
 class Sides(NamedTuple):
-    """What of n field angles does not change with the focus, lengths along v in units of a range about its middle."""
+    """Focus-independent quantities of n field angles, with lengths along v in units of a range."""
 
     t: Array
-    """(n,) focus coordinate of the tangential image."""
+    """Focus coordinates of the tangential images (n,)."""
     s: Array
     w_t: Array
-    """(n,) how far distortion widens the blur."""
+    """Magnification of the tangential blur by distortion (n,)."""
     w_s: Array
     Dh: Array
-    """(n,) px per deg, at the scale g = 1."""
+    """Radial resolution (n,), px per deg, at the scale g = 1."""
     Dw: Array
     own2: tuple[Array, Array] | None = None
-    """(n,), (n,) px^2 of the lens's own blur, which hardly changes with the focus; None of an ideal lens."""
+    """Squared lens blur (n,), (n,), px^2, nearly independent of the focus; None if ideal."""
 
 
 class Scales(NamedTuple):
-    """What changes with the focus: numbers or arrays of m focuses."""
+    """Focus-dependent quantities: numbers, or arrays for m focus values."""
 
     u: Any
-    """The focus itself."""
+    """Focus coordinate."""
     s: Any
-    """FocusedBlur, px, per unit between image and focus."""
+    """Blur, px, per unit of defocus."""
     g: Any
-    """Scale of the picture."""
+    """Image scale."""
     floor: Any
-    """Square of a pixel and of the Airy disk, px^2."""
+    """Sum of the squares of pixel and Airy disk, px^2."""
     has_own: bool = False
-    """Whether the lens has a blur of its own."""
+    """True for a lens with a blur of its own."""
 
 
 @dataclass(frozen=True)
 class FocusMerit:
-    """A quantity of the vocabulary that a best focus can make least over the field."""
+    """Merit that a best focus can minimise over the field."""
 
     size: Callable[[FocusedBlur], Array]
-    """What counts at each field angle (n,)."""
+    """Function that returns the local merit at each field angle (n,)."""
     coefficients: Callable[[Sides], Array]
-    """(terms, k) of its square; k is n, or 2 n where both sides count alone."""
+    """Function that returns the coefficients (terms, k) of its square; k is n or 2 n."""
     functions: Callable[[Scales], list[Any]]
-    """The functions of the focus that they belong to."""
+    """Function that returns the corresponding functions of the focus."""
     is_mean: bool = False
-    """The mean over solid angle in the place of the worst."""
+    """True for the mean over the solid angle instead of the maximum."""
 
     def value(self, blur: FocusedBlur) -> float:
-        """The merit of n field angles."""
+        """Return the merit of n field angles."""
         size = self.size(blur)
         return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
 
 
 def _square(coordinate: Array, weight: Array) -> Array:
-    """Coefficients (3, n) of ``weight^2 (u - coordinate)^2`` in u^2, u, 1."""
+    """Return the coefficients (3, n) of ``weight^2 (u - coordinate)^2`` for u^2, u, 1."""
     return weight**2 * np.stack([np.ones_like(coordinate), -2 * coordinate, coordinate**2])
 
 
 def _product(x: Array, y: Array) -> Array:
-    """Coefficients (5, n) of the product of two quadratics (3, n)."""
+    """Return the coefficients (5, n) of the product of two quadratics (3, n)."""
     return np.stack(
         [
             x[0] * y[0],
@@ -181,7 +183,7 @@ def _degrees(f: Scales) -> list[Any]:
 FOCUS_MERITS: dict[str, FocusMerit] = {
     "worst_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions),
     "mean_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions, is_mean=True),
-    "worst_blur_area_deg2": FocusMerit(  # the paper's choice
+    "worst_blur_area_deg2": FocusMerit(  # merit of the paper
         lambda b: np.abs(b.product()),
         _product_area,
         lambda f: _powers((f.s * f.s / (f.g * f.g)) ** 2, f.u, 4),
@@ -202,25 +204,25 @@ FOCUS_MERITS: dict[str, FocusMerit] = {
         _degrees,
     ),
 }
-"""What a best focus can minimise over the field, by the names of the vocabulary."""
+"""Focus merits by name."""
 
-MOST_OF_ONE_THREAD = 150_000  # multiplications
-STEP = 1e-100  # along the imaginary axis, whose derivatives lose no digit
+MOST_OF_ONE_THREAD = 150_000  # multiplications, below the threshold for BLAS threads
+STEP = 1e-100  # imaginary step, without cancellation error
 
 
 @dataclass(frozen=True)
 class FocusFunction:
-    """A merit of n field angles as a function of the focus."""
+    """Merit of n field angles as a function of the focus."""
 
     merit: FocusMerit
     sides: Sides
     omega: Array
     scales: Callable[[Any], Scales]
-    """What changes with the focus, at focus coordinates u."""
+    """Focus-dependent quantities at focus coordinates u."""
 
     @cached_property
     def coefficients(self) -> Array:
-        """(terms, k)"""
+        """Return the coefficients (terms, k)."""
         with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone
             return self.merit.coefficients(self.sides)
 
@@ -229,7 +231,7 @@ class FocusFunction:
         return solid_angle_shares(self.omega)
 
     def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-        """The merit (its square, if it is a worst one), its derivative, and which angle is the worst; (m,) each."""
+        """Return the merit (squared for a maximum), its derivative and the worst angle; (m,)."""
         moved = self._functions(u + 1j * STEP)
         functions, rates = moved.real.T.copy(), moved.imag.T / STEP
         squares = self._squares(functions)
@@ -242,7 +244,7 @@ class FocusFunction:
         return squares[np.arange(len(u)), worst], slope, worst
 
     def _squares(self, functions: Array) -> Array:
-        """Of all angles, (m, k), a few focuses at a time: for more BLAS would wake its threads, which takes longer."""
+        """Return the squares at all angles, (m, k), in blocks too small for BLAS threads."""
         squares = np.empty((len(functions), self.coefficients.shape[1]))
         few = max(1, MOST_OF_ONE_THREAD // self.coefficients.size)
         for i in range(0, len(functions), few):
@@ -250,22 +252,23 @@ class FocusFunction:
         return squares
 
     def _functions(self, u: NDArray[Any]) -> NDArray[Any]:
-        """What the coefficients belong to, (terms, m); of one focus by plain numbers, which cost a third."""
+        """Return the functions of the coefficients, (terms, m), with scalars for one focus."""
         at: Any = complex(u[0]) if len(u) == 1 else u
         functions = [f + 0 * at for f in self.merit.functions(self.scales(at))]
         return np.array(functions).reshape(-1, len(u))
 
 
 def _times(a: Array, b: Array) -> Array:
-    """The product of two matrices; waking BLAS's threads for so little would take longer."""
+    """Return the product of two small matrices without starting BLAS threads."""
     product: Array = np.einsum("mt,tk->mk", a, b)
     return product
 
 
 def solid_angle_shares(omega: Array) -> Array:
-    """Weights (n,), together 1, of a mean over the solid angle from the least to the largest of field angles (n,).
+    """Return normalised weights (n,) of a mean over the solid angle at field angles (n,).
 
-    Between neighbours what is averaged counts as linear in the angle; angles given several times share their weight.
+    Linear interpolation in the angle is assumed between neighbours; equal angles share their
+    weight.
 
     >>> omega = np.sort(np.random.default_rng(1).uniform(0, 2, 200))
     >>> omega[[0, -1]] = 0, 2

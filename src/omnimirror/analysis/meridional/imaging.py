@@ -1,4 +1,4 @@
-"""Image-forming characteristics: how 1 deg x 1 deg of the object appears in the image (Eqs. 9-13)."""
+"""Image-forming characteristics: the image of an object of 1 deg x 1 deg (Eqs. 9-13)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ Array = NDArray[np.float64]
 
 
 class ImagingCharacteristics(NamedTuple):
-    """The image of an object of 1 deg x 1 deg, for n field angles; each array (n,)."""
+    """Image of an object of 1 deg x 1 deg at n field angles; each array (n,)."""
 
     height: Array
-    """Dh, px per deg: radial extent (Eq. 9)."""
+    """Radial extent Dh, px per deg (Eq. 9)."""
     width: Array
-    """Dw, px per deg: extent along the circle (Eq. 10)."""
+    """Azimuthal extent Dw, px per deg (Eq. 10)."""
     area: Array
-    """Ds = Dh Dw, px^2 per square degree (Eq. 11; erratum 5)."""
+    """Area Ds = Dh Dw, px^2 per square degree (Eq. 11; erratum 5)."""
     aspect: Array
-    """Dw / Dh (Eq. 12)."""
+    """Aspect ratio Dw / Dh (Eq. 12)."""
 
 
 def imaging_characteristics(
@@ -35,16 +35,17 @@ def imaging_characteristics(
         Image height.
     dh_domega_px : (n,) px per radian
     parallax_t, parallax_s : (n,)
-        Motion of a finite object over that of a distant one, seen from the mirror point at its distance p: across the
-        ray ``1 + cos(gamma)/(cos(beta) p dOmega/dx)``, around the axis ``1 + x/(p sin(Omega))``.
+        Image motion of a finite object relative to a distant one, seen from the mirror point at its
+        distance p: perpendicular to the ray ``1 + cos(gamma)/(cos(beta) p dOmega/dx)``, around the
+        axis ``1 + x/(p sin(Omega))``.
 
     Notes
     -----
-    On the axis of a smooth mirror ``h / sin(Omega)`` is 0/0 and tends to ``dh/dOmega``: aspect 1.
+    On the axis of a smooth mirror, ``h / sin(Omega)`` is 0/0 and tends to ``dh/dOmega``: aspect 1.
 
     Examples
     --------
-    A mapping h = 100 tan(Omega/2) has aspect 1 everywhere (it is conformal):
+    The mapping h = 100 tan(Omega/2) is conformal, with an aspect of 1 at all field angles:
 
     >>> omega = np.radians([0.0, 90.0, 120.0])
     >>> c = imaging_characteristics(omega, 100 * np.tan(omega / 2), 50 / np.cos(omega / 2) ** 2)
@@ -54,6 +55,8 @@ def imaging_characteristics(
     degree = np.pi / 180
     height = dh_domega_px * degree
     with np.errstate(divide="ignore", invalid="ignore"):
+        # Dh = dh/dOmega (Eq. 9). One degree perpendicular to the meridian subtends the azimuth
+        # 1 deg / sin(Omega), which is an arc of h / sin(Omega) per radian in the image (Eq. 10).
         width = np.where(omega == 0.0, height, h_px * degree / np.sin(omega)) / parallax_s
         height = height / parallax_t
         return ImagingCharacteristics(height, width, height * width, width / height)

@@ -1,4 +1,4 @@
-"""Viewpoints, and the error of assuming a single one (Eqs. 6 and 23)."""
+"""Viewpoints, and the error of the single-viewpoint approximation (Eqs. 6 and 23)."""
 
 from __future__ import annotations
 
@@ -16,28 +16,32 @@ Array = NDArray[np.float64]
 
 
 def viewpoint_z(rays: ChiefRays) -> Array:
-    """Height z_v (mm from the vertex, (n,)) at which each chief ray's object side meets the axis (Eq. 6)."""
+    """Return the height z_v (mm from the vertex, (n,)) of the intersection of each chief ray's
+    object side with the axis (Eq. 6).
+    """
     return rays.z + rays.viewpoint_offset()
 
 
 def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike) -> Array:
-    """Angle (radians, (n,)) by which objects seem displaced when all rays are taken from one viewpoint (Eq. 23).
+    """Return the angular error (radians, (n,)) of a single-viewpoint model (Eq. 23).
 
     Parameters
     ----------
     viewpoint : mm
-        Height V0 of the assumed viewpoint over the vertex.
+        Height V0 of the assumed viewpoint above the vertex.
     distance : mm
-        Distance of the object from the reflection point; the error vanishes as it grows.
+        Object distance from the reflection point; the error vanishes for distant objects.
 
     Notes
     -----
-    ``tan eps = v sin(Omega) / (n + x/sin(Omega) + v cos(Omega))``, ``v = V0 - z_v``: the object at field
-    angle Omega seems to stand at ``Omega - eps`` as seen from V0.
+    ``tan eps = v sin(Omega) / (n + x/sin(Omega) + v cos(Omega))``, ``v = V0 - z_v``: from V0, the
+    object at the field angle Omega has the apparent angle ``Omega - eps``.
     """
+    # Triangle of the object, V0 and the viewpoint z_v on the axis (Eq. 23): the ray from z_v to the
+    # object has the length d + x/sin(Omega).
     v = viewpoint - viewpoint_z(rays)
     x, z = rays.start
-    to_axis = np.hypot(x, viewpoint_z(rays) - z)  # x / sin(Omega), without its 0/0
+    to_axis = np.hypot(x, viewpoint_z(rays) - z)  # x / sin(Omega), without the singularity 0/0
     d = np.asarray(distance, dtype=float)
     if rays.outside is not None:
         d = rays.outside.from_start(d)
@@ -47,20 +51,20 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
 
 
 class SingleViewpoint(NamedTuple):
-    """The best single viewpoint for one object distance, and what it costs."""
+    """Best single viewpoint for one object distance, and its error."""
 
     z_mm: float
-    """Its height V0 over the mirror vertex."""
+    """Height V0 above the mirror vertex."""
     worst_px: float
-    """Largest error in the image, px."""
+    """Largest image error, px."""
     worst_deg: float
-    """Largest error in angle."""
+    """Largest angular error."""
     omega_deg: Array
-    """Field angles (n,) examined."""
+    """Evaluated field angles (n,)."""
     error_px: Array
-    """Signed error (n,) in the image: how much farther out an object really is than it is looked for."""
+    """Signed image error (n,): radial position of an object relative to its predicted position."""
     error_deg: Array
-    """Signed error (n,) in angle."""
+    """Signed angular error (n,)."""
 
 
 def best_viewpoint(
@@ -71,43 +75,43 @@ def best_viewpoint(
     image_radius_px: float | None = None,
     linearised: bool = False,
 ) -> SingleViewpoint:
-    """The viewpoint whose largest error in pixels is least, over the field or the angles given.
+    """Compute the viewpoint with the minimum of the largest error in pixels.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, for example from :func:`omnimirror.load_sensor`.
     object_distance_mm
-        Distance from the reflection point to the object (the paper's n M), finite.
+        Object distance from the reflection point (n M in the paper), finite.
     omega_deg : (n,), optional
-        Field angles; 1001 over the whole field by default.
+        Field angles; by default 1001 over the whole field.
     image_radius_px
-        Scales the image so that the rim has this radius, as the paper does with 500.
+        Radius of the rim image to which the image is scaled, 500 in the paper.
     linearised
-        Whether to take the error for its angle (Eq. 23) times dh/dOmega, as the paper does. Without it the error
-        is the distance in the image of where the object is and where a distant one would be that lies in the same
-        direction from the viewpoint; beyond the ends of the field the image goes on as steeply as it ends.
+        Use the angular error (Eq. 23) times dh/dOmega, as in the paper. Otherwise the error is the
+        image distance between an object and a distant object in the same direction from the
+        viewpoint; beyond the ends of the field the mapping is extrapolated linearly.
 
     Returns
     -------
     SingleViewpoint
-        Its height over the mirror vertex in mm, and the worst error that assuming it makes, in px and deg.
+        Height above the mirror vertex in mm, and the largest resulting error in px and deg.
 
     Raises
     ------
     InvalidParameter
-        Numbers that are not valid.
+        Invalid numbers.
     OutsideField
-        A field angle that is not seen.
+        Field angle outside the field of view.
 
     Notes
     -----
-    Every error grows with the height of the viewpoint, so at the best one the largest error outwards is as large as
-    the largest inwards.
+    All errors increase with the height of the viewpoint; therefore the largest outward and the
+    largest inward error of the best viewpoint are equal.
 
     Examples
     --------
-    The paper's "+-1 pixel at 40 M", and as it would reckon:
+    Error of "+-1 pixel at 40 M" in the paper, exact and linearised:
 
     >>> from omnimirror.optics.sensor_files import load_sensor
     >>> sphere = load_sensor("paper-spherical")
@@ -145,17 +149,19 @@ def best_viewpoint(
 
 
 def _linearised(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
-    """Errors (n,) px of errors in angle (n,), radians, by dh/dOmega."""
+    """Return a function from angular errors (n,), radians, to image errors (n,) px by dh/dOmega."""
     rate = sensor.image_height_rate_px(rays)
     return lambda angle: angle * rate
 
 
 def _displacement(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
-    """Errors (n,) px of errors in angle (n,), radians: from where distant objects of the apparent angle are."""
+    """Return a function that converts angular errors (n,), radians, to image errors (n,) px,
+    relative to distant objects at the apparent angles.
+    """
     meridian = sensor.meridian
     first, last = meridian.omega_min, meridian.omega_max
     ends = sensor.image_height_rate_px(meridian.trace(meridian.x_from_omega(np.array([first, last]))))
-    ends = np.where(np.isfinite(ends), ends, 0.0)  # a mapping that starts square starts nowhere else
+    ends = np.where(np.isfinite(ends), ends, 0.0)  # a mapping with a singular start is not extrapolated
     h = sensor.image_height_px(rays)
 
     def of(angle: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Lenses and imagers that can be bought, and choosing among them."""
+"""Catalogues of off-the-shelf lenses and imagers, and part selection."""

@@ -1,9 +1,10 @@
-"""The aperture and focus that leave the least blur and diffraction together, over the whole field.
+"""F-number and focus that minimise combined defocus blur and diffraction over the field.
 
-A wide aperture blurs what is out of focus, a narrow one diffracts. Both act on the imager as diameters,
-blur as 1/F and the Airy disk as F, and are added in quadrature. For a given focus, with the worst blur
-``B/F`` over the field and the Airy disk ``a F``, the least of ``sqrt((B/F)^2 + (a F)^2)`` is
-``sqrt(2 a B)``, at ``F = sqrt(B/a)``, where both are equal.
+A large aperture increases defocus blur, a small one diffraction. The blur diameter on the imager is
+proportional to 1/F and the Airy disk diameter to F; they are added in quadrature. For a given
+focus, with the largest blur ``B/F`` over the field and the Airy disk ``a F``, the minimum of
+``sqrt((B/F)^2 + (a F)^2)`` is ``sqrt(2 a B)``, at ``F = sqrt(B/a)``, the F-number of equal
+contributions.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ ANGLES = 1001
 
 @dataclass(frozen=True)
 class BestAperture:
-    """An F-number and a focus, and what they leave.
+    """Optimal F-number and focus, with the remaining blur.
 
     Attributes
     ----------
     side
-        What was made least: the tangential blur, the sagittal one, or the larger of both.
+        Minimised blur: tangential, sagittal, or the larger of both.
     worst_px
-        Root of the squares of blur and Airy disk at the worst field angle.
+        Root sum of squares of blur and Airy disk at the worst field angle.
     blur_px, airy_px
-        The two by themselves.
+        Contributions of defocus and diffraction.
     """
 
     side: str
@@ -61,36 +62,37 @@ def best_apertures(
     wavelength_nm: float = 550.0,
     omega_min_deg: float = 0.0,
 ) -> list[BestAperture]:
-    """The best aperture and focus of a sensor tangentially, sagittally and for both together.
+    """Compute the optimal F-number and focus for tangential, sagittal and combined blur.
 
-    A wide aperture blurs, a narrow one diffracts. What is least is the root of the squares of both at the worst field
-    angle, in pixels: for a focus with the worst blur B/F and the Airy disk a F, that is sqrt(2 a B), at F = sqrt(B/a).
+    The merit is the root sum of squares of defocus blur and Airy disk at the worst field angle, in
+    pixels. For a focus with the largest blur B/F and the Airy disk a F, its minimum is sqrt(2 a B),
+    at F = sqrt(B/a).
 
     Parameters
     ----------
     sensor
-        Its own F-number and focus do not count.
+        Sensor; its own F-number and focus are ignored.
     f_number
-        What the lens can be set to, one or (low, high); under a telecentric lens the working F-number on the imager's
-        side.
+        Available F-numbers, a single value or (low, high); for a telecentric lens the image-side
+        working F-number.
     object_distance_mm
-        From the mirror to the object, mm.
+        Object distance from the mirror, mm.
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
-        Of the Airy disk, nm.
+        Wavelength of the Airy disk, nm.
     omega_min_deg
-        Field angles below this do not count, deg.
+        Smallest field angle considered, deg.
 
     Returns
     -------
     list of BestAperture
-        For the tangential blur, the sagittal one, and both together.
+        Results for the tangential, the sagittal and the combined blur.
 
     Raises
     ------
     InvalidParameter
-        An empty range of F-numbers, or no field left.
+        Empty range of F-numbers, or empty field.
 
     Examples
     --------
@@ -117,7 +119,7 @@ def best_apertures(
 
 
 def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestAperture:
-    """One side's best, from a sensor whose F-number is 1."""
+    """Optimise for one kind of blur; the sensor has F-number 1."""
     L_t, L_s = study.distances
     L = {"tangential": L_t, "sagittal": L_s, "together": np.concatenate([L_t, L_s])}[side]
     usable = L[np.isfinite(L) & (_nearest(study.sensor.lens) < L)]
@@ -128,6 +130,7 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
         blur = study.at(focus)
         t, s = float(np.abs(blur.t_px).max()), float(np.abs(blur.s_px).max())
         open_ = {"tangential": t, "sagittal": s, "together": max(t, s)}[side]
+        # (B/F)^2 + (a F)^2 is stationary at F^2 = B/a; B and a are blur and Airy disk at F = 1.
         F = float(np.clip(np.sqrt(open_ / blur.airy_px), *f_range))
         return BestAperture(side, F, focus, float(np.hypot(open_ / F, blur.airy_px * F)), open_ / F, blur.airy_px * F)
 

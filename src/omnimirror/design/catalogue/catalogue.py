@@ -1,4 +1,4 @@
-"""Lists of lenses, imagers, mirror balls and domes that can be bought: TOML with tables, or CSV with a header line."""
+"""Catalogues of off-the-shelf lenses, imagers, mirror balls and domes, in TOML or CSV format."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
 BUNDLED = Path(__file__).with_name("typical.toml")
-"""The catalogue that comes with the package: real kinds of parts, each with where its numbers come from."""
+"""Bundled catalogue of real parts, with the sources of their data."""
 
 TYPICAL = "typical"
-"""Its name."""
+"""Name of the bundled catalogue."""
 
 OUTSIDE = {
     "price": Parameter("", 0.0, 1e7, "in a currency of the catalogue's choice, the same in all of it"),
@@ -35,21 +35,21 @@ OUTSIDE = {
     "diameter_mm": Parameter("mm", 0.1, 1e4, "largest diameter"),
     "length_mm": Parameter("mm", 0.1, 1e4, "length along the axis"),
 }
-"""What every part may say of its outside; None where it is not known."""
+"""Optional external properties of a part; None if unknown."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Component:
-    """A line of a catalogue.
+    """Catalogue entry.
 
     Parameters
     ----------
     price
-        In a currency of the catalogue's choice, the same in all of it.
+        Price, in one currency for the whole catalogue.
     mass_g, diameter_mm, length_mm
-        Of its outside, along the axis. None where it is not known.
+        Mass and external dimensions (length along the axis); None if unknown.
     source
-        Where its numbers come from.
+        Source of the data.
     """
 
     PARAMETERS: ClassVar[dict[str, Parameter]]
@@ -70,20 +70,21 @@ class Component:
 
 @dataclass(frozen=True)
 class LensComponent(Component):
-    """An ordinary (entocentric) lens.
+    """Entocentric lens.
 
     Parameters
     ----------
     minimum_focus_mm
-        Nearest object in focus without rings, from the lens's principal point.
+        Minimum object distance without extension rings, from the principal point.
     image_circle_mm
-        Diameter that the lens covers; None where it is not known to matter.
+        Image circle diameter; None if unknown.
     extension_rings_mm
-        Thicknesses of rings at hand, which move the whole lens out, each to be used once.
+        Thicknesses of the available extension rings, each usable once.
     mount
-        Names of the mounts that it fits, parted by spaces: ``"C"``, ``"M12"``; nothing where it does not matter.
+        Compatible mounts, separated by spaces, for example ``"C"`` or ``"M12"``; empty for any
+        mount.
     file
-        Its surfaces, a .zmx file; focal length and F-numbers are those of the file then, where they are not given.
+        Surface data in a .zmx file; focal length and F-numbers default to those of the file.
     """
 
     name: str
@@ -117,13 +118,13 @@ class LensComponent(Component):
 
     @cached_property
     def optics(self) -> SurfaceLens | None:
-        """The lens by its surfaces, of a file."""
+        """Return the lens defined by the surfaces of its file, or None."""
         return SurfaceLens.from_file(self.file) if self.file else None
 
 
 @dataclass(frozen=True)
 class TelecentricComponent(Component):
-    """A telecentric lens; the mirror has to fit into its front."""
+    """Telecentric lens; its front diameter limits the mirror diameter."""
 
     name: str
     magnification: float
@@ -149,7 +150,7 @@ class TelecentricComponent(Component):
 
 @dataclass(frozen=True)
 class ImagerComponent(Component):
-    """An imager or a camera."""
+    """Imager or camera."""
 
     name: str
     width_px: int
@@ -167,7 +168,7 @@ class ImagerComponent(Component):
 
 @dataclass(frozen=True)
 class BallComponent(Component):
-    """A mirror ball, or a cap of one."""
+    """Mirror ball, complete or a cap."""
 
     name: str
     ball_diameter_mm: float
@@ -180,7 +181,7 @@ class BallComponent(Component):
 
 @dataclass(frozen=True)
 class DomeComponent(Component):
-    """A clear dome."""
+    """Clear dome."""
 
     name: str
     dome_diameter_mm: float
@@ -197,12 +198,12 @@ class DomeComponent(Component):
 
 @dataclass(frozen=True)
 class ExtraComponent(Component):
-    """What is bought besides: a heater, an arm, a holder.
+    """Accessory, for example a heater, an arm or a bracket.
 
     Parameters
     ----------
     use
-        What it is for, one word by which requirements ask for it: ``"heater"``.
+        Purpose, a single word referenced by requirements, for example ``"heater"``.
     """
 
     name: str
@@ -213,7 +214,7 @@ class ExtraComponent(Component):
 
 
 def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerComponent) -> bool:
-    """Whether a lens can be screwed on an imager, as far as both say.
+    """Check the compatibility of lens and imager mounts; unspecified mounts are compatible.
 
     >>> lens = LensComponent("8 mm", 8.0, 2.0, 2.0, 70.0, mount="M12")
     >>> mounts_fit(lens, ImagerComponent("A", 1280, 960, 3.0, mount="C CS"))
@@ -229,7 +230,7 @@ def _check_f_numbers(name: str, low: float, high: float) -> None:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What can be bought."""
+    """Available parts."""
 
     lenses: tuple[LensComponent | TelecentricComponent, ...]
     imagers: tuple[ImagerComponent, ...]
@@ -240,28 +241,28 @@ class Catalogue:
 
 @checked
 def read_catalogue(*paths: str | Path) -> Catalogue:
-    """The parts of all files together: TOML files with ``[[lens]]``, ``[[imager]]`` .. tables, and CSV files.
+    """Read and merge catalogue files in TOML (``[[lens]]``, ``[[imager]]`` ...) or CSV format.
 
-    The filled cells of a line of CSV tell its kind: ``pixel_pitch_um`` is an imager's, ``magnification`` a telecentric
-    lens's, ``ball_diameter_mm`` a mirror ball's, ``dome_diameter_mm`` a dome's, ``use`` that of a heater, an arm or a
-    holder. Empty cells are left out;
-    ``extension_rings_mm`` holds thicknesses parted by spaces.
+    The non-empty cells of a CSV line determine its kind: ``pixel_pitch_um`` for an imager,
+    ``magnification`` for a telecentric lens, ``ball_diameter_mm`` for a mirror ball,
+    ``dome_diameter_mm`` for a dome, ``use`` for an accessory. Empty cells are ignored;
+    ``extension_rings_mm`` contains thicknesses separated by spaces.
 
     Parameters
     ----------
     *paths
-        Names of the files; without any, or by the name ``"typical"``, the catalogue that comes with the package.
+        File names; without arguments, or for the name ``"typical"``, the bundled catalogue.
 
     Returns
     -------
     Catalogue
-        Its lenses and imagers, mirror balls and domes, and what is bought besides.
+        Lenses, imagers, mirror balls, domes and accessories.
 
     Raises
     ------
     OmnimirrorError
-        A file that cannot be read; an entry that is missing, unknown or out of range, with its line and column; a
-        name that is given twice; no lens or no imager at all.
+        File that cannot be read; entry that is missing, unknown or out of range, with its line and
+        column; duplicate name; catalogue without a lens or without an imager.
 
     Examples
     --------
@@ -302,14 +303,14 @@ TELLING: dict[str, type[Component]] = {
     "magnification": TelecentricComponent, "pixel_pitch_um": ImagerComponent, "ball_diameter_mm": BallComponent,
     "dome_diameter_mm": DomeComponent, "use": ExtraComponent,
 }  # fmt: skip
-"""Entries that tell a kind; a part without any of them is a lens."""
+"""Entries that identify a kind of part; the default is a lens."""
 WORDS = ("name", "source", "material", "mount", "use", "file")
-SAME = 0.01  # a share that a focal length may differ from its file's and yet be meant
+SAME = 0.01  # relative tolerance of the focal length with respect to the file
 TABLES = ", ".join(f"[[{kind}]]" for kind in KINDS)
 
 
 def _read(path: Path) -> Iterable[tuple[str, Component]]:
-    """The parts of a file, each with its place."""
+    """Yield the parts of a file with their locations."""
     text = read_text(path, "catalogue")
     if path.suffix.lower() == ".csv":
         yield from _read_csv(path, text.removeprefix("\ufeff"))
@@ -350,7 +351,7 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
 
 
 def _with_file(where: str, entry: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """An entry with what the file of a lens says of it, where it names one."""
+    """Return a lens entry completed with the data of its surface file, if it has one."""
     name = entry.get("file")
     if not (isinstance(name, str) and name):
         return entry
@@ -373,7 +374,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _number(key: str, text: str) -> Any:
-    """A cell of a CSV file: words, a list for rings, else a number."""
+    """Parse a CSV cell: text, a list of ring thicknesses, or a number."""
     if key in WORDS:
         return text
     try:
@@ -386,7 +387,7 @@ def _number(key: str, text: str) -> Any:
 
 
 def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) -> Component:
-    """One part, of the kind that its entries tell; ``what`` is said before the name of an entry."""
+    """Create one part of the kind identified by its entries."""
     cls: type[Any] = next((kind for name, kind in TELLING.items() if name in entry), plain)
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
@@ -401,7 +402,7 @@ def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) 
 
 
 def _value(where: str, key: str, value: Any, cls: type[Component]) -> Any:
-    """An entry of the kind that it has to be of."""
+    """Validate and convert the value of an entry."""
     if key in WORDS:
         if not (isinstance(value, str) and value):
             raise OmnimirrorError(f"{where}{key} = {shown(value)} is not a name")

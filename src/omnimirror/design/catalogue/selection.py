@@ -1,7 +1,7 @@
-"""Lenses and imagers that can be bought, for a mirror: which fit, how well, and why the others do not.
+"""Selection of off-the-shelf lenses and imagers for a mirror, with reasons for rejection.
 
-The mirror stands where its field asks for, so the viewing angle at its rim is given; a lens and an imager
-have to show that angle, focus on the virtual images, and leave little blur.
+The mirror distance follows from the field, and therefore the viewing angle at the rim is fixed.
+Lens and imager have to cover this angle, focus on the virtual images and keep the blur small.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricCom
 
 Array = NDArray[np.float64]
 
-STOPS = 2.0 ** (np.arange(-4, 25) / 4)  # F-numbers that are tried, half a stop apart
+STOPS = 2.0 ** (np.arange(-4, 25) / 4)  # candidate F-numbers in steps of half a stop
 ANGLES = 181
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A lens with an imager before the mirror.
+    """Combination of a lens and an imager for a given mirror.
 
     Attributes
     ----------
     reasons
-        Why it cannot be used; empty where it can.
+        Reasons for rejection; empty for a feasible combination.
     fill
-        Image of the rim over half of the imager's shorter side; 1 fills it.
+        Radius of the rim image relative to half of the shorter imager side; 1 fills it.
     rim_radius_px
     ring_mm
-        Thickness of the extension rings that the focus needs; 0 for none.
+        Thickness of the extension rings required for the focus; 0 for none.
     sensor
-        The sensor with the best F-number and focus; None where the kind of lens is wrong.
+        Sensor with the optimal F-number and focus; None for an incompatible kind of lens.
     worst_floored_area_deg2
-        Its worst floored blur area, by which usable combinations are ranked.
+        Largest floored blur area over the field, the ranking criterion of feasible combinations.
     """
 
     lens: str
@@ -65,28 +65,30 @@ class Combination:
 def choose_parts(
     sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.6, object_distance_mm: float = np.inf
 ) -> list[Combination]:
-    """Every lens with every imager before the mirror of a sensor, best first; those that do not fit come last.
+    """Evaluate all combinations of lenses and imagers for the mirror of a sensor, best first;
+    infeasible combinations are last.
 
     Parameters
     ----------
     sensor
-        Its mirror, distance, and kind of lens count; its own focal length and imager do not.
+        Mirror, mirror distance and kind of lens are used; focal length and imager are ignored.
     catalogue
-        From :func:`omnimirror.read_catalogue`.
+        Catalogue from :func:`omnimirror.read_catalogue`.
     least_fill
-        How much of half the imager's shorter side the rim's image has to reach at least, 0 to 1.
+        Minimum radius of the rim image relative to half of the shorter imager side, 0 to 1.
     object_distance_mm
-        From the mirror to the object, mm.
+        Object distance from the mirror, mm.
 
     Returns
     -------
     list of Combination
-        Each with its reasons where it does not fit, and its sensor at the best F-number and focus where it does.
+        Combinations with their sensors at optimal F-number and focus, or with reasons for
+        rejection.
 
     Raises
     ------
     InvalidParameter
-        A fill outside 0 to 1, or a sensor with a second mirror.
+        Fill outside 0 to 1, or a sensor with a second mirror.
 
     Examples
     --------
@@ -139,9 +141,10 @@ def _combine(
 
 
 def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
-    """The thinnest rings with which a lens focuses at a distance, mm; or why none do.
+    """Return the thinnest extension rings (mm) for a focus distance, or the reason for failure.
 
-    The lens's own travel is what leads from infinity to its nearest focus, ``f^2/(L_min - f)``; rings add to it.
+    The focus travel of the lens extends from infinity to its minimum object distance, ``f^2/(L_min
+    - f)``; rings are added to it.
 
     >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
     >>> rings_for(lens, 400.0), rings_for(lens, 160.0)
@@ -162,7 +165,7 @@ def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
 def _at_best_aperture(
     sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float
 ) -> tuple[Sensor, float]:
-    """The sensor with this lens at the F-number and focus of its least worst floored blur area, and that area."""
+    """Return the sensor at F-number and focus of minimum worst blur area, and that area."""
     low, high = part.f_number_min, part.f_number_max
     stops = np.concatenate([[low], STOPS[(low < STOPS) & (high > STOPS)], [high]])
     if isinstance(part, TelecentricComponent):
@@ -176,7 +179,7 @@ def _at_best_aperture(
 
 
 def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float) -> tuple[Array, Array]:
-    """Best focus (mm) and worst floored area (deg2) at each F-number (n,)."""
+    """Return the best focus (mm) and the worst floored area (deg2) for each F-number (n,)."""
     rays = sensor.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, ANGLES))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope_over_x = np.where(rays.x > 0, rays.slope / rays.x, rays.curvature)

@@ -1,4 +1,4 @@
-"""A sensor file to start from: it works as it stands, and lists every part with its entries."""
+"""Template of a sensor file: a valid sensor, with a list of all parts and their entries."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ...optics.thermal import Thermal
 
 @checked
 def sensor_template(name: str = "sensor") -> str:
-    """A sensor file that works as it stands, every entry explained, every mirror, lens and housing listed.
+    """Return the text of a valid sensor file with explanations of all entries and parts.
 
-    What ``omnimirror init`` writes.
+    Written by ``omnimirror init``.
 
     Parameters
     ----------
     name
-        Of the sensor.
+        Name of the sensor.
 
     Returns
     -------
     str
-        The text of the file, TOML.
+        Text of the file in TOML format.
 
     Raises
     ------
     TypeError
-        The name is no text.
+        Name that is not a string.
 
     Examples
     --------
@@ -101,11 +101,11 @@ image_flipped = false  # true when the driver delivers the picture reversed left
 
 
 SECONDARY = {"distance_mm": 88.0, "bore_radius_mm": 5.0}
-"""A fold of the template's sensor that works as it stands."""
+"""Valid fold mirror for the sensor of the template."""
 
 
 def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | None = None) -> str:
-    """Entries of a table that may be left out, commented; 0 where no value is given."""
+    """Format the optional entries of a table as comments; default value 0."""
     values = values or {}
     return "\n".join(f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items())
 
@@ -116,11 +116,11 @@ HOUSING = {
     "tube": {"diameter_mm": 102.0},
     "rim": {"width_mm": 1.5},
 }
-"""A housing of the template's sensor that works as it stands; numbers that go without saying are those of its parts."""
+"""Valid housing for the sensor of the template; missing values default to those of the parts."""
 
 
 def _thermal() -> str:
-    """The commented table of what temperature moves."""
+    """Format the commented table of thermal properties."""
     thermal = Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium")
     given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
     lines = [f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()]
@@ -128,7 +128,7 @@ def _thermal() -> str:
 
 
 def _housing() -> str:
-    """The commented tables of a housing."""
+    """Format the commented tables of a housing."""
     tables = []
     for name, values in HOUSING.items():
         part = HOUSING_PARTS[name](**values)
@@ -139,7 +139,7 @@ def _housing() -> str:
 
 
 def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
-    """One commented block per kind, made from what each says of itself."""
+    """Format one commented block for each kind, from its parameter descriptions."""
     lines: list[str] = []
     for kind, cls in parts.items():
         lines.append(f'#   kind = "{kind}"')

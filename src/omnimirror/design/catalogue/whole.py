@@ -1,4 +1,4 @@
-"""How large and how heavy the whole of a sensor is: mirror, camera, and what stands around them."""
+"""Overall dimensions and mass of a sensor: mirror, camera and housing."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from ...optics.thermal import DENSITIES_G_PER_CM3
 from .catalogue import BallComponent, Component
 
 MATERIAL = "aluminium"
-"""Of the mirror's body, where nothing is said of it."""
-POINTS = 64  # of Gauss's rule
+"""Default material of the mirror body."""
+POINTS = 64  # of the Gauss-Legendre quadrature
 
 
 class OuterSize(NamedTuple):
-    """What bounds a sensor on the outside."""
+    """Overall dimensions of a sensor."""
 
     diameter_mm: float
     height_mm: float
-    """Along the axis, from the imager (or the back of a camera of known length) to the back of the mirror's body."""
+    """Height along the axis, from imager or camera back to the back of the mirror body."""
 
 
 def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
-    """Largest diameter and height of a sensor as it is built, of parts whose outside may be known.
+    """Return the largest diameter and the height of a sensor, including parts of known dimensions.
 
-    Under a telecentric lens the height is that of mirror and parts: where the lens stands is free.
+    For a telecentric lens, whose distance is free, the height includes only the mirror and the
+    parts.
 
     Examples
     --------
@@ -47,7 +48,7 @@ def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     if housing.shell is not None:
         shell = sensor.obstructions.housing.shell
         assert shell is not None
-        widths.append(shell.diameter_mm or 0.0)  # a window may have no edge
+        widths.append(shell.diameter_mm or 0.0)  # a window may be unbounded
     behind = sum(part.length_mm or 0.0 for part in parts if part.KIND == "imager")
     height = top + rim.thickness_mm + behind
     if isinstance(lens, GaussianLens):
@@ -58,11 +59,11 @@ def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
 
 
 def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str | None = None) -> float:
-    """Mass of a mirror, from its surface to a flat back that lies so far behind its highest point.
+    """Return the mass of a mirror between its surface and a flat back behind its highest point.
 
     Examples
     --------
-    A cylinder with a cone out of it:
+    Cylinder with a conical cavity:
 
     >>> from omnimirror.optics.mirrors import Cone
     >>> round(mirror_mass_g(Cone(45.0, 10.0), 5.0), 2), round(2.7e-3 * np.pi * 100 * (5 + 10 * 2 / 3 - 10 / 3), 2)
@@ -77,19 +78,19 @@ def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, mate
 
 
 def density_of(material: str | None) -> float:
-    """Of a mirror's body, g/cm3; of the usual one where nothing is said."""
+    """Return the density of a mirror material, g/cm3; None selects the default material."""
     return DENSITIES_G_PER_CM3[material or MATERIAL]
 
 
 @cache
 def gauss_nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (n,) in (-1, 1) and weights of Gauss's rule, by which bodies are weighed."""
+    """Return nodes (n,) in (-1, 1) and weights of the Gauss-Legendre quadrature for volumes."""
     u, weight = np.polynomial.legendre.leggauss(POINTS)
     return u, weight
 
 
 def body_mass_g(sensor: Sensor) -> float:
-    """Mass of a sensor's mirror, of the material that is said of it.
+    """Return the mass of the mirror of a sensor, with the material of its thermal properties.
 
     Examples
     --------
@@ -103,7 +104,7 @@ def body_mass_g(sensor: Sensor) -> float:
 
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
-    """Of the mirror and the parts, a ball in the mirror's stead; None where that of a part is not known."""
+    """Return the mass of mirror (or mirror ball) and parts; None if a mass is unknown."""
     known = [part.mass_g for part in parts]
     if any(mass is None for mass in known):
         return None
@@ -112,6 +113,6 @@ def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
 
 
 def price(parts: tuple[Component, ...]) -> float | None:
-    """Of all parts; None where that of one is not known."""
+    """Return the total price of the parts; None if a price is unknown."""
     prices = [part.price for part in parts]
     return None if any(p is None for p in prices) else sum(p or 0.0 for p in prices)

@@ -1,1 +1,1 @@
-"""Mirrors made from what is wanted of them: families, mappings, fits."""
+"""Construction of mirrors from design parameters: families, mappings and fits."""

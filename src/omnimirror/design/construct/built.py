@@ -1,8 +1,9 @@
-"""Mirrors made for the lens and the cover that stand there: a pupil that moves, distortion, walls that bend rays.
+"""Mirrors corrected for the real lens and cover: pupil aberration, distortion and refraction.
 
-A mirror of a family is made for the angle inside the cover whose ray leaves it at the angle asked for. A mirror of a
-mapping gets the mapping that comes out right behind lens and cover: at some mirror points the field angle is compared
-with what is asked at their image height, and the angle inside is put right by as much as it counts, until it is.
+A mirror of a family is designed for the field angle inside the cover that refraction converts to
+the requested angle. For a mirror of a mapping, the mapping is corrected for lens and cover: the
+field angle of selected mirror points is compared with the nominal angle at their image height, and
+the angle inside is corrected iteratively.
 """
 
 from __future__ import annotations
@@ -25,49 +26,50 @@ from .rim import MountedMirror, RimRay
 
 Array = NDArray[np.float64]
 
-NODES = 65  # mirror points at which a mapping is put right
+NODES = 65  # mirror points of the mapping correction
 STEPS = 12
 CLOSE = 1e-10  # radians
-ENDS_STEPS = 25  # of a pointed mirror behind a cover
-MIN_CENTRE_DEG, MAX_STEP_DEG = 1.0, 10.0  # field angle inside at the centre of a pointed mirror, and its largest step
+ENDS_STEPS = 25  # maximum iterations for a pointed mirror behind a cover
+MIN_CENTRE_DEG, MAX_STEP_DEG = 1.0, 10.0  # smallest inner field angle at the centre, largest step
 
 
 @dataclass(frozen=True)
 class LensAndCover:
-    """A lens as focused, and what stands around the mirror."""
+    """Focused lens and housing of the mirror."""
 
     lens: Lens
     housing: Housing
 
     @property
     def are_ideal(self) -> bool:
-        """Whether mirrors are made for a pinhole and nothing else."""
+        """Return whether the camera is an ideal pinhole without a cover."""
         return self.lens.IS_THIN and self.housing.shell is None
 
     @property
     def keep_mapping(self) -> bool:
-        """Whether behind them all field angles of a mapping can be had; next to the axis a tube before another medium
-        has none."""
+        """Return whether all field angles of a mapping can be reached; a tube with another outer
+        medium excludes those near the axis.
+        """
         shell = self.housing.shell
         return not (isinstance(shell, Tube) and shell.outer_index != 1.0)
 
     def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
-        """A mirror made for a pinhole, its lens where it sees the rim as the pinhole did."""
+        """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
         place = float(self.lens.pupil.place(np.array([np.tan(np.radians(theta_max_deg))]))[0])
         return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
 
     def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
-        """Trace the chief rays (n,) of mirror points to the outside; those that are not let out are not finite."""
+        """Trace the chief rays (n,) of mirror points to the outside; not finite if blocked."""
         return self._tracer(made)(x)
 
     def _cover(self, made: MountedMirror) -> Cover | None:
-        """Return the cover around a mirror, None without one."""
+        """Return the cover around a mirror; None without one."""
         if self.housing.shell is None:
             return None
         return cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
 
     def _tracer(self, made: MountedMirror) -> Callable[[Array], ChiefRays]:
-        """Return the function that traces chief rays (n,) of points of one mirror to the outside."""
+        """Return the function that traces chief rays (n,) from one mirror to the outside."""
         with np.errstate(all="ignore"):
             cover = self._cover(made)
 
@@ -79,13 +81,13 @@ class LensAndCover:
         return trace
 
     def heights(self, rays: ChiefRays) -> Array:
-        """Image heights (n,) over that of the last ray."""
+        """Return image heights (n,) relative to that of the last ray."""
         h = self.lens.image_height(rays.x, rays.w)
         share: Array = h / h[-1]
         return share
 
     def made_for_rim(self, make: Callable[[RimRay], MountedMirror], rim: RimRay) -> MountedMirror:
-        """The mirror of a way of making them whose rim shows the angle asked for, outside."""
+        """Return the mirror with the requested field angle at the rim outside the cover."""
         inside = rim.omega_max_deg
         for _ in range(STEPS):
             own = RimRay(inside, rim.theta_max_deg, rim.rim_radius_mm)
@@ -103,16 +105,17 @@ class LensAndCover:
     def made_for_ends(
         self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
     ) -> MountedMirror:
-        """Return the pointed mirror whose field outside the cover reaches from ``low_deg`` to that of the rim.
+        """Return the pointed mirror with a field from ``low_deg`` outside the cover.
 
         Parameters
         ----------
         make
-            Mirror for the rim and for the field angle at its centre, both inside the cover.
+            Function of the rim and of the field angle at the centre, both inside the cover, that
+            returns a mirror.
         low_deg
-            Smallest field angle outside, deg: at the centre or, where the rays of the centre end at the base of a
-            tube, at the first mirror point whose rays pass the wall. An angle that refraction excludes is approached
-            as closely as possible.
+            Smallest field angle outside, deg: at the centre or, if the base of a tube blocks the
+            rays of the centre, at the first mirror point with rays through the wall. An angle
+            excluded by refraction is approached as closely as possible.
         """
         wanted = np.array([low_deg, rim.omega_max_deg])
         shell = self.housing.shell
@@ -128,19 +131,20 @@ class LensAndCover:
             if np.abs(missed).max() < np.degrees(CLOSE):
                 break
             step = missed * rate
-            # The first point that passes the wall moves with the angle at the centre: a secant includes that.
+            # The first point with rays through the wall depends on the angle at the centre; a
+            # secant step accounts for this.
             if before is not None and (change := missed[0] - before[1]):
                 step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
             before = inside[0], missed[0]
             inside = inside + step
             is_settled = abs(missed[1]) < np.degrees(CLOSE) and before[0] == MIN_CENTRE_DEG and inside[0] <= before[0]
-            if is_settled:  # the angle is out of reach
+            if is_settled:  # the angle cannot be reached
                 break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
         return found
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
-        """Return the differences to field angles at both ends of the field, deg, and d(inside)/d(outside) there."""
+        """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
         begin, rim, cover, trace = 0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made)
         if cover is not None:
             begin = cover.first_seen(trace, 0.0, rim)
@@ -148,12 +152,12 @@ class LensAndCover:
         return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
 
     def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
-        """The mirror that has the mapping of an exact one behind lens and cover.
+        """Return the mirror that has a given mapping with lens and cover.
 
         Raises
         ------
         InvalidParameter
-            The cover does not let its rays out.
+            Rays blocked by the cover.
         """
         x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
         mirror: Mapped = exact
@@ -177,7 +181,7 @@ class LensAndCover:
 
 
 def _inside_rate(rays: ChiefRays) -> Array:
-    """How much (n,) the angle inside a cover counts for that outside."""
+    """Return the derivative (n,) of the angle inside a cover with respect to the angle outside."""
     return rays.dreflected_dx() / rays.domega_dx()
 
 
@@ -191,7 +195,7 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
 
 
 def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int) -> float:
-    """Largest difference of image heights from those of a mapping, over the height of the rim."""
+    """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
     rays = lens_and_cover.rays(made, x)
     tau = lens_and_cover.heights(rays)

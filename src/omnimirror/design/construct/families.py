@@ -1,10 +1,12 @@
-"""Families of mirrors solved for field, viewing angle and rim radius: closed forms for the paper's trial and error.
+"""Mirror families in closed form, for given field, viewing angle and rim radius.
 
-A conic of vertex radius R and conic constant k has slope ``tan(beta)`` at x = M when
+The closed forms replace the trial and error of the paper. A conic of vertex radius R and conic
+constant k has the slope ``tan(beta)`` at x = M for
 
     R = M sqrt(cot(beta)^2 + 1 + k),   beta = (Omega_max - Theta)/2
 
-(Eqs. 2-5 at the rim), and the lens stands where it sees the rim at Theta, ``m = M/tan(Theta) - z(M)``.
+(Eqs. 2-5 at the rim). The lens distance follows from the viewing angle Theta of the rim, ``m =
+M/tan(Theta) - z(M)``.
 """
 
 from __future__ import annotations
@@ -20,20 +22,22 @@ from .rim import MountedMirror, RimRay
 
 
 def vertex_radius(rim: RimRay, conic: float) -> float:
-    """R (mm) of the conic that has the slope asked for at the rim.
+    """Return the vertex radius R (mm) of the conic with the required slope at the rim.
 
     Raises
     ------
     InvalidParameter
-        So strong a hyperboloid is straight before it is that steep.
+        Conic constant of a hyperboloid that cannot reach the slope.
 
     Examples
     --------
-    Table 1's sphere, A = 1.138 M:
+    Sphere of Table 1, A = 1.138 M:
 
     >>> round(vertex_radius(RimRay(135.0, 12.0, 1.0), conic=0.0), 3)
     1.138
     """
+    # Slope of a conic: z'(x) = x / sqrt(R^2 - (1 + k) x^2). Setting z'(M) = tan(beta) (Eqs. 2-5)
+    # gives (R/M)^2 = cot(beta)^2 + 1 + k.
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
         raise InvalidParameter(
@@ -44,7 +48,7 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
 
 
 def sphere(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """``A = M / sin(beta)``; nothing is left free.
+    """Return the sphere ``A = M / sin(beta)``; it has no free parameter.
 
     >>> mounted = sphere(RimRay(135.0, 12.0, 1.0))
     >>> round(mounted.mirror.radius_mm, 3), round(mounted.distance_mm, 3)  # Table 1
@@ -55,13 +59,15 @@ def sphere(rim: RimRay, conic: float | None = None) -> MountedMirror:
 
 
 def paraboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """``s = M / tan(beta)``; nothing is left free. Under an orthographic lens it has a single viewpoint."""
+    """Return the paraboloid ``s = M / tan(beta)``; it has no free parameter. With an orthographic
+    lens it has a single viewpoint.
+    """
     _refuse_conic("paraboloid", conic)
     return rim.place(Paraboloid(vertex_radius(rim, -1.0), rim.rim_radius_mm))
 
 
 def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """With the conic constant left free, the one with a single viewpoint; otherwise the one asked for (k < -1).
+    """Return the hyperboloid of a given conic constant k < -1, or with a single viewpoint.
 
     >>> mounted = hyperboloid(RimRay(135.0, 12.0, 1.0))
     >>> round(mounted.mirror.a_mm, 4), round(mounted.mirror.b_mm, 3), round(mounted.distance_mm, 3)  # Table 1
@@ -83,7 +89,7 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 
 
 def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """The one with the conic constant asked for (k > -1; below 0 it is long along the axis, above 0 flat)."""
+    """Return the ellipsoid with a given conic constant k > -1: prolate below 0, oblate above 0."""
     if conic is None:
         raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
     if conic <= -1:
@@ -93,7 +99,7 @@ def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 
 
 def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
-    """Slope beta all the way: its field is as wide as the viewing angle, from Omega_max - Theta to Omega_max."""
+    """Return the cone of constant slope beta, with a field from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
         raise InvalidParameter(
@@ -118,4 +124,4 @@ FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
     "ellipsoid": ellipsoid,
     "cone": cone,
 }
-"""Every family by its name: a function of the rim, and of the conic constant where that is free."""
+"""Mirror families by name: functions of the rim and of the conic constant, if it is free."""

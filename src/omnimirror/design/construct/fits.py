@@ -1,8 +1,9 @@
-"""Polynomial and conic-asphere mirrors fitted to another one by what matters: where the image lands.
+"""Polynomial and conic-asphere mirrors fitted to the mapping of a target mirror.
 
-The rim keeps its radius and its viewing angle. Least squares lead near, and from there Lawson's rule, which
-weighs each point by what it deviated the time before, to the least largest deviation of the image
-height; the rim then shows the target's field angle or a little more. Derivatives are complex steps.
+The rim radius and its viewing angle are preserved. A least-squares solution is the initial value of
+Lawson's algorithm, which reweights each point by its previous deviation to minimise the largest
+deviation of the image height. The rim then has the field angle of the target or slightly more.
+Derivatives are complex steps.
 """
 
 from __future__ import annotations
@@ -27,24 +28,29 @@ Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
 Aim = Literal["worst-mapping", "mean-mapping", "sag"]
-"""What a fit makes least: the largest deviation of the mapping, its root mean square, or that of the sag."""
+"""Objective of a fit: largest or RMS deviation of the mapping, or RMS deviation of the sag."""
 
 NODES, TABLE = 400, 2001
-STEPS, ROUNDS, MODELS = 60, 500, 8  # of least squares, of Lawson for one linear model, of such models
-SETTLED = 1e-3  # relative; Lawson's rule converges slowly at the end
+STEPS, ROUNDS, MODELS = (
+    60,
+    500,
+    8,
+)  # least-squares steps; Lawson iterations for one linear model; linear models
+SETTLED = 1e-3  # relative; the final convergence of Lawson's algorithm is slow
 MOST_TERMS = 12
 STEP = 1e-30  # of complex-step derivatives
 
 
 class FitForm(NamedTuple):
-    """``polynomial:N`` or ``asphere:N``: N even powers, from x^2, or from x^4 beside a conic."""
+    """Even powers of ``polynomial:N`` (from x^2) or ``asphere:N`` (conic, and powers from x^4)."""
 
     kind: Literal["polynomial", "asphere"]
     terms: int
 
     @classmethod
     def parse(cls, text: str) -> FitForm:
-        """
+        """Parse a form such as ``polynomial:4`` or ``asphere:3``.
+
         >>> FitForm.parse("polynomial:4")
         FitForm(kind='polynomial', terms=4)
         """
@@ -60,19 +66,19 @@ class FitForm(NamedTuple):
 
 @dataclass(frozen=True)
 class FittedMirror:
-    """A fitted mirror and what it lacks of its target.
+    """Fitted mirror with its deviations from the target.
 
     Attributes
     ----------
     mounted
-        The mirror, and the distance at which its lens sees the rim as the target's does.
+        Mirror at the distance of equal viewing angle of the rim.
     mapping
-        Largest deviation of the image height at the same field angle, as a share of the rim's height
-        (beyond the target's rim from the straight continuation of its mapping).
+        Largest deviation of the image height at equal field angle, relative to the rim height
+        (beyond the rim of the target, from the linear extrapolation of its mapping).
     sag_um
-        Largest difference of the sags at the same x, vertices together.
+        Largest difference of the sag at equal x, with coincident vertices.
     slope_mrad
-        Largest difference of the slope angles at the same x.
+        Largest difference of the slope angle at equal x.
     """
 
     mounted: MountedMirror
@@ -82,25 +88,25 @@ class FittedMirror:
 
 
 def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
-    """Fit a mirror of even powers, with or without a conic, to another one.
+    """Fit an even-power mirror, with or without a conic, to a target mirror.
 
     Parameters
     ----------
     target
-        A smooth mirror with its lens.
+        Smooth mirror with its lens distance.
     form
-        ``"polynomial:4"``, ``"asphere:3"`` and so on.
+        Form of the fit, for example ``"polynomial:4"`` or ``"asphere:3"``.
     aim
-        What is made least.
+        Objective of the fit.
 
     Raises
     ------
     InvalidParameter
-        A form or aim that is not known; a pointed mirror; a form with too few terms to be found.
+        Unknown form or aim, pointed mirror, or form with too few terms.
 
     Examples
     --------
-    The paper's equidistant mirror has three terms and misses the line from centre to rim by .49 %:
+    The equidistant mirror of the paper has three terms and departs from linearity by 0.49 %:
 
     >>> from omnimirror.design import RimRay, generated_mirror
     >>> exact = generated_mirror("equidistant", RimRay(135.0, 12.0, 43.9))
@@ -129,7 +135,7 @@ def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-map
 
 
 class _Linear(NamedTuple):
-    """Values (n,) and their derivatives (n, p)."""
+    """Values (n,) with their derivatives (n, p)."""
 
     value: Array
     jacobian: Array
@@ -137,7 +143,7 @@ class _Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """Lengths in rim radii. Unknowns: coefficients, after R and k for an asphere."""
+    """Fit problem with lengths in rim radii. Unknowns: (R and k of an asphere,) coefficients."""
 
     target: Meridian
     form: FitForm
@@ -148,7 +154,7 @@ class _Problem:
 
     @cached_property
     def nodes(self) -> Array:
-        """Mirror points (n,), denser at the rim, where the mapping is steep; without the axis."""
+        """Mirror points (n,) without the axis, denser near the rim, the region of steep mapping."""
         return np.sin(np.pi / 2 * np.linspace(0, 1, NODES + 1)[1:])
 
     @cached_property
@@ -156,7 +162,7 @@ class _Problem:
         return self.target.mirror.sag(self.nodes * self.rim) / self.rim
 
     def profile(self, p: Array, x: Array) -> tuple[_Linear, _Linear]:
-        """Sag and slope with their derivatives by complex steps."""
+        """Return sag and slope with their derivatives by complex steps."""
 
         def of(p: Any) -> tuple[Any, Any]:
             if self.form.kind == "polynomial":
@@ -174,7 +180,7 @@ class _Problem:
         )
 
     def start(self) -> Array:
-        """The target's vertex radius, with the conic constant that has its slope at the rim."""
+        """Return the initial value from the target's vertex radius and rim slope."""
         curvature = float(self.target.mirror.curvature(0.0)) * self.rim
         if self.form.kind == "polynomial":
             return np.array([curvature / 2] + [0.0] * (self.form.terms - 1))
@@ -186,7 +192,7 @@ class _Problem:
         return _Linear(z.value - self.target_sag, z.jacobian)
 
     def deviation(self, p: Array) -> _Linear:
-        """Image height less that of the target at the same field angle, to first order, in rim heights."""
+        """Return the first-order deviation of the image height, in rim heights."""
         x, (z, slope), (end, _) = self.nodes, self.profile(p, self.nodes), self.profile(p, np.ones(1))
         dbeta = slope.jacobian / (1 + slope.value**2)[:, None]
         if np.isinf(self.target.m):
@@ -198,12 +204,14 @@ class _Problem:
             theta, tau = np.arctan2(x, w), x / w / tangent
             dtheta, dtau = -(x / (w**2 + x**2))[:, None] * dw, -(x / w**2 / tangent)[:, None] * dw
         omega, rate = self._target_at(tau)
+        # Omega = 2 beta + theta (Eqs. 2-5). The difference from the target at equal image height,
+        # divided by dOmega/dtau, is to first order the deviation of the height at equal Omega.
         value = (omega - 2 * np.arctan(slope.value) - theta) / rate
         return _Linear(value, dtau - (2 * dbeta + dtheta) / rate[:, None])
 
     @cached_property
     def _target_mapping(self) -> tuple[Curve, Curve]:
-        """Field angle of the target and dOmega/dtau against image height tau, from a fine table."""
+        """Field angle of the target and dOmega/dtau as functions of the image height tau."""
         from scipy.interpolate import CubicHermiteSpline
 
         rays = self.target.trace(np.sin(np.pi / 2 * np.linspace(0, 1, TABLE)) * self.rim)
@@ -217,18 +225,18 @@ class _Problem:
         return spline, spline.derivative()
 
     def _target_at(self, tau: Array) -> tuple[Array, Array]:
-        """Field angle of the target and dOmega/dtau at image heights tau."""
+        """Return the field angle of the target and dOmega/dtau at image heights tau."""
         omega, rate = (curve(np.minimum(tau, 1.0)) for curve in self._target_mapping)
         return omega, rate
 
     def settle(self, p: Array, residual: Callable[[Array], _Linear]) -> Array:
-        """Least squares; beside a conic each time from the solution with a term less, as they trade widely."""
+        """Solve least squares, for a conic with one term more at a time."""
         for count in range(2 if self.form.kind == "asphere" else p.size, p.size + 1):
             p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
         return p
 
     def _least_squares(self, head: Array, tail: Array, residual: Callable[[Array], _Linear]) -> Array:
-        """The first unknowns by a trust-region method, the others held."""
+        """Solve for the first unknowns by a trust-region method; the others are fixed."""
         from scipy.optimize import least_squares
 
         def value(h: Array) -> Array:
@@ -243,21 +251,21 @@ class _Problem:
         return solution
 
     def level(self, p: Array) -> Array:
-        """The largest deviation made least, from the least squares; the best met on the way."""
+        """Minimise the largest deviation, starting from least squares; return the best iterate."""
         q = self._levelled(p, hold=False)
         return q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
 
     def _with_rim(self, p: Array) -> Array:
-        """The least change after which the rim shows what the target's does, and a rounding more."""
-        for _ in range(5):  # by Newton's rule
+        """Apply the smallest change that gives the rim at least the target's field angle."""
+        for _ in range(5):  # Newton iterations
             linear = self.deviation(p)
             row = linear.jacobian[-1]
             p = p - row * (linear.value[-1] + 1e-13) / (row @ row)
         return p
 
     def _levelled(self, p: Array, hold: bool) -> Array:
-        """By linear models, each followed as far as it holds; ``hold`` makes the rim show what the target's does."""
-        worst = np.inf if hold else self._worst(self.deviation(p))  # holding the rim may cost something
+        """Iterate linear models with step reduction; ``hold`` constrains the rim."""
+        worst = np.inf if hold else self._worst(self.deviation(p))  # the rim constraint may increase the deviation
         for _ in range(MODELS):
             aim = self._lawson(p, self.deviation(p), hold)
             for share in (1.0, 0.5, 0.25, 0.1) if worst < np.inf else (1.0,):
@@ -273,13 +281,13 @@ class _Problem:
         return p
 
     def _lawson(self, p: Array, linear: _Linear, hold: bool) -> Array:
-        """Where the largest deviation of a linear model is least; with ``hold``, 0 at the rim."""
+        """Minimise the largest deviation of a linear model; ``hold`` requires 0 at the rim."""
         value, J = linear.value, linear.jacobian / (size := np.linalg.norm(linear.jacobian, axis=0))
         onto, free = np.zeros(p.size), np.eye(p.size)
         if hold:
             row = J[-1]
             onto = -row * value[-1] / (row @ row)
-            free = np.linalg.svd(row[None, :])[2][1:].T  # directions that leave the rim alone
+            free = np.linalg.svd(row[None, :])[2][1:].T  # directions without effect on the rim
         value, J = value + J @ onto, np.linalg.qr(J @ free)[0]
         weights, best, least = np.full(NODES, 1 / NODES), value, np.inf
         for _ in range(ROUNDS):
@@ -301,7 +309,7 @@ class _Problem:
 
     @staticmethod
     def _safely(residual: Callable[[Array], _Linear], p: Array) -> _Linear | None:
-        """The residual, or None where the unknowns make no mirror."""
+        """Return the residual, or None if the unknowns define no valid mirror."""
         try:
             with np.errstate(all="ignore"):
                 found = residual(p)
@@ -315,7 +323,7 @@ class _Problem:
         return ConicAsphere(float(p[0]) * self.rim, float(p[1]), self.rim, tuple(p[2:]), self.rim)
 
     def judged(self, p: Array) -> FittedMirror:
-        """The mirror with its deviations, from its own chief rays."""
+        """Return the mirror with its deviations, computed from its own chief rays."""
         mirror, target = self.mirror(p), self.target
         theta = float(np.degrees(target.theta_max))
         mounted = RimRay(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)

@@ -1,4 +1,4 @@
-"""Mirrors for a wanted mapping, by its name, by a function or by a table."""
+"""Mirrors for a required mapping, given by name, function or table."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ def generated_mirror(
     omega_min_deg: float = 0.0,
     **entries: object,
 ) -> MountedMirror:
-    """The mirror that has a mapping exactly, and where its lens stands.
+    """Return the mirror with an exact mapping, and its lens distance.
 
     Parameters
     ----------
     mapping
-        A key of :data:`MAPPINGS`; or a function of field angles (n,) in radians that gives image heights
-        in any unit, 0 at ``omega_min_deg``.
+        Key of :data:`MAPPINGS`, or a function of field angles (n,) in radians that returns image
+        heights in any unit, 0 at ``omega_min_deg``.
     omega_min_deg
-        Field angle at the image centre; above 0 the mirror is pointed.
+        Field angle at the image centre; values above 0 give a pointed mirror.
     entries
-        What the mapping needs besides: ``plane_distance_mm`` of a ground plane, ``cylinder_radius_mm`` of
-        a cylinder, ``omega_deg`` and ``height`` of a table.
+        Additional parameters of the mapping: ``plane_distance_mm`` of a ground plane,
+        ``cylinder_radius_mm`` of a cylinder, ``omega_deg`` and ``height`` of a table.
 
     Raises
     ------
     InvalidParameter
-        An unknown mapping, an entry that is missing or does not belong to it, or a field that it cannot reach.
+        Unknown mapping, missing or inapplicable entry, or field beyond the range of the mapping.
 
     Examples
     --------
-    The mapping of the conformal mirror is the hyperboloid's, which is a conic:
+    The mirror of the conformal mapping is a hyperboloid, a conic:
 
     >>> mounted = generated_mirror("conformal", RimRay(135.0, 12.0, 1.0))
     >>> mounted.mirror.KIND, round(mounted.distance_mm, 11)
@@ -64,7 +64,9 @@ def generated_mirror(
 
 
 def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> Mapped:
-    """The mirror of a mapping by its name, which tells field angles of image heights; as :func:`generated_mirror`."""
+    """Return the mirror of a named mapping, which converts image heights to field angles; arguments
+    as :func:`generated_mirror`.
+    """
     if mapping not in MAPPINGS:
         raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
     cls = MAPPINGS[mapping]
@@ -82,15 +84,15 @@ def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entri
 
 
 def check_entries(mapping: str, given: Collection[str]) -> None:
-    """Refuse what a mapping is not made from, and what is missing of that; field and rim are always there.
+    """Check the entries of a mapping for inapplicable and missing ones.
 
     Raises
     ------
     InvalidParameter
-        With the name of what is too much, or of what is missing.
+        Inapplicable or missing entry, with its name.
     """
     cls = MAPPINGS[mapping]
-    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # its table begins there
+    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # start of its table
     if wrong := [name for name in given if name not in taken]:
         raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
     if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
@@ -98,12 +100,12 @@ def check_entries(mapping: str, given: Collection[str]) -> None:
 
 
 def _needed(cls: type[Mirror]) -> list[str]:
-    """Parameters without a default."""
+    """Return the parameters without a default."""
     return [name for name in cls.PARAMETERS if name != "omega_min_deg" or cls is CylinderMapping]
 
 
 def _instead(name: str) -> str:
-    """What to do about an entry that a mapping does not take."""
+    """Return advice on an inapplicable entry of a mapping."""
     if name != "omega_min_deg":
         return f"; it belongs to {' and '.join(kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS)}"
     pointed = [kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS]

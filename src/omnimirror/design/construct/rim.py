@@ -1,4 +1,4 @@
-"""A mirror and where its lens stands: what every way of designing one answers with."""
+"""Rim ray and mounted mirror, the input and output of all construction methods."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...optics.mirrors import Mirror
 
 @dataclass(frozen=True)
 class RimRay:
-    """What is asked of the rim: the field angle it shows, the viewing angle of the lens there, and its radius.
+    """Requirements on the rim: field angle, viewing angle of the lens, and rim radius.
 
     ``theta_max_deg`` is 0 for an orthographic lens.
 
@@ -38,28 +38,28 @@ class RimRay:
 
     @property
     def slope_angle_deg(self) -> float:
-        """Slope angle beta of the mirror at its rim (Eqs. 2-5)."""
+        """Return the slope angle beta of the mirror at its rim (Eqs. 2-5)."""
         return (self.omega_max_deg - self.theta_max_deg) / 2
 
     @property
     def slope(self) -> float:
-        """Slope dz/dx of the mirror at its rim."""
+        """Return the slope dz/dx of the mirror at its rim."""
         return float(np.tan(np.radians(self.slope_angle_deg)))
 
     def distance_mm(self, rim_sag_mm: float) -> float:
-        """Lens to vertex, mm, of a mirror with that sag at its rim; infinite for an orthographic lens."""
+        """Return the lens distance from the vertex, mm; infinite for an orthographic lens."""
         if self.theta_max_deg == 0:
             return float("inf")
         return self.rim_radius_mm / float(np.tan(np.radians(self.theta_max_deg))) - rim_sag_mm
 
     def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> MountedMirror:
-        """The mirror with its lens where it sees the rim at Theta."""
+        """Return the mirror at the distance that gives the rim the viewing angle Theta."""
         return MountedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
 
 
 @dataclass(frozen=True)
 class MountedMirror:
-    """A mirror, the distance of the lens from its vertex (mm; infinite if orthographic), and what to know of it."""
+    """Mirror with its lens distance from the vertex (mm; infinite if orthographic) and notes."""
 
     mirror: Mirror
     distance_mm: float

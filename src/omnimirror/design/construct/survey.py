@@ -1,4 +1,4 @@
-"""Every mapping beside the others: the mirror that each needs for a field and a lens."""
+"""Comparison of all mappings: the mirror of each for one field and lens."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from .rim import MountedMirror, RimRay
 
 @checked
 def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
-    """The mirror that each mapping needs for a field and a lens, lengths in radii of the rim.
+    """Compute the mirror of each mapping for a field and a lens, with lengths in rim radii.
 
-    What ``omnimirror mappings`` lists. The mirrors follow from the law of reflection, dz/dx = tan((Omega - theta)/2),
-    with Omega(theta) as the mapping has it.
+    Used by ``omnimirror mappings``. The mirrors follow from the law of reflection, dz/dx =
+    tan((Omega - theta)/2), with the Omega(theta) of the mapping.
 
     Parameters
     ----------
     omega_max_deg
         Field angle at the rim, deg.
     theta_max_deg
-        Viewing angle of the lens there, deg; 0 for an orthographic one.
+        Viewing angle of the lens at the rim, deg; 0 for an orthographic lens.
 
     Returns
     -------
     dict
-        By the mapping's name the mirror and where its lens stands; or the error that says why there is none.
+        Mirror and lens distance by name of the mapping, or the error that prevents its
+        construction.
 
     Raises
     ------
     InvalidParameter
-        Angles that no sensor has.
+        Invalid combination of angles.
 
     Examples
     --------

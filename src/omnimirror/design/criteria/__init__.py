@@ -1,1 +1,1 @@
-"""What is asked of a sensor: requirements, the quantities they limit, and merits."""
+"""Requirements on a sensor, limitable quantities, and merits."""

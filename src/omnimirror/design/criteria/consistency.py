@@ -1,7 +1,7 @@
-"""What the tables of requirements cannot see by themselves: entries that do not fit each other.
+"""Consistency checks between the entries and tables of requirements.
 
-Each check raises :class:`~omnimirror.optics.sensor_files.EntryError`, which holds the path of the entry: a file adds
-its line.
+Each check raises :class:`~omnimirror.optics.sensor_files.EntryError` with the path of the entry;
+the file reader adds its line.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
     from .requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 
 WAYS = ("mapping", "family", "optimise")
-"""Entries of ``[mirror]`` that say how it is made; it has one of them."""
+"""Entries of ``[mirror]`` that select the construction method; exactly one is required."""
 OF_PERSPECTIVE = ("focal_length_mm", "theta_max_deg")
 OF_MAPPINGS = ("plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height")
-"""Entries of ``[mirror]`` that some mappings need."""
+"""Entries of ``[mirror]`` required by some mappings."""
 OF_CONIC = ("hyperboloid", "ellipsoid")
 NOT_OF_FREE_FORM = ("fit", "conic", *OF_MAPPINGS)
-SAME_DEG = 1e-9  # by which the end of a table and that of the field may differ
-WIDEST_CAMERA = 5.0  # times the rim radius
+SAME_DEG = 1e-9  # tolerance between the ends of a table and of the field
+WIDEST_CAMERA = 5.0  # relative to the rim radius
 
 
 def check_consistency(requirements: Requirements) -> None:
-    """Refuse requirements whose entries do not fit each other.
+    """Check the consistency of requirements.
 
     Raises
     ------
     EntryError
-        With the path of the entry, and a sentence that says what would be valid.
+        Inconsistent entry; the error contains its path and a message with valid values.
     """
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     if field.omega_min_deg >= field.omega_max_deg:
@@ -65,7 +65,7 @@ def check_consistency(requirements: Requirements) -> None:
 
 
 def _check_way(mirror: MirrorRequirements) -> None:
-    """One way to make the mirror, and one that is known."""
+    """Check that the mirror has exactly one, known construction method."""
     ways = [name for name in WAYS if getattr(mirror, name) is not None]
     if len(ways) != 1:
         said = f"both {' and '.join(ways)}" if ways else "neither mapping nor family nor optimise"
@@ -81,7 +81,7 @@ def _check_way(mirror: MirrorRequirements) -> None:
 
 
 def _check_forms(mirror: MirrorRequirements) -> None:
-    """What is fitted or optimised, and what belongs to an optimised mirror alone."""
+    """Check fit and shape, and entries restricted to optimised mirrors."""
     for name in ("fit", "family"):
         text = getattr(mirror, name)
         if text is not None and (name == "fit" or ":" in text):
@@ -100,7 +100,7 @@ def _check_forms(mirror: MirrorRequirements) -> None:
 
 
 def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequirements) -> None:
-    """What a mapping needs besides field and rim: all of it, nothing else, and each number within its range."""
+    """Check the parameters of a mapping: complete, applicable and within their ranges."""
     parameters = MAPPINGS[mapping].PARAMETERS
     given = {name: value for name in OF_MAPPINGS if (value := getattr(mirror, name)) is not None}
     names = [*given, "omega_min_deg"] if mirror.is_pointed and field.omega_min_deg > 0 else [*given]
@@ -133,7 +133,7 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
 
 
 def _check_conic(mirror: MirrorRequirements) -> None:
-    """A conic constant where nothing is left for it to choose, and entries of mappings beside a family."""
+    """Reject an inapplicable conic constant, and mapping parameters for a family."""
     if mirror.optimise is not None:
         return
     way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
@@ -147,7 +147,7 @@ def _check_conic(mirror: MirrorRequirements) -> None:
 
 
 def _check_camera(requirements: Requirements) -> None:
-    """A camera that is no part of such a sensor."""
+    """Reject a camera body that is inapplicable or too wide."""
     camera, most = requirements.housing.camera, WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1]
     if camera is None:
         return
@@ -165,7 +165,7 @@ def _check_camera(requirements: Requirements) -> None:
 
 
 def _check_temperatures(requirements: Requirements) -> None:
-    """A range of temperatures about that at which the sensor's numbers hold, and how they move it."""
+    """Check the temperature range: thermal properties, reference and limits are required."""
     thermal, span = requirements.thermal, requirements.temperatures_c
     if span is None:
         return
@@ -187,7 +187,7 @@ def _check_temperatures(requirements: Requirements) -> None:
 
 
 def _check_objects(requirements: Requirements) -> None:
-    """Objects at distances or on surfaces, which are outside of the mirror."""
+    """Check that the object distance or surface is unique and outside the mirror."""
     field, mirror = requirements.field, requirements.mirror
     if not field.has_surfaces:
         return
@@ -212,7 +212,7 @@ def _check_objects(requirements: Requirements) -> None:
 
 
 def _check_parts(requirements: Requirements) -> None:
-    """What is bought beside what is made."""
+    """Check the off-the-shelf parts against the mirror and the housing."""
     parts, mirror, housing = requirements.parts, requirements.mirror, requirements.housing
     if parts is None:
         return
@@ -229,7 +229,7 @@ def _check_parts(requirements: Requirements) -> None:
 
 
 def _check_optics(requirements: Requirements) -> None:
-    """A real lens beside what has none."""
+    """Reject entries that conflict with a real lens."""
     lens = requirements.lens
     if lens.optics is None:
         return
@@ -263,7 +263,7 @@ def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
 
 
 def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
-    """Limits of parts that are none of the field's, and of which one cannot be kept if another is."""
+    """Reject limits for parts outside the field, and contradictory limits."""
     for i, limit in enumerate(limits):
         if limit.omega_deg is not None and limit.omega_deg[1] > field.omega_max_deg:
             raise EntryError(

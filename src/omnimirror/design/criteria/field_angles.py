@@ -1,4 +1,4 @@
-"""Over which field angles a sensor is judged, what is left out of that, and why."""
+"""Evaluated field angles of a sensor, and the reasons for excluded ones."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .requirements import FieldRequirements
 
 Array = NDArray[np.float64]
 
-POINTED_CENTRE = 0.1  # of the image radius; around a point a degree of azimuth shrinks to nothing
-NO_PART = 1e-6  # degrees; less than this is not worth saying
+POINTED_CENTRE = 0.1  # relative to the image radius; the azimuthal scale vanishes at the point
+NO_PART = 1e-6  # deg; smaller exclusions are not reported
 
 
 class JudgedRange(NamedTuple):
-    """Field angles that are judged, in degrees, and in words what of those asked for is not."""
+    """Evaluated field angles in degrees, and descriptions of the excluded ones."""
 
     low_deg: float
     high_deg: float
@@ -28,22 +28,22 @@ class JudgedRange(NamedTuple):
 
 @dataclass(frozen=True)
 class Counted:
-    """The field of a sensor, and what of it can be judged.
+    """Field of a sensor and its evaluable part.
 
     Attributes
     ----------
     low_deg, high_deg
-        What the mirror shows.
+        Field of view of the mirror.
     required_deg
-        From where to where it matters.
+        Required field.
     hidden_deg
-        Up to where the housing hides the view; 0 where nothing does.
+        Upper end of the central obscuration by the housing; 0 without one.
     hidden_from_deg
-        From where on it does so again, up to the end; the end where nothing does.
+        Lower end of the outer obscuration; the end of the field without one.
     point_deg
-        Up to where a pointed mirror shows too little to count; 0 of a smooth one.
+        Upper end of the excluded centre of a pointed mirror; 0 for a smooth mirror.
     hides
-        The part that hides the view up to ``hidden_deg``.
+        Part that causes the central obscuration.
     """
 
     low_deg: float
@@ -55,12 +55,12 @@ class Counted:
     hides: str
 
     def part(self, asked_deg: tuple[float, float] | None = None) -> JudgedRange:
-        """What is judged of a part of the field that is asked for, or of all of it that matters.
+        """Return the evaluated range of a part of the field, or of the whole required field.
 
         Raises
         ------
         InvalidParameter
-            Nothing is.
+            Empty range.
         """
         begins = [(self.low_deg, "the mirror shows nothing there"), (self.hidden_deg, f"the {self.hides} hides it")]
         begins += [(self.point_deg, "a pointed mirror shrinks it to nothing")]
@@ -69,10 +69,10 @@ class Counted:
         first, last = asked_deg or (0.0, self.required_deg[1])
         begin, why = max(begins, key=lambda b: b[0])
         low, high = max(first, begin), min(last, self.hidden_from_deg)
-        if high < low <= high + NO_PART:  # the very end of the field, which rounding has moved past
+        if high < low <= high + NO_PART:  # the end of the field, shifted by rounding
             low = high
         if asked_deg is None and begin > self.required_deg[0]:
-            first = self.required_deg[0]  # what is inside of that is not asked for
+            first = self.required_deg[0]  # angles below are not required
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
         if high < last - NO_PART:
             left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: {self._end}")
@@ -86,13 +86,13 @@ class Counted:
 
     @property
     def _end(self) -> str:
-        """Why nothing is judged beyond the last angle that is."""
+        """Return the reason for the upper end of the evaluated field."""
         hidden = self.hidden_from_deg < self.high_deg
         return "what stands around the mirror hides it" if hidden else "the mirror's field ends there"
 
 
 def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
-    """What counts of a sensor's field, and what its housing hides of it.
+    """Return the evaluable field of a sensor, limited by the obscurations of its housing.
 
     Examples
     --------

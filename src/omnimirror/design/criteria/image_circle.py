@@ -1,4 +1,4 @@
-"""Which part of the picture's circle falls off an imager that is smaller than it."""
+"""Truncation of the image circle by an imager smaller than the circle."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from ...optics.sensor import Sensor
 
 AZIMUTHS = 7200
-EDGE_PX = 0.02  # past the last pixel is still its edge
+EDGE_PX = 0.02  # tolerance at the edge of the outermost pixel
 
 
 def cut_off(sensor: Sensor) -> tuple[str, ...]:
-    """In a sentence what of the rim's circle is not on the imager; nothing where all is.
+    """Return a remark on the truncated part of the image circle; empty if the circle is complete.
 
     Examples
     --------
@@ -23,7 +23,7 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
     """
     rim, (u, v) = sensor.rim_radius_px, sensor.imager.centre
     width, height = sensor.imager.size
-    edges = np.array([width - 1 - u, height - 1 - v, u, v]) + 0.5  # right, down, left, up
+    edges = np.array([width - 1 - u, height - 1 - v, u, v]) + 0.5  # right, bottom, left, top
     if rim <= edges.min() + EDGE_PX:
         return ()
     azimuth = (np.arange(AZIMUTHS) + 0.5) * (2 * np.pi / AZIMUTHS)
@@ -41,5 +41,5 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
 
 
 def _first_radius_px(sensor: Sensor) -> float:
-    """Radius in the picture where the field begins."""
+    """Return the image radius of the inner end of the field."""
     return float(sensor.image_height_px(sensor.meridian.trace(np.array([sensor.meridian.x_min])))[0])

@@ -1,4 +1,4 @@
-"""Requirements as a sensor keeps them already: its field, rim, lens, imager and housing."""
+"""Requirements that reproduce the field, rim, lens, imager and housing of a sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PIXELS = ("width_px", "height_px", "pixel_pitch_um")
 
 
 def tables_like(sensor: Sensor) -> dict[str, Any]:
-    """Field, rim, lens, imager and housing of a sensor of one mirror, as tables of a requirement file."""
+    """Return the properties of a single-mirror sensor as tables of a requirement file."""
     check_sensor(sensor)
     sensor.check("designing one like it", "one mirror")
     low, high = sensor.field_deg
@@ -33,7 +33,7 @@ def tables_like(sensor: Sensor) -> dict[str, Any]:
 
 
 def lens_like(sensor: Sensor) -> dict[str, Any]:
-    """The lens of a sensor as a requirement file states it; where it is focused is left to the design.
+    """Return the lens of a sensor as an entry of a requirement file; the focus remains free.
 
     >>> import omnimirror as om
     >>> lens_like(om.load_sensor("paraboloid-telecentric"))
@@ -51,14 +51,15 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
 
 @checked
 def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
-    """Requirements with the field, rim, lens, imager and housing of a sensor, as ``omnimirror design --like`` has them.
+    """Return requirements with the field, rim, lens, imager and housing of a sensor, as
+    ``omnimirror design --like``.
 
     Parameters
     ----------
     sensor
-        Of one mirror; where its lens is focused is left to the design.
+        Sensor with one mirror; the focus of its lens remains free.
     mirror
-        How the new mirror is made: entries of :class:`omnimirror.MirrorRequirements`.
+        Construction of the new mirror: entries of :class:`omnimirror.MirrorRequirements`.
 
     Returns
     -------
@@ -67,9 +68,9 @@ def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
     Raises
     ------
     InvalidParameter
-        The sensor has two mirrors.
+        Sensor with two mirrors.
     SpecError
-        No way to make the mirror is given, or an entry is wrong.
+        Missing construction method, or invalid entry.
 
     Examples
     --------

@@ -1,11 +1,11 @@
-"""Limits, and the quantities of the vocabulary that a requirement can set one to.
+"""Limits, and the quantities that a requirement can limit.
 
-A quantity is judged by its worst field angle in a part of the field. The same definition serves the table
-of a finished design and the rows that an optimiser keeps within limits, real or complex.
+A quantity is evaluated at its worst field angle in a part of the field. The same definition is used
+for the requirement table of a design and for the constraint rows of an optimiser, real or complex.
 
-A blur that is limited is what the imager gets of a point: the geometric blur (Eq. 28) and the Airy disk,
-added in quadrature, ``sqrt(blur^2 + Airy^2)``; in angle both over Dh or Dw. Without the disk a lens that is
-stopped down far enough would pass as sharp.
+Limits of blur refer to the total blur on the imager: the geometric blur (Eq. 28) and the Airy disk,
+added in quadrature, ``sqrt(blur^2 + Airy^2)``; in angle both divided by Dh or Dw. Without the Airy
+disk, a sufficiently small aperture would always satisfy a limit of blur.
 """
 
 from __future__ import annotations
@@ -31,33 +31,37 @@ Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
-SHARED = 2e-5  # relative, less than is told; the first of several peaks that differ by less is named
-LEVEL = 1e-9  # relative; neighbours that differ by less do so by rounding
+SHARED = 2e-5  # relative, below the reported precision; peaks that differ by less are equal
+LEVEL = 1e-9  # relative; smaller differences of neighbours are due to rounding
 MAY_BE_0 = ("hidden_to_deg", "hidden_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
 
 @dataclass(frozen=True)
 class Limitable:
-    """A quantity of the vocabulary, and how it is had of what happens at the field angles.
+    """Limitable quantity, and its computation from field values.
 
     Attributes
     ----------
     parts
-        Arrays (.., k) over the field angles, or (.., 1).
+        Function of the field values that returns arrays (..., k) over the field angles, or (...,
+        1).
     takes
-        What counts at a field angle: the largest or the smallest of the parts. ``"spread"`` and ``"ratio"`` have one
-        part and give one number for the whole part of the field: largest less smallest, smallest over largest.
+        Reduction at a field angle: the largest or the smallest of the parts. ``"spread"`` and
+        ``"ratio"`` have one part and give one value for a part of the field: largest minus
+        smallest, smallest divided by largest.
     straight
-        Arrays that are never above the largest part and bend less, which tell a linear model how that part bends.
+        Function that returns arrays of smaller curvature that never exceed the largest part; they
+        represent its curvature in a linear model.
     is_sharpness
-        Whether it depends on where the lens is focused, other than through the scale of the image.
+        True if it depends on the focus, except through the image scale.
     is_blur
-        Whether it is a blur with its Airy disk, and so depends on the F-number.
+        True for a blur combined with the Airy disk, which depends on the F-number.
     is_scale
-        Whether it grows with the image, whose scale follows from the focus too.
+        True if it scales with the image, whose size also depends on the focus.
     of_frequency
-        Parts by the spatial frequency in cycles per pixel, which limits of it have to name; None of all others.
+        Function that returns ``parts`` for a spatial frequency in cycles per pixel, which is then
+        required in limits; None for all other quantities.
     """
 
     quantity: Quantity
@@ -74,7 +78,7 @@ class Limitable:
         return self.quantity.unit
 
     def values(self, field: FieldValues) -> Array:
-        """What counts at each field angle (.., k); of a spread or a ratio for all of them (.., 1)."""
+        """Return the value at each field angle (..., k), or one value (..., 1)."""
         parts = self.parts(field)
         if self.takes in ("largest", "smallest"):
             value = parts[0]
@@ -86,9 +90,10 @@ class Limitable:
         return high - low if self.takes == "spread" else low / high
 
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
-        """The largest or smallest value of one field (k,), and at the first field angle of those that share it.
+        """Return the extreme value of one field (k,), and the index of its first field angle.
 
-        A design that makes the worst as small as can be has it at several angles, equal but for what its search left.
+        A minimax design has its worst value at several angles, equal within the tolerance of the
+        search.
         """
         values = self.values(field)
         if values.size == 1:
@@ -97,7 +102,7 @@ class Limitable:
         return float(np.nanmax(values) if largest else np.nanmin(values)), i
 
     def above(self, field: FieldValues, limit: float) -> Array:
-        """How far it is above a limit, as rows (.., r) of which each is smooth."""
+        """Return the excess above a limit as smooth rows (..., r)."""
         if self.takes == "largest":
             return _beside([part - limit for part in (*self.parts(field), *self.straight(field))])
         if self.takes == "spread":
@@ -106,7 +111,7 @@ class Limitable:
         return self.values(field) - limit
 
     def below(self, field: FieldValues, limit: float) -> Array:
-        """How far it is below a limit, as rows (.., r) of which each is smooth."""
+        """Return the shortfall below a limit as smooth rows (..., r)."""
         if self.takes == "smallest":
             return _beside([limit - part for part in self.parts(field)])
         if self.takes == "ratio":
@@ -116,7 +121,7 @@ class Limitable:
 
 
 def _first_peak(values: Array) -> int:
-    """Where the first of the peaks of (k,) values stands that are as high as the highest.
+    """Return the index of the first peak of values (k,) that is as high as the highest one.
 
     >>> _first_peak(np.array([0.0, 3.0, 1.0, 3.00001])), _first_peak(np.array([2.99998, 3.0, 1.0, 2.0]))
     (1, 1)
@@ -129,14 +134,15 @@ def _first_peak(values: Array) -> int:
 
 
 def _at(values: Array, where: Array) -> Array:
-    """The values (.., 1) at some places (..)."""
+    """Return the values (..., 1) at indices (...)."""
     return np.take_along_axis(values, np.asarray(where)[..., None], axis=-1)
 
 
 def _references(part: Array, extreme: Array) -> list[Array]:
-    """Values (.., 1) that all others are compared with: the extreme one, and some that may become it.
+    """Return reference values (..., 1) for all others: the extreme one, and candidates for it.
 
-    With the extreme one alone a linear model would not foresee that another takes its place.
+    With the extreme value alone, a linear model would not account for a change of the extreme
+    angle.
     """
     some = np.linspace(0, part.shape[-1] - 1, REFERENCES).astype(int)
     return [_at(part, extreme), *(part[..., i : i + 1] for i in some)]
@@ -147,7 +153,7 @@ def _beside(rows: list[Array]) -> Array:
 
 
 Disk = Callable[[FieldValues], tuple[Array, Array]]
-"""A signed blur, and the Airy disk with the lens's own blur in the same unit."""
+"""Signed blur, and the Airy disk combined with the lens blur in the same unit."""
 
 
 def _in_quadrature(blur: Array, airy: Array) -> Array:
@@ -156,7 +162,7 @@ def _in_quadrature(blur: Array, airy: Array) -> Array:
 
 
 def _total_blur(name: str, *disks: Disk) -> Limitable:
-    """The larger of some blurs with their Airy disks; straight are the blurs by themselves, by both signs."""
+    """Return the largest total blur of several disks; the signed blurs are the straight rows."""
     return Limitable(
         QUANTITIES[name],
         lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks),
@@ -174,7 +180,7 @@ def _one(
 
 
 def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
-    """Contrast at a frequency, of each blur."""
+    """Return the contrast of each blur at a spatial frequency."""
 
     def of_frequency(cycles: float) -> Callable[[FieldValues], tuple[Array, ...]]:
         return lambda f: tuple(contrast(side(f), f.airy_px, cycles) for side in sides)
@@ -239,25 +245,27 @@ def _check_limitable(name: str, limitable: Any) -> None:
 
 
 LIMITABLE: Registry[Limitable] = Registry("omnimirror.quantities", "a quantity", _OURS, _check_limitable)
-"""What a ``[[limit]]`` can be set to, by its name: ours, and those of others."""
+"""Limitable quantities by name, including registered ones."""
 
 
 def register_quantity(limitable: Limitable) -> None:
-    """Make a quantity of one's own known, which requirements limit, designs keep and ``omnimirror judge`` tells.
+    """Register a custom quantity for requirements, designs and ``omnimirror judge``.
 
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
-    ``[project.entry-points."omnimirror.quantities"]`` with ``density_px2 = "my_package:density"``.
+    An installed package registers a quantity without a call by an entry point in its
+    ``pyproject.toml``: ``[project.entry-points."omnimirror.quantities"]`` with ``density_px2 =
+    "my_package:density"``.
 
     Parameters
     ----------
     limitable
-        The quantity, with the words for it, and how it is had of what happens at the field angles. Its functions are
-        called with complex arrays too, from whose imaginary parts an optimiser has derivatives: no ``abs``, no ``max``.
+        Quantity with its description and its computation from field values. Its functions are also
+        called with complex arrays, whose imaginary parts provide derivatives for an optimiser;
+        ``abs`` and ``max`` must not be used.
 
     Raises
     ------
     InvalidParameter
-        Another quantity has this name.
+        Name of an existing quantity.
 
     Examples
     --------
@@ -282,30 +290,30 @@ NEVER_ABOVE = {
     "mtf": ("mtf_t", "mtf_s"),
     "sag_mm": ("length_mm",),
 }
-"""By a quantity those that it is never above, whatever the sensor: of whose parts it is one, or whose smaller it is."""
+"""Quantities that are bounds by definition: each key never exceeds the listed quantities."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a quantity may be, over the whole field or from one field angle to another.
+    """Limit of a quantity, over the whole field or a part of it.
 
     Parameters
     ----------
     quantity
-        By its name in the vocabulary.
+        Name of the quantity.
     at_most
-        Valid up to this, in the quantity's unit.
+        Upper limit, in the unit of the quantity.
     at_least
-        Valid from this, in the quantity's unit.
+        Lower limit, in the unit of the quantity.
     omega_deg : (low, high), optional
-        The part of the field that counts, deg, one angle given twice; all of it by default.
+        Part of the field, deg, with equal ends for a single angle; the whole field by default.
     cycles_per_px
-        Spatial frequency on the imager, of limits of the MTF.
+        Spatial frequency on the imager, for limits of the MTF.
 
     Raises
     ------
     InvalidParameter
-        An unknown quantity, no limit, or one that is empty.
+        Unknown quantity, missing bound, or empty range.
 
     >>> Limit("total_blur_px", at_most=4.0).label
     'total_blur_px'
@@ -377,17 +385,17 @@ class Limit:
             raise InvalidParameter(f"limit of {self.quantity}: at_least = {value:g} is above 1, which no {what} is")
 
     def contradicts(self, other: Limit) -> str | None:
-        """Why this limit and another cannot both be kept, if that is plain from their numbers.
+        """Return the reason why two limits are contradictory, if their numbers imply it.
 
         Parameters
         ----------
         other
-            Of the same quantity or another.
+            Limit of the same or another quantity.
 
         Returns
         -------
         str or None
-            In a sentence why both cannot be met; None if they can.
+            Reason for the contradiction; None if both can be met.
         """
         for low, high in ((self, other), (other, self)):
             if low.at_least is None or high.at_most is None or low.at_least <= high.at_most:
@@ -413,31 +421,31 @@ class Limit:
 
     @property
     def scale(self) -> float:
-        """The size of what is asked, by which limits of different units are compared."""
+        """Return the magnitude of the limit, the unit for comparing limits."""
         return max(abs(v) for v in (self.at_least, self.at_most) if v is not None) or 1.0
 
     @property
     def name(self) -> str:
-        """The quantity, with its spatial frequency."""
+        """Return the quantity with its spatial frequency."""
         return self.quantity + (f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else "")
 
     @property
     def label(self) -> str:
-        """The quantity, with the part of the field."""
+        """Return the quantity with the part of the field."""
         return self.name + told_part(self.omega_deg)
 
     def missed(self, field: FieldValues) -> Array:
-        """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it.
+        """Return the largest relative violation (...) of fields (..., k), negative if met.
 
         Parameters
         ----------
         field
-            What happens at the field angles.
+            Values at the field angles.
 
         Returns
         -------
         (.., k) array
-            Shares; above 0 where it is missed.
+            Relative violations; positive if the limit is violated.
         """
         values = self.of.values(field)
         with np.errstate(invalid="ignore"):
@@ -447,19 +455,19 @@ class Limit:
         return share
 
     def excess(self, field: FieldValues, distances: int = 1) -> Array:
-        """Return the relative violations as rows (.., r) that are each smooth; negative where the limit is met.
+        """Return the relative violations as smooth rows (..., r); negative if the limit is met.
 
         Parameters
         ----------
         field
-            Values at the field angles, for one object distance after the other.
+            Values at the field angles, concatenated over object distances.
         distances
-            Number of object distances. A spread or a ratio is taken within each of them.
+            Number of object distances. A spread or a ratio is evaluated for each of them.
 
         Returns
         -------
         (.., r) array
-            Relative violations; positive where the limit is violated.
+            Relative violations; positive if the limit is violated.
         """
         blocks = [field]
         if distances > 1 and self.of.takes in ("spread", "ratio"):
@@ -475,15 +483,16 @@ class Limit:
 
 
 def told_part(part: tuple[float, float] | None) -> str:
-    """A part of the field, as it follows a name."""
+    """Return a part of the field as a suffix of a name."""
     if part is None:
         return ""
     return f", at {part[0]:g} deg" if part[0] == part[1] else f", {part[0]:g} to {part[1]:g} deg"
 
 
 def _are_comparable(low: Limit, high: Limit) -> bool:
-    """Whether what is at least so much, and what is at most so much, are of one field angle; a spread grows with its
-    part of the field, a ratio falls."""
+    """Return whether two limits refer to a common field angle. A spread increases and a ratio
+    decreases with the extent of the part of the field.
+    """
     (a, b), (c, d) = (limit.omega_deg or (0.0, 180.0) for limit in (low, high))
     match low.of.takes:
         case "spread":

@@ -1,7 +1,7 @@
-"""What a design can be good at: one number of a whole field, from what happens at each field angle.
+"""Design merits: one number for a whole field, computed from values at the field angles.
 
-A merit is the largest of many smooth rows, such as the blur at each angle, so that a sequence of linear
-programmes can press the largest one down; or their mean. All are the better the smaller they are.
+A merit is the largest of many smooth rows, such as the blur at each angle, which a sequence of
+linear programmes can minimise; or their mean. Smaller values are better.
 """
 
 from __future__ import annotations
@@ -30,67 +30,67 @@ NOTHING: Array = np.zeros((1, 1))
 
 
 class FieldValues(NamedTuple):
-    """What merits and limits look at; arrays (.., k) over k field angles, or (.., 1) where one number holds for all."""
+    """Field values for merits and limits, (..., k) over k field angles or (..., 1) if common."""
 
     t_px: Array
     """Signed tangential blur (Eq. 28)."""
     s_px: Array
     """Signed sagittal blur."""
     dh: Array
-    """Dh, px/deg: resolution along the radius (Eq. 9)."""
+    """Radial resolution Dh, px/deg (Eq. 9)."""
     dw: Array
-    """Dw, px/deg: resolution around the circle (Eq. 10)."""
+    """Azimuthal resolution Dw, px/deg (Eq. 10)."""
     log_area: Array
     """Logarithm of the floored blur area in square degrees."""
     viewpoint_z: Array
-    """Height of the viewpoint over the vertex, mm (Eq. 6)."""
+    """Height of the viewpoint above the vertex, mm (Eq. 6)."""
     solid_angle: Array
-    """Share of the solid angle that belongs to each field angle, up to a factor."""
+    """Solid-angle weight of each field angle, up to a factor."""
     image_distance: Array
-    """From the lens to the imager, mm; 0 of a telecentric lens."""
+    """Distance from the lens to the imager, mm; 0 for a telecentric lens."""
     length: Array
-    """From the lens (telecentric: the vertex) to the farther of rim and vertex along the axis, mm."""
+    """Axial distance from the lens (telecentric: vertex) to the farther of rim and vertex, mm."""
     sag: Array
-    """Height of the mirror along the axis, mm."""
+    """Axial height of the mirror, mm."""
     airy_px: Array
     """Diameter of the Airy disk, px."""
     light: Array
-    """Illumination of the imager by the lens, over that on the axis."""
+    """Relative illumination of the lens."""
     own_t_px: Array
-    """Tangential blur of the lens alone, px; 0 of an ideal one."""
+    """Tangential blur of the lens alone, px; 0 for an ideal lens."""
     own_s_px: Array
     hidden_to_deg: Array = NOTHING
-    """Up to which field angle the view is hidden from the middle on; 0 while a search does not look at that."""
+    """Upper end of the central obscuration, deg; 0 during searches without this value."""
     hidden_percent: Array = NOTHING
-    """Of the image circle."""
+    """Obscured percentage of the image circle."""
     whole_diameter_mm: Array = NOTHING
-    """Of mirror and housing; 0 while a search does not look at that, as are those below."""
+    """Diameter of mirror and housing; 0 during searches without this value."""
     whole_height_mm: Array = NOTHING
     whole_mass_g: Array = NOTHING
     omega: Array = NOTHING
     """Field angles, radians."""
     near: Array = NOTHING
-    """1 over the distance of the objects from the mirror points, 1/mm."""
+    """Inverse object distance from the mirror points, 1/mm."""
 
     @property
     def plane_t_mm_per_px(self) -> Array:
-        """Tangential length per pixel on a plane perpendicular to the axis through the objects."""
+        """Return the tangential object length per pixel on a plane perpendicular to the axis."""
         cosine = np.cos(self.omega)
         return self.object_t_mm_per_px / np.where(cosine.real < 0, -cosine, cosine)
 
     @property
     def cylinder_t_mm_per_px(self) -> Array:
-        """Tangential length per pixel on a cylinder about the axis through the objects."""
+        """Return the tangential object length per pixel on a cylinder about the axis."""
         return self.object_t_mm_per_px / np.sin(self.omega)
 
     @property
     def object_t_mm_per_px(self) -> Array:
-        """Tangential length per pixel across the ray."""
+        """Return the tangential object length per pixel perpendicular to the ray."""
         return self._length(self.dh)
 
     @property
     def object_s_mm_per_px(self) -> Array:
-        """Sagittal length per pixel at the objects."""
+        """Return the sagittal object length per pixel."""
         return self._length(self.dw)
 
     def _length(self, px_per_deg: Array) -> Array:
@@ -100,17 +100,17 @@ class FieldValues(NamedTuple):
 
     @property
     def t_deg(self) -> Array:
-        """Signed tangential blur in degrees of the object (Eq. 36)."""
+        """Return the signed tangential blur in object degrees (Eq. 36)."""
         return self.t_px / self.dh
 
     @property
     def s_deg(self) -> Array:
-        """Signed sagittal blur (Eq. 37)."""
+        """Return the signed sagittal blur in object degrees (Eq. 37)."""
         return self.s_px / self.dw
 
     @property
     def disk_t_px(self) -> Array:
-        """What no focus takes away: the Airy disk, and the tangential blur of the lens alone."""
+        """Return the focus-independent blur: Airy disk and tangential blur of the lens alone."""
         return _in_quadrature(self.airy_px, self.own_t_px)
 
     @property
@@ -119,7 +119,7 @@ class FieldValues(NamedTuple):
 
     @property
     def blur_t_px(self) -> Array:
-        """Tangential blur, that of the lens alone included; signed where there is none of it."""
+        """Return the tangential blur including that of the lens; signed for an ideal lens."""
         return _in_quadrature(self.t_px, self.own_t_px)
 
     @property
@@ -128,27 +128,27 @@ class FieldValues(NamedTuple):
 
     @property
     def log_density(self) -> Array:
-        """Logarithm of Ds: pixels on a square degree of the object (Eq. 11)."""
+        """Return the logarithm of Ds, the pixels per square degree of the object (Eq. 11)."""
         density: Array = np.log(self.dh * self.dw)
         return density
 
     @property
     def log_aspect(self) -> Array:
-        """Logarithm of Dw/Dh (Eq. 12)."""
+        """Return the logarithm of Dw/Dh (Eq. 12)."""
         aspect: Array = np.log(self.dw / self.dh)
         return aspect
 
     @property
     def total_track(self) -> Array:
-        """From imager to rim along the axis, mm."""
+        """Return the axial distance from imager to rim, mm."""
         return self.image_distance + self.length
 
     def part(self, which: slice) -> FieldValues:
-        """The same at some field angles that stand together."""
+        """Return the values at a slice of field angles."""
         return FieldValues(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
 
     def at(self, which: NDArray[np.intp]) -> FieldValues:
-        """The same at some of the field angles (.., k); those that are named again have no share of the solid angle."""
+        """Return the values at selected field angles (..., k), with weight 0 for repeated ones."""
         index = np.arange(which.shape[-1])
         taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
         return FieldValues(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
@@ -165,22 +165,22 @@ OF_THE_WHOLE: dict[str, Callable[[Sensor], float]] = {
     "whole_height_mm": lambda sensor: whole_of(sensor).height_mm,
     "whole_mass_g": body_mass_g,
 }
-"""What holds for a sensor and not for its field angles, by quantity."""
+"""Quantities of the sensor as a whole, independent of the field angle."""
 
 
 def with_whole(field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(OF_THE_WHOLE)) -> FieldValues:
-    """The same with what holds for the whole of a sensor, or some of that."""
+    """Return field values completed with quantities of the whole sensor."""
     return field._replace(**{name: np.array([OF_THE_WHOLE[name](sensor)]) for name in names})
 
 
 def _in_quadrature(blur: Array, own: Array) -> Array:
-    """Both together; what has no blur of its own stays as it is, with its sign and its derivatives."""
+    """Return the sum in quadrature; without lens blur, the signed blur."""
     both: Array = np.where(np.real(own) > 0, np.sqrt(blur * blur + own * own), blur)
     return both
 
 
 def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
-    """What merits look at, of mirror points (.., k) seen by a camera that is focused at vergences v (.., 1)."""
+    """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
     look = camera.at(o, v)
     floor = 1 + look.airy_px**2
     t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px
@@ -202,10 +202,11 @@ def values_of(
     own_px: tuple[Array, Array] | None = None,
     object_distance_mm: ArrayLike = np.inf,
 ) -> FieldValues:
-    """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
+    """Return field values from an :class:`~omnimirror.analysis.Evaluation` or a batch of designs.
 
-    Field angles have to grow along the last axis; the numbers (..) are those of :class:`FieldValues`; ``own_px``
-    (.., k) is the blur of a real lens alone, ``object_distance_mm`` the distance or distances (k,) of the objects.
+    Field angles must increase along the last axis; the other values (...) are those of
+    :class:`FieldValues`. ``own_px`` (..., k) is the blur of a real lens alone,
+    ``object_distance_mm`` the object distance or distances (k,).
     """
     omega = np.radians(result.omega_deg)
     b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
@@ -219,7 +220,7 @@ def values_of(
 
 
 def values_of_evaluation(result: Evaluation) -> FieldValues:
-    """What merits look at, of one evaluated sensor."""
+    """Return the field values of one evaluated sensor."""
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
     numbers = length_mm(result), top - bottom, result.airy_px
@@ -235,16 +236,16 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
 
 
 def length_mm(result: Evaluation) -> float:
-    """From the lens's principal point (telecentric: from the vertex) to the highest point of the mirror, mm."""
+    """Return the axial distance from the lens or vertex to the highest mirror point, mm."""
     (_, _), (_, top) = result.sensor.mirror.bounds
     m = result.sensor.mirror_distance_mm
     return top + (m if np.isfinite(m) else 0.0)
 
 
 def solid_angle(omega: Array) -> Array:
-    """Share (.., k) of the solid angle that belongs to each of some field angles in radians, up to a factor.
+    """Return solid-angle weights (..., k) of field angles in radians, up to a factor.
 
-    Where angles begin anew, as those of a second object distance do, so do the shares.
+    A decrease of the field angle marks the next object distance.
     """
     steps = np.diff(omega, axis=-1) / 2
     steps = np.where(steps.real > 0, steps, 0.0)
@@ -255,20 +256,22 @@ def solid_angle(omega: Array) -> Array:
 
 @dataclass(frozen=True)
 class Merit:
-    """A quantity of the vocabulary that is to be small: its rows, and what the largest of them means.
+    """Quantity to be minimised: its rows, and the value of the largest row.
 
     Attributes
     ----------
     rows
-        Parts whose largest element is to be small; each of the shape of a field's arrays.
+        Function of the field values that returns rows whose largest element is minimised, each with
+        the shape of the field arrays.
     shown, hidden
-        The number shown, from the largest element; and the way back.
+        Conversion of the largest element to the reported value, and its inverse.
     is_spread
-        Whether the rows count from a level that is free: the merit is then half of largest minus least.
+        True if the rows have a free offset; the minimised element is then half of largest minus
+        smallest.
     is_sharpness
-        Whether it depends on where the lens is focused, other than through the scale of the image.
+        True if it depends on the focus, except through the image scale.
     is_mean
-        Whether the mean over the solid angle counts, and not the largest.
+        True for the mean over the solid angle instead of the maximum.
     """
 
     quantity: Quantity
@@ -284,7 +287,7 @@ class Merit:
         return self.quantity.name
 
     def value(self, field: FieldValues) -> Array:
-        """The merit (..) of fields (.., k)."""
+        """Return the merit (...) of fields (..., k)."""
         with np.errstate(all="ignore"):
             rows = np.stack(np.broadcast_arrays(*self.rows(field)))
             if self.is_mean:
@@ -305,8 +308,9 @@ def _same(value: Array) -> Array:
 
 
 def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
-    """The length of (t, s), and its projections, which never exceed it: straight rows that tell a linear programme
-    how the length bends."""
+    """Return the length of (t, s) and its projections, which never exceed it: straight rows that
+    represent its curvature in a linear programme.
+    """
     directions = 2 * np.pi * np.arange(PROJECTIONS) / PROJECTIONS
     return (np.sqrt(t * t + s * s), *(t * np.cos(a) + s * np.sin(a) for a in directions))
 
@@ -338,16 +342,16 @@ DESIGN_MERITS: dict[str, Merit] = {
         _merit("total_track_mm", lambda f: (f.total_track,), is_sharpness=False),
     )
 }  # fmt: skip
-"""What a design can be made best by: quantities of the vocabulary, by their names."""
+"""Merits by name."""
 
 
 def merit_named(name: str) -> Merit:
-    """The merit of that name.
+    """Return the merit of a given name.
 
     Raises
     ------
     InvalidParameter
-        There is none.
+        Unknown name.
     """
     if name not in DESIGN_MERITS:
         raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(DESIGN_MERITS)}")

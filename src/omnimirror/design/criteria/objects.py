@@ -1,4 +1,4 @@
-"""Where the objects are: at distances from the mirror, or on surfaces that chief rays meet."""
+"""Object distances: fixed distances from the mirror, or intersections of rays with surfaces."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ Array = NDArray[Any]
 
 
 def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array) -> Array:
-    """Return 1/distance (1, k), 1/mm, from points (k,) to the first object surface along field angles (k,) in radians.
+    """Return inverse distances (1, k), 1/mm, to the first object surface.
 
-    A ray that meets no surface goes to infinity.
+    The rays start from points (k,) at field angles (k,) in radians. The distance of a ray without an
+    intersection is infinite.
 
     >>> room = FieldRequirements(omega_max_deg=120, object_plane_distance_mm=700, object_cylinder_radius_mm=2000)
     >>> (1 / inverse_distances(room, np.zeros(3), np.zeros(3), np.radians([0.0, 60.0, 90.0]))).round(6)
@@ -30,13 +31,14 @@ def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array
 
 
 def distances_mm(field: FieldRequirements) -> tuple[float, ...]:
-    """The object distances that count, each once."""
+    """Return the distinct object distances."""
     return tuple(sorted(set(ends(field.object_distance_mm))))
 
 
 def distances_of(field: FieldRequirements, rays: ChiefRays) -> list[Any]:
-    """Return the distances from the mirror points of chief rays (k,) to the objects, mm: a number, or (k,), for each
-    distance that counts; behind a cover along the optical path."""
+    """Return the distances from the mirror points of chief rays (k,) to the objects, mm: a number
+    or an array (k,) for each object distance; with a cover, along the optical path.
+    """
     if not field.has_surfaces:
         return list(distances_mm(field))
     x, z = rays.last
@@ -46,7 +48,7 @@ def distances_of(field: FieldRequirements, rays: ChiefRays) -> list[Any]:
 
 
 def _surfaces(field: FieldRequirements, x: Array, z: Array, omega: Array) -> list[Array]:
-    """1/p of each surface; not above 0 where a ray does not meet it."""
+    """Return 1/p for each surface; 0 or negative for a ray without an intersection."""
     found = []
     if field.object_plane_distance_mm is not None:
         found.append(np.cos(omega) / (field.object_plane_distance_mm + z))

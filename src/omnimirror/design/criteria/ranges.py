@@ -1,4 +1,4 @@
-"""Numbers that may be ranges: between the two ends of one the design is free."""
+"""Numbers or ranges: entries with a free value between two ends."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...base.arguments import numbers, shown
 from ...base.errors import InvalidParameter
 
 Range = float | tuple[float, float]
-"""A number, or (low, high) to choose from."""
+"""Number, or range (low, high) of a free value."""
 
 
 def ends(value: Range) -> tuple[float, float]:
-    """Low and high end of a range; a number is both.
+    """Return low and high end of a range; both are equal for a number.
 
     >>> ends(12.0), ends((8, 12))
     ((12.0, 12.0), (8.0, 12.0))
@@ -28,12 +28,12 @@ def ends(value: Range) -> tuple[float, float]:
 
 
 def ends_or_none(value: Range | None) -> tuple[float, float] | None:
-    """The ends of what may be absent."""
+    """Return the ends of an optional range."""
     return None if value is None else ends(value)
 
 
 def is_free(value: Range | None) -> bool:
-    """Whether it leaves a choice: a range with two ends.
+    """Return whether a value is free: a range with different ends.
 
     >>> is_free(12.0), is_free((8.0, 12.0)), is_free(None)
     (False, True, False)
@@ -42,15 +42,15 @@ def is_free(value: Range | None) -> bool:
 
 
 def between(low: float, high: float, endless: bool = False) -> PlainValidator:
-    """An entry that takes a number or a pair that grows, between low and high; a pair of equals is a number.
+    """Return a validator for a number or an increasing pair between low and high.
 
-    ``endless`` takes inf for the high end.
+    ``endless`` permits inf as the high end.
     """
 
     def check(value: Any) -> Range:
         try:
             first, last = np.broadcast_to(numbers("a range", value), 2).tolist()
-        except ValueError:  # no numbers, or more than two
+        except ValueError:  # not numeric, or more than two values
             first, last = np.nan, np.nan
         if endless and last == np.inf:
             last = high

@@ -1,4 +1,4 @@
-"""The requirement file: requirements as TOML, checked entry by entry like a sensor file."""
+"""Requirement files: requirements in TOML format, validated by entry like sensor files."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from .requirements import (
 
 FORMAT = 1
 ANY_F = (0.1, 1e3)
-"""The F-number where lenses are bought and none is asked for."""
+"""Default F-number range with off-the-shelf lenses."""
 
 Angle = Annotated[float, Field(ge=0, le=179)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
 
 
 class LimitTable(Table):
-    """A quantity of the evaluation and what it may be, over the whole field or a part of it."""
+    """Limit of an evaluated quantity, over the whole field or a part of it."""
 
     quantity: str
     at_most: float | None = None
@@ -59,7 +59,7 @@ class LimitTable(Table):
 
 
 class ElevationTable(Table):
-    """``[field]``'s elevations over the horizon, lowest and highest, in the stead of field angles."""
+    """Lowest and highest elevation in ``[field]``, as an alternative to field angles."""
 
     elevation_deg: Annotated[list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")]
 
@@ -72,22 +72,23 @@ def load_requirements(
     Parameters
     ----------
     path
-        Name of the file.
+        File name.
     changes
-        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
+        Replacements for entries of the file: ``{"lens": {"f_number": 5.6}}``; None removes an
+        entry.
     limits
-        Tables of more limits: ``{"quantity": "total_blur_px", "at_most": 4.0}``.
+        Tables of additional limits: ``{"quantity": "total_blur_px", "at_most": 4.0}``.
 
     Returns
     -------
     Requirements
-        What the file asks for.
+        Requirements of the file.
 
     Raises
     ------
     SpecError
-        No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
-        what would be valid.
+        Missing file; invalid TOML; unknown, missing or invalid entry. The message contains the
+        file, the line and the valid values.
 
     Examples
     --------
@@ -114,7 +115,7 @@ def parse_requirements(
     changes: dict[str, Any] | None = None,
     limits: Sequence[dict[str, Any]] = (),
 ) -> Requirements:
-    """Requirements from the text of a file; ``folder`` is where files named in it are looked for, if it may name any.
+    """Parse requirements from text; ``folder`` is the base of relative file names.
 
     >>> requirements = parse_requirements('''
     ... field.omega_max_deg = 135
@@ -127,7 +128,7 @@ def parse_requirements(
     >>> requirements.lens.theta_max_deg, requirements.lens.f_number
     ((10.0, 14.0), 4.0)
     """
-    text = text.removeprefix("\ufeff")  # a byte order mark, as some editors write
+    text = text.removeprefix("\ufeff")  # byte order mark, written by some editors
     where = Places(text, source)
     data = parse_toml(text, source)
     for section, entries in (changes or {}).items():
@@ -141,22 +142,22 @@ def parse_requirements(
 
 
 def format_requirements(requirements: Requirements) -> str:
-    """The text of the requirements' file; reading it back gives equal requirements.
+    """Format requirements as the text of a file; parsing it returns equal requirements.
 
     Parameters
     ----------
     requirements
-        From :func:`omnimirror.load_requirements`, or made in Python.
+        Requirements from :func:`omnimirror.load_requirements` or created in Python.
 
     Returns
     -------
     str
-        The text of the file, TOML.
+        Text of the file in TOML format.
 
     Raises
     ------
     InvalidParameter
-        What is given is no :class:`omnimirror.Requirements`.
+        Argument that is not an :class:`omnimirror.Requirements`.
 
     Examples
     --------
@@ -174,7 +175,7 @@ def format_requirements(requirements: Requirements) -> str:
 
 
 def requirements_of(data: dict[str, Any], where: Places | None = None, folder: Path | None = None) -> Requirements:
-    """Requirements from the tables of a file; ``where`` gives errors their place."""
+    """Return requirements from the tables of a file; ``where`` adds locations to errors."""
     where = where or NoFile()
     _check_tables(data, where)
     mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
@@ -210,13 +211,13 @@ def _check_tables(data: dict[str, Any], where: Places) -> None:
 
 
 class TemperatureTable(Table):
-    """Between which temperatures limits have to be kept."""
+    """Temperature range of the limits."""
 
     range_c: Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")] | None = None
 
 
 def _thermal(table: dict[str, Any], where: Places) -> dict[str, Any]:
-    """How temperature moves the sensor, and between which temperatures limits have to be kept."""
+    """Return the thermal properties of the sensor, and the temperature range of the limits."""
     span = validated(TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where).range_c
     entries = {name: value for name, value in table.items() if name != "range_c"}
     said = validated(table_model(Thermal), "thermal", entries, where).model_dump()
@@ -225,7 +226,7 @@ def _thermal(table: dict[str, Any], where: Places) -> dict[str, Any]:
 
 
 def _parts(table: dict[str, Any], where: Places, folder: Path | None) -> PartsRequirements:
-    """What is bought, its catalogues looked for beside the file."""
+    """Return the parts requirements, with catalogue paths relative to the file."""
     found = PartsRequirements.read(table, where)
     if folder is None and any(name != TYPICAL for name in found.catalogue):
         raise where.error(("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone")
@@ -234,7 +235,7 @@ def _parts(table: dict[str, Any], where: Places, folder: Path | None) -> PartsRe
 
 
 def _with_optics(table: dict[str, Any], where: Places, folder: Path | None) -> dict[str, Any]:
-    """The table of the lens with a real lens in the stead of the table that says which."""
+    """Return the lens table with a real lens in place of its definition."""
     optics = table.get("optics")
     if not isinstance(optics, dict):
         return table
@@ -258,7 +259,7 @@ def _imager(table: dict[str, Any], where: Places) -> Imager:
 
 
 def _by_field_angles(table: dict[str, Any], mount: Mount, where: Places) -> dict[str, Any]:
-    """The table of the field with field angles in the stead of elevations, if it has those."""
+    """Return the field table with elevations, if present, converted to field angles."""
     if "elevation_deg" not in table:
         return table
     if beside := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
@@ -281,7 +282,7 @@ def _field_angles(
 
 
 def limit_of(index: int, table: dict[str, Any], mount: Mount, where: Places) -> Limit:
-    """The limit of a ``[[limit]]`` table; ``where`` gives errors their place."""
+    """Return the limit of a ``[[limit]]`` table; ``where`` adds locations to errors."""
     section = f"limit.{index}"
     entries = validated(LimitTable, section, table, where)
     place = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)
@@ -297,5 +298,5 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: Places) -> 
 
 
 def _pair(part: float | list[float] | None) -> Any:
-    """Both ends of a part of the field; one angle is both."""
+    """Return both ends of a part of the field, which are equal for one angle."""
     return None if part is None else (part[0], part[1]) if isinstance(part, list) else (part, part)

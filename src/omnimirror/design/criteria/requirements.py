@@ -1,7 +1,7 @@
-"""What a sensor must do, as frozen dataclasses with the tables and entries of a requirement file.
+"""Requirements on a sensor, as dataclasses with the tables and entries of a file.
 
-An entry that may be a range takes a number, or a pair (low, high) within which the design is free. Wrong entries are
-refused by the same sentences as in a file, which give its line there.
+An entry that may be a range accepts a number or a pair (low, high) of a free value. Invalid entries
+raise the same messages as in a file, where the line is added.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .limits import Limit
 from .ranges import Range, between, is_free
 
 FARTHEST_FOCUS = 1e7
-"""mm; what a focus at infinity stands for."""
+"""Representation of a focus at infinity, mm."""
 Radius = Annotated[Range, between(0.1, 1e5)]
 FocalLength = Annotated[Range, between(1e-2, 1e5)]
 Theta = Annotated[Range, between(0.1, 60.0)]
@@ -49,7 +49,7 @@ Conic = Annotated[Range, between(-1e3, 1e3)]
 
 
 def _row(value: Any) -> Any:
-    """Lists and arrays as tuples."""
+    """Convert lists and arrays to tuples."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return tuple(value) if isinstance(value, list) else value
@@ -62,7 +62,7 @@ Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
 
 @dataclass(frozen=True, kw_only=True)
 class Entries:
-    """A table of requirements: its entries are checked when it is made."""
+    """Table of requirements, validated at construction."""
 
     TABLE: ClassVar[str]
 
@@ -73,21 +73,21 @@ class Entries:
 
     @classmethod
     def read(cls, table: dict[str, Any], where: Places) -> Self:
-        """From the table of a file; ``where`` gives errors their place.
+        """Create an instance from the table of a file.
 
         Parameters
         ----------
         table
-            The entries, by name.
+            Entries by name.
         where
-            Gives errors their place in the file.
+            Source locator for error messages.
         """
         return cls(**_checked(cls, table, where))
 
 
 @cache
 def _model(cls: type[Entries]) -> type[Table]:
-    """The pydantic model that checks a table's entries."""
+    """Return the pydantic model that validates the entries of a table."""
     hints = get_type_hints(cls, include_extras=True)
     entries: dict[str, Any] = {
         f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default) for f in dataclasses.fields(cls)
@@ -103,26 +103,29 @@ def _checked(cls: type[Entries], table: dict[str, Any], where: Places) -> dict[s
 
 @dataclass(frozen=True, kw_only=True)
 class FieldRequirements(Entries):
-    """What is looked at: ``[field]``.
+    """Requirements on the field: ``[field]``.
 
     Parameters
     ----------
     omega_max_deg
-        Field angle at the rim, 1 to 179.
+        Field angle at the rim, 1 to 179 deg.
     omega_min_deg
-        Where the field begins that matters, 0 to 170; what lies inside is not judged.
+        Inner end of the required field, 0 to 170 deg; smaller angles are not evaluated.
     object_distance_mm
-        From the mirror to the objects, or to the nearest and the farthest of them: both count.
+        Object distance from the mirror, or the nearest and the farthest distance; both are
+        evaluated.
     object_plane_distance_mm, object_cylinder_radius_mm
-        Instead: objects on a plane across the axis, so far from the mirror's vertex towards the lens, on a cylinder
-        around the axis, or in a room of both, where the surface counts that a chief ray meets first.
+        Alternatively, object surfaces: a plane perpendicular to the axis at this distance from the
+        mirror vertex towards the lens, a cylinder about the axis, or both as a room, with the first
+        intersection of each chief ray.
     angles
-        ``"elevation"``: tables and files tell angles as elevations, as the mount has them.
+        ``"elevation"``: tables and files contain elevations, according to the mount, instead of
+        field angles.
 
     Raises
     ------
     SpecError
-        An entry is wrong; the message says what would be valid.
+        Invalid entry; the message contains the valid values.
 
     Examples
     --------
@@ -142,37 +145,38 @@ class FieldRequirements(Entries):
 
     @property
     def has_surfaces(self) -> bool:
-        """Whether the objects are on surfaces, and their distances differ from angle to angle."""
+        """Return whether the objects are on surfaces, with angle-dependent distances."""
         return self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class MirrorRequirements(Entries):
-    """What mirror: by its mapping, by its family, or the best of free form by a merit: ``[mirror]``.
+    """Requirements on the mirror, a mapping, a family or a freeform mirror: ``[mirror]``.
 
     Parameters
     ----------
     mapping, family, optimise
-        One of them: a key of ``MAPPINGS``; a key of ``FAMILIES`` or ``"polynomial:N"``; a key of ``DESIGN_MERITS``.
+        Exactly one of them: a key of ``MAPPINGS``; a key of ``FAMILIES`` or ``"polynomial:N"``; a
+        key of ``DESIGN_MERITS``.
     shape
-        What is optimised, ``"spline:12"``.
+        Shape of an optimised mirror, for example ``"spline:12"``.
     fit
-        What a mapping or family is fitted by, ``"polynomial:4"`` or ``"asphere:3"``.
+        Fit of a mapping or family, for example ``"polynomial:4"`` or ``"asphere:3"``.
     apex
-        ``"pointed"``: the image centre shows ``omega_min_deg``.
+        ``"pointed"``: the field angle at the image centre is ``omega_min_deg``.
     rim_radius_mm
-        A number or a range.
+        Rim radius, a number or a range.
     conic
         Conic constant of a hyperboloid or an ellipsoid, a number or a range.
     plane_distance_mm, cylinder_radius_mm
-        Of the ground-plane and the cylinder mapping.
+        Parameters of the ground-plane and the cylinder mapping.
     omega_deg, height : (n,)
-        Of a tabulated mapping.
+        Rows of a tabulated mapping.
 
     Raises
     ------
     SpecError
-        An entry is wrong; the message says what would be valid.
+        Invalid entry; the message contains the valid values.
 
     Examples
     --------
@@ -198,40 +202,42 @@ class MirrorRequirements(Entries):
 
     @property
     def is_pointed(self) -> bool:
-        """Whether the image centre shows ``omega_min_deg`` and not what is behind the camera."""
+        """Return whether the field angle at the image centre is ``omega_min_deg`` instead of 0."""
         return self.apex == "pointed" or self.mapping == "cylinder"
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensRequirements(Entries):
-    """What lens: ``[lens]``.
+    """Requirements on the lens: ``[lens]``.
 
     Parameters
     ----------
     kind
         ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
     focal_length_mm, theta_max_deg
-        Focal length, and viewing angle at the rim, numbers or ranges. Of a perspective lens one of them is enough: the
-        other is what makes the rim fill the imager.
+        Focal length, and viewing angle at the rim, numbers or ranges. For a perspective lens one of
+        them is sufficient; the other follows from a rim image that fills the imager.
     f_number
-        A number or a range; of a telecentric lens that on the imager's side.
+        F-number, a number or a range; for a telecentric lens the image-side working F-number.
     focus_mm
-        Where the lens is focused, a number or a range; the design chooses where there is none. The smallest focus
+        Focus distance, a number or a range; by default chosen by the design. The minimum object
         distance of a lens is the low end of a range: ``(250, inf)``.
     magnification
-        Of a telecentric lens that is bought, a number or a range; by default what makes the rim fill the imager.
+        Magnification of an off-the-shelf telecentric lens, a number or a range; by default the rim
+        image fills the imager.
     fills
-        Which side of the imager the rim's image may fill: ``"short-side"``, which holds all of it, or ``"long-side"``.
+        Imager side that limits the rim image: ``"short-side"`` for a complete image, or
+        ``"long-side"``.
     image_circle_mm
-        Diameter that the lens covers; the rim's image stays within it.
+        Diameter of the image circle of the lens, the upper limit of the rim image.
     optics
-        A real lens, by its surfaces or its table, that the mirror is made for: ``[lens.optics]`` with the entries that
-        ``[lens]`` has in a sensor file. Focal length and F-number are its own.
+        Real lens, defined by surfaces or a table: ``[lens.optics]`` with the entries of ``[lens]``
+        in a sensor file. Its focal length and F-number apply.
 
     Raises
     ------
     SpecError
-        An entry is wrong; the message says what would be valid.
+        Invalid entry; the message contains the valid values.
 
     Examples
     --------
@@ -272,7 +278,10 @@ class LensRequirements(Entries):
 
     @property
     def fills_imager(self) -> bool:
-        """Whether what is not given of the lens makes the rim fill the imager, as far as its range allows."""
+        """Return whether the missing lens parameter is chosen to fill the imager.
+
+        A range limits this parameter.
+        """
         if self.is_telecentric:
             return self.magnification is None
         return any(value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm))
@@ -280,28 +289,30 @@ class LensRequirements(Entries):
 
 @dataclass(frozen=True, kw_only=True)
 class PartsRequirements(Entries):
-    """What is bought, and what the whole may be: ``[parts]``.
+    """Off-the-shelf parts, and limits of the whole sensor: ``[parts]``.
 
-    :func:`omnimirror.design_from_parts` designs with the lenses, imagers, balls and domes of the catalogue; the focal
-    length and the imager are theirs then.
+    :func:`omnimirror.design_from_parts` uses the lenses, imagers, balls and domes of the catalogue,
+    which determine focal length and imager.
 
     Parameters
     ----------
     catalogue
-        Names of files; without any the catalogue that comes with the package.
+        File names; by default the bundled catalogue.
     mirror
-        ``"made"``, as ``[mirror]`` says; or ``"ball"``: one of the catalogue's, as large a cap of it as is needed.
+        ``"made"`` for a mirror according to ``[mirror]``, or ``"ball"`` for a mirror ball of the
+        catalogue, cut to the required cap.
     dome
-        Whether the mirror stands in one of the catalogue's domes.
+        True for a dome of the catalogue around the mirror.
     extras
-        What is bought besides, by its use: ``("heater", "arm")``; the cheapest of each counts in price and mass.
+        Accessories by their use: ``("heater", "arm")``; the cheapest of each is included in price
+        and mass.
     most_price, most_mass_g, most_diameter_mm, most_height_mm
-        Of the whole. Mirrors that are made cost nothing here, and weigh as much as aluminium.
+        Limits of the whole sensor. Custom mirrors have no price and the density of aluminium.
 
     Raises
     ------
     SpecError
-        An entry is wrong; the message says what would be valid.
+        Invalid entry; the message contains the valid values.
 
     Examples
     --------
@@ -323,47 +334,48 @@ class PartsRequirements(Entries):
 
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
-"""The paper's prototype's; taken where no imager is stated."""
-DIGITS = 12  # of elevations, so that 12.3 deg stays what it was
+"""Imager of the prototype in the paper, the default."""
+DIGITS = 12  # decimals of elevations, which preserve values such as 12.3 deg
 UNNAMED = "design"
-"""The name of a design where none is given."""
+"""Default name of a design."""
 UPRIGHT = Mount()
 BARE = Housing()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Requirements:
-    """What a sensor must do, with the tables of a requirement file.
+    """Requirements on a sensor, with the tables of a requirement file.
 
-    :func:`load_requirements` reads them from a file, :func:`format_requirements` writes one,
-    :func:`~omnimirror.design_sensor` designs a sensor from them, :func:`~omnimirror.judge` compares one with them.
+    :func:`load_requirements` reads them from a file, :func:`format_requirements` formats a file,
+    :func:`~omnimirror.design_sensor` designs a sensor for them, and :func:`~omnimirror.judge`
+    checks a sensor against them.
 
     Parameters
     ----------
     field, mirror, lens
     imager
-        1024 x 1024 pixels of 5.2 um by default.
+        Imager; 1024 x 1024 pixels of 5.2 um by default.
     mount
-        How the sensor stands.
+        Orientation of the sensor.
     housing
-        What stands around its mirror and hides the view; nothing by default.
+        Housing of the mirror, which causes obscurations; empty by default.
     limits
-        What has to be kept besides: the file's ``[[limit]]``.
+        Limits, the ``[[limit]]`` tables of the file.
     parts
-        What is bought; nothing by default.
+        Off-the-shelf parts; none by default.
     thermal
-        How temperature moves the sensor: the file's ``[thermal]``, as in a sensor file; the sensor gets it.
+        Thermal properties of the sensor: ``[thermal]`` of the file, as in a sensor file.
     temperatures_c
-        Lowest and highest temperature between which limits have to be kept, its ``range_c``.
+        Lowest and highest temperature at which the limits apply, ``range_c`` of the file.
     name
-        Of the sensor.
+        Name of the sensor.
     notes
-        What it is for.
+        Notes on its purpose.
 
     Raises
     ------
     SpecError
-        Tables that do not fit each other; the message says why and what would be valid.
+        Inconsistent tables; the message contains the reason and the valid values.
 
     Examples
     --------
@@ -408,7 +420,7 @@ class Requirements:
 
     @property
     def largest_image_px(self) -> float:
-        """Largest radius of the rim's image that imager and lens allow, px.
+        """Return the largest radius of the rim image permitted by imager and lens, px.
 
         >>> import omnimirror as om
         >>> from omnimirror.optics.image_sensor import Imager
@@ -426,12 +438,12 @@ class Requirements:
         return side if lens.image_circle_mm is None else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
 
     def changed(self, **entries: Any) -> Requirements:
-        """The same with other entries of field, mirror and lens.
+        """Return a copy with other entries of field, mirror and lens.
 
         Parameters
         ----------
         entries
-            What they become, by their names.
+            New values by entry name.
 
         Returns
         -------
@@ -440,9 +452,9 @@ class Requirements:
         Raises
         ------
         SpecError
-            An entry is wrong, or does not fit the others.
+            Invalid or inconsistent entry.
         InvalidParameter
-            None of the three tables has an entry of this name.
+            Name that is not an entry of the three tables.
 
         Examples
         --------
@@ -466,12 +478,12 @@ class Requirements:
         return dataclasses.replace(self, **changed)
 
     def tables(self) -> dict[str, Any]:
-        """The tables of a requirement file that says the same, as plain data.
+        """Return the equivalent tables of a requirement file as plain data.
 
         Returns
         -------
         dict
-            Tables and entries, as a file holds them.
+            Tables and entries of a file.
         """
         lens = dataclasses.replace(self.lens, optics=None)
         parts = {name: asdict(part) for name, part in {**vars(self), "lens": lens}.items() if name in TABLES}
@@ -489,20 +501,20 @@ class Requirements:
         return plain
 
     def _by_elevation(self, field: dict[str, Any]) -> dict[str, Any]:
-        """The table of the field with the elevations of its angles."""
+        """Return the field table with elevations instead of field angles."""
         omega = field.pop("omega_min_deg"), field.pop("omega_max_deg")
         del field["angles"]
         return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
 
 
 OF_OPTICS = ("focal_length_mm", "f_number")
-"""What a real lens says itself."""
+"""Entries determined by a real lens."""
 TABLES = ("field", "mirror", "lens", "imager", "mount")
 NAMES = {
     cls.TABLE: {f.name for f in dataclasses.fields(cls)}
     for cls in (FieldRequirements, MirrorRequirements, LensRequirements)
 }
-"""The entries of each table; no name is of two tables."""
+"""Entries of each table; all names are unique."""
 ENTRIES = frozenset[str]().union(*NAMES.values())
 
 KINDS: dict[str, type[Any]] = {
@@ -512,7 +524,7 @@ KINDS: dict[str, type[Any]] = {
 
 
 def _plain(value: Any) -> Any:
-    """The same data as TOML has it: lists for tuples, and nothing where there is nothing."""
+    """Convert to data for TOML: lists instead of tuples, without None."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, list | tuple):

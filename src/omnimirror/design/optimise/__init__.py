@@ -1,1 +1,1 @@
-"""Mirrors of free form, best by one merit or by several."""
+"""Optimisation of freeform mirrors for one merit or several."""

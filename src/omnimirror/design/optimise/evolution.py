@@ -1,4 +1,4 @@
-"""The evolution of designs that are compared by several merits: known mirrors first, then offspring."""
+"""Evolutionary multi-objective optimisation, starting from known mirrors."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from .variables import DesignSpace
 Array = NDArray[np.float64]
 
 ANGLES = 161  # of every evaluation
-MARGIN = 0.1  # of the box of designs beyond the first ones, in every coordinate
-REFUSED = 1e6  # merit of a design that cannot be used
+MARGIN = 0.1  # extension of the search box beyond the first designs, in every coordinate
+REFUSED = 1e6  # merit of an invalid design
 
 
 @dataclass(frozen=True)
 class Contest:
-    """What designs are compared by."""
+    """Comparison of designs by several merits."""
 
     space: DesignSpace
     merits: list[Merit]
 
     def compare(self, y: Array) -> tuple[Array, Array, Array]:
-        """Designs (n, dim) at their best focus, their merits (n, merits), and by what share they miss a limit (n,)."""
+        """Return designs (n, dim) at best focus, merits (n, merits) and violations (n,)."""
         y = self.space.at_best_focus(y, ANGLES)
         result = self.space.evaluate(y, ANGLES)
         field, omega = self.space.field(y, result), result.omega_deg * DEGREE
@@ -49,11 +49,11 @@ class Contest:
         return y, np.where(usable[:, None], values, REFUSED), np.where(usable, broken, 1.0)
 
     def best_of(self, y: Array) -> tuple[Array, Array]:
-        """Those designs (n, dim) of which none is better by every merit, sorted by the first, and their merits."""
+        """Return the non-dominated designs (n, dim), sorted by the first merit, and merits."""
         y, values, broken = self.compare(y)
         better: Any = (values[:, None] <= values).all(axis=2) & (values[:, None] < values).any(axis=2)
         keep = np.flatnonzero((broken <= 0) & ~better[broken <= 0].any(axis=0))
-        _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, each but once
+        _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, without duplicates
         keep = keep[first]
         if not keep.size:
             raise OmnimirrorError(
@@ -65,7 +65,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class Generation:
-    """A generation (n, dim), and the box (2, dim) that it lives in."""
+    """Generation of designs (n, dim) with its search box (2, dim)."""
 
     number: int
     y: Array
@@ -73,11 +73,11 @@ class Generation:
 
 
 def first_generation(contest: Contest, population: int, seed: int) -> Generation:
-    """Known mirrors, the optimum of each merit, and blends of these."""
+    """Return the first generation: known mirrors, single optima, and convex combinations."""
     space = contest.space
     known = [start(space, i, seed)[1] for i in range(2)]
     for merit in contest.merits:
-        with suppress(OmnimirrorError):  # limits that one start does not meet
+        with suppress(OmnimirrorError):  # limits that a single start does not meet
             known.append(optimise(space.problem, merit.name, starts=1, seed=seed).y)
     corners = np.array(known)
     rng = np.random.default_rng(seed)
@@ -89,7 +89,7 @@ def first_generation(contest: Contest, population: int, seed: int) -> Generation
 
 
 def evolved(contest: Contest, alive: Generation, generations: int, seed: int) -> Generation:
-    """Some generations later, by NSGA-II; by NSGA-III for three merits and more."""
+    """Return the generation after some steps of NSGA-II, or NSGA-III for three or more merits."""
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.algorithms.moo.nsga3 import NSGA3
     from pymoo.core.problem import Problem

@@ -1,16 +1,16 @@
-"""How sharp a mirror can be at all: the least worst single blur of any mirror of a field, rim and lens.
+"""Lower bound of the blur: smallest worst single blur of any mirror for a field, rim and lens.
 
-Written with the mapping instead of the surface, both blurs are simple. With ``v = 1/rho`` the inverse distance
-from the lens to the mirror point, ``D = 1/L0``, ``e = rho/p`` and ``k = f/F``, Eqs. 14-21, 28, 36 and 37 become, in
-degrees of the objects as seen from the mirror point,
+In terms of the mapping instead of the surface, both blurs have a simple form. With ``v = 1/rho``
+the inverse distance from the lens to the mirror point, ``D = 1/L0``, ``e = rho/p`` and ``k = f/F``,
+Eqs. 14-21, 28, 36 and 37 become, in degrees of the objects as seen from the mirror point,
 
     T = k cos^2(theta) (D W' - v/cos(theta) (W' - 1)),     W' = dOmega/dtheta + e
     S = k cos(theta) (D W' - v/cos(theta) (W' - 1)),     W' = sin(Omega)/sin(theta) + e
 
-and the surface is ``d ln v/d theta = -tan((Omega + theta)/2)``. At the rim Omega and v are given, so that S there
-says how near the lens may be focused, and ``T >= -t`` says how steep the mapping may be on the way from the rim to
-the axis. If the steepest mapping does not come down to where the field begins, no mirror keeps t. The proof is in
-``docs/blur-bound.md``.
+and the surface satisfies ``d ln v/d theta = -tan((Omega + theta)/2)``. At the rim Omega and v are
+given; therefore S at the rim bounds the nearest focus, and ``T >= -t`` bounds the slope of the
+mapping from the rim to the axis. If the steepest mapping does not reach the inner end of the field,
+no mirror attains the blur t. The proof is in ``docs/blur-bound.md``.
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ from ...optics.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-LEAST, MOST = 1e-6, 3.0  # radians; where the bound is looked for
+LEAST, MOST = 1e-6, 3.0  # radians; search interval of the bound
 POINTS = 401
 TOLERANCE = 1e-11  # relative, of the integration
 
 
 @dataclass(frozen=True)
 class BlurBound:
-    """What no mirror of a field, rim and lens does better than, and the mirror that does as well.
+    """Lower bound of the blur for a field, rim and lens, with the extremal mirror.
 
     Attributes
     ----------
     blur_deg : deg
-        No such mirror has a worst single blur, tangential or sagittal, below this.
+        Lower bound of the worst single blur, tangential or sagittal.
     focus_mm : mm
-        Where the lens is focused then, L0; under a telecentric lens it counts from the surface's first point.
+        Focus distance L0 of the bound; for a telecentric lens from the first point of the surface.
     x_mm, z_mm, slope : (n,) mm, mm and dimensionless
-        The surface that is as steep as may be, from where the field begins to the rim; z counts from the first point.
+        Steepest permitted surface, from the inner end of the field to the rim; z is relative to the
+        first point.
     omega_deg, t_deg, s_deg : (n,) deg
-        Its field angles, and its signed blurs there.
+        Field angles and signed blurs of the surface.
     """
 
     blur_deg: float
@@ -63,7 +64,7 @@ class BlurBound:
 
     @property
     def is_reached(self) -> bool:
-        """Whether that mirror keeps the bound sagittally too, and so is the sharpest there is."""
+        """Return whether the extremal mirror also satisfies the bound sagittally."""
         return bool(np.abs(self.s_deg).max() <= self.blur_deg * (1 + 1e-6))
 
 
@@ -76,21 +77,22 @@ def blur_bound(
     mode: BlurMode = "exact",
     image_radius_px: float | None = None,
 ) -> BlurBound:
-    """The least worst single blur that any mirror can have, of a sensor's field, rim, lens and place of the lens.
+    """Compute the minimum of the worst single blur of any mirror for the rim and lens of a sensor.
 
-    Compared with are all mirrors that have the sensor's rim radius, its field angle and its lens's viewing angle at the
-    rim, wherever they are focused. Objects are all at one distance from the mirror, at which blur is evaluated.
+    The bound applies to all mirrors with the rim radius of the sensor, its field angle and viewing
+    angle at the rim, for any focus. All objects have the same distance from the mirror, for which
+    the blur is evaluated.
 
     Parameters
     ----------
     sensor
-        Aligned, with one mirror, and a lens that does not distort.
+        Aligned sensor with one mirror and a distortion-free lens.
     object_distance_mm : mm
-        Distance p from the mirror to the objects.
+        Object distance p from the mirror.
     omega_min_deg : deg
-        Where the field begins that counts; None for all that the sensor sees.
+        Inner end of the evaluated field; None for the whole field of the sensor.
     mode, image_radius_px
-        As :func:`omnimirror.evaluate` takes them.
+        As in :func:`omnimirror.evaluate`.
 
     Returns
     -------
@@ -99,16 +101,16 @@ def blur_bound(
     Raises
     ------
     InvalidParameter
-        A sensor of two mirrors, a lens that distorts, an object distance that is not above 0, a field that does not
-        begin within the sensor's.
+        Sensor with two mirrors, lens with distortion, object distance that is not positive, or a
+        field outside that of the sensor.
 
     Notes
     -----
-    See ``docs/blur-bound.md`` for the proof, from Eqs. 2-5, 14-21, 28, 36 and 37.
+    The proof in ``docs/blur-bound.md`` is based on Eqs. 2-5, 14-21, 28, 36 and 37.
 
     Examples
     --------
-    The paper's sphere, and what any mirror in its place could reach:
+    Sphere of the paper, and the bound for any mirror with its field, rim and lens:
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
@@ -147,23 +149,23 @@ def _steepest(sensor: Sensor, field: Array, near: float, mode: BlurMode, image_r
 
 
 class _Steepest(Protocol):
-    """The steepest mapping that a blur allows, from the rim to where the field begins."""
+    """Steepest mapping permitted by a blur, from the rim to the inner end of the field."""
 
     def bound(self) -> BlurBound: ...
 
 
 @dataclass(frozen=True)
 class _UnderPerspective:
-    """Of mirrors before a perspective lens; radians and mm."""
+    """Steepest mapping for a perspective lens; radians and mm."""
 
     omega_min: float
     omega_max: float
     rim: float
     theta: float
     near: float
-    """1/p of the objects."""
+    """Inverse object distance 1/p."""
     scale: Callable[[Any], Any]
-    """k (mm) of a vergence D that is in focus."""
+    """Function that returns k (mm) for a vergence D in focus."""
 
     def bound(self) -> BlurBound:
         t = _least(self._too_steep)
@@ -177,23 +179,25 @@ class _UnderPerspective:
         return _bound(t, 1 / focus, x, z, slope, omega, blur_t, blur_s)
 
     def _focus(self, t: float) -> float:
-        """The nearest focus, as a vergence, that leaves the sagittal blur at the rim below t."""
+        """Return the nearest focus, as a vergence, with a sagittal blur below t at the rim."""
         v, k = np.sin(self.theta) / self.rim, self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim)
         W = np.sin(self.omega_max) / np.sin(self.theta) + self.near / v
         place = v / np.cos(self.theta) * (W - 1) / W
         D = place
-        for _ in range(8):  # k hardly depends on the focus, and in the exact form not at all
+        for _ in range(8):  # k depends weakly on the focus, in the exact form not at all
+            # S = k cos(theta) (D W' - B (W' - 1)) = t at the rim, solved for D.
             D = place + t / (k * np.cos(self.theta) * W)
             k = self.scale(D)
         return float(D)
 
     def _rate(self, theta: float, v: float, t: float, D: float) -> float:
-        """The largest dOmega/dtheta whose tangential blur is not below -t; inf where there is none."""
+        """Return the largest dOmega/dtheta with a tangential blur of at least -t; inf if none."""
         allowed, B = t / (self.scale(D) * np.cos(theta) ** 2), v / np.cos(theta)
+        # T = k cos^2(theta) (B - (B - D) W') = -t, solved for W' = dOmega/dtheta + e, e = near/v.
         return np.inf if B <= D else float((B + allowed) / (B - D) - self.near / v)
 
     def _path(self, t: float, D: float) -> tuple[float, Callable[[Array], Array]]:
-        """Where the steepest mapping ends, and Omega and ln v (2, n) of viewing angles (n,) down to there."""
+        """Return the end of the steepest mapping, and Omega and ln v (2, n) as a function."""
 
         def rates(theta: float, state: Array) -> list[float]:
             omega, log_v = state
@@ -203,7 +207,7 @@ class _UnderPerspective:
         return _followed(rates, self.theta, start, self.omega_min)
 
     def _too_steep(self, t: float) -> float:
-        """Above 0 where no mirror keeps t: what is left of the field at the axis."""
+        """Return the remaining field at the axis, positive if no mirror attains t."""
         D = self._focus(t)
         if not np.isfinite(self._rate(self.theta, np.sin(self.theta) / self.rim, t, D)):
             return -self.theta
@@ -222,10 +226,10 @@ class _UnderPerspective:
 
 @dataclass(frozen=True)
 class _UnderTelecentric:
-    """Mirrors before a telecentric lens.
+    """Steepest mapping for a telecentric lens.
 
-    ``T = k (1 - y W')`` with W' = dOmega/dx + 1/p, S the same with W' = sin(Omega)/x + 1/p, where y is the distance of
-    the focus behind the surface, and ``dy/dx = -tan(Omega/2)``.
+    ``T = k (1 - y W')`` with W' = dOmega/dx + 1/p, and S with W' = sin(Omega)/x + 1/p. Here y is
+    the distance of the focus behind the surface, and ``dy/dx = -tan(Omega/2)``.
     """
 
     omega_min: float
@@ -266,14 +270,14 @@ class _UnderTelecentric:
 def _followed(
     rates: Callable[[float, Array], list[float]], start: float, state: list[float], omega_min: float
 ) -> tuple[float, Callable[[Array], Array]]:
-    """A mapping from the rim down to the axis, or to where the field begins."""
+    """Integrate a mapping from the rim to the axis, or to the inner end of the field."""
     from scipy.integrate import solve_ivp
 
     def begins(_: float, state: Array) -> float:
         return float(state[0]) - omega_min
 
     begins.terminal = True  # type: ignore[attr-defined]
-    with np.errstate(all="ignore"):  # a step that is tried may lead past the horizon, and is made shorter
+    with np.errstate(all="ignore"):  # a trial step may pass the horizon and is then reduced
         path = solve_ivp(
             rates, (start, 0.0), state, method="DOP853", rtol=TOLERANCE, atol=TOLERANCE, events=begins,
             dense_output=True,
@@ -282,8 +286,8 @@ def _followed(
 
 
 def _least(too_steep: Callable[[float], float]) -> float:
-    """The least blur (radians) that is not too steep; a blur that is allowed allows all larger ones too."""
-    if too_steep(0.0) <= 0:  # so narrow a field asks for none
+    """Return the smallest feasible blur (radians); all larger values are also feasible."""
+    if too_steep(0.0) <= 0:  # a narrow field without a positive bound
         return 0.0
     if not too_steep(LEAST) > 0 or not too_steep(MOST) <= 0:
         raise InvalidParameter(
@@ -294,7 +298,7 @@ def _least(too_steep: Callable[[float], float]) -> float:
 
 
 def _ratio(over: Array, under: Array, limit: Array) -> Array:
-    """A quotient (n,) that has a limit on the axis, where both vanish."""
+    """Return a quotient (n,) with its limit on the axis, a zero of both terms."""
     on_axis = under < 1e-6 * under.max()
     return np.where(on_axis, limit, over / np.where(on_axis, 1.0, under))
 

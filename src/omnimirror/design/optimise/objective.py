@@ -1,6 +1,7 @@
-"""What an optimiser makes small and what it keeps, as rows with exact derivatives at a point of a design space.
+"""Objectives and constraints of the optimiser, as rows with exact derivatives in a design space.
 
-What is made small is a merit; or what is asked too much: limits, and numbers that were given, each by its share.
+The objective is a merit, or the slack of requirements: relative violations of limits and relative
+changes of given numbers.
 """
 
 from __future__ import annotations
@@ -22,26 +23,27 @@ from .variables import DesignSpace, State
 
 Array = NDArray[Any]
 
-STEP = 1e-30  # the imaginary step; nothing is subtracted, so it may be as small as one likes
-LEAST_DOMEGA_DU = 0.05  # dOmega/du, radians: a mapping that turns less counts as folded
-LEAST_COS_INCIDENCE = 0.01  # cosine of the incidence: a surface that faces the lens less counts as seen edge-on
-TIGHT = 1e-4  # share by which limits are kept better at the nodes than asked, so that they are kept between them
-IMAGE, CLEAR = "image_radius_px", "omega_min_deg"  # what has to be kept besides the limits
+STEP = 1e-30  # imaginary step; without cancellation it may be arbitrarily small
+LEAST_DOMEGA_DU = 0.05  # dOmega/du, radians; smaller values count as a folded mapping
+LEAST_COS_INCIDENCE = 0.01  # cosine of the angle of incidence; smaller values count as edge-on
+TIGHT = 1e-4  # relative tightening at the nodes, which keeps limits met between them
+IMAGE, CLEAR = "image_radius_px", "omega_min_deg"  # constraints other than limits
 Key = int | str
 
 
 @dataclass(frozen=True)
 class Slack:
-    """Which requirements may give (elastic constraints): the largest share by which one of them does is made least.
+    """Requirements that may be relaxed (elastic constraints) by a minimal relative amount.
 
     Attributes
     ----------
     keys
-        Limits by their index, :data:`IMAGE`, :data:`CLEAR`. All that are not named are kept.
+        Limits by index, :data:`IMAGE`, :data:`CLEAR`. All others are constraints.
     numbers
-        Free numbers, with what was asked of them and the sign of the way in which they may give.
+        Free numbers with their requested values and the sign of the permitted change.
     margin
-        Share by which all others are kept better than asked, so that they are between the angles looked at.
+        Relative tightening of all other requirements, which keeps them met between the evaluated
+        angles.
     """
 
     keys: tuple[Key, ...]
@@ -51,25 +53,25 @@ class Slack:
 
 @dataclass(frozen=True)
 class Objective:
-    """A merit, or the slack of some requirements, over some fractions u of the rim radius, the last of them 1."""
+    """Merit, or slack of requirements, over fractions u of the rim radius, the last of them 1."""
 
     space: DesignSpace
     goal: Merit | Slack
     u: Array
 
     def values(self, y: Array) -> ObjectiveValues:
-        """Rows and constraints at a point (dim,)."""
+        """Return rows and constraints at a point (dim,)."""
         rows, constraints = self._parts(y[None], self.space.state(y[None], self.u, self._basis))
         return ObjectiveValues(rows[0], constraints[0])
 
     def rows(self, y: Array) -> Rows:
-        """Rows and constraints at a point (dim,), with their derivatives: complex steps, exact to rounding."""
+        """Return rows and constraints at a point (dim,) with complex-step derivatives."""
         stepped = y + 1j * STEP * np.eye(self.space.dim)
         g, c = self._parts(stepped, self.space.state(stepped, self.u, self._basis))
         return Rows(g[0].real, c[0].real, g.imag.T / STEP, c.imag.T / STEP)
 
     def shown(self, value: float) -> float:
-        """The merit in its unit, or the share that gives, from the largest row."""
+        """Return the merit in its unit, or the largest relative violation, from the largest row."""
         if isinstance(self.goal, Slack):
             return value
         return float(self.goal.shown(np.asarray(value * self._scale)))
@@ -84,13 +86,13 @@ class Objective:
 
     @property
     def is_about_sharpness(self) -> bool:
-        """Whether the focus matters, to the goal or to a limit."""
+        """Return whether the goal or a limit depends on the focus."""
         own = isinstance(self.goal, Merit) and self.goal.is_sharpness
         return own or any(limit.of.is_sharpness for limit in self.space.problem.limits)
 
     @property
     def asked(self) -> tuple[Key, ...]:
-        """Everything that a design can miss: the limits, the imager, the view past the camera."""
+        """Return the keys of all limits, image size and view past the camera."""
         problem = self.space.problem
         keys: list[Key] = [*range(len(problem.limits))]
         keys += [IMAGE] if problem.has_image_to_fit else []
@@ -98,7 +100,7 @@ class Objective:
         return tuple(keys)
 
     def missed(self, y: Array) -> dict[Key, float]:
-        """By what share each requirement is missed at a point (dim,); below 0 by what share it is kept."""
+        """Return relative violations at a point (dim,); negative if a requirement is met."""
         state = self.space.state(y[None], self.u, self._basis)
         return {key: float(rows.max()) for key, rows in self._requirements(state)}
 
@@ -108,7 +110,7 @@ class Objective:
 
     @cached_property
     def _scale(self) -> float:
-        """Rows of lengths come in units of the rim radius, so that a violated constraint costs more than it gains."""
+        """Return the scale of the rows, the rim radius for lengths."""
         is_length = isinstance(self.goal, Merit) and self.goal.quantity.unit == "mm"
         return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 
@@ -127,7 +129,7 @@ class Objective:
             return objective, _beside(constraints, len(y))
 
     def _moved(self, y: Array, name: str, asked: float, sign: int) -> Array:
-        """By what share a free number has moved."""
+        """Return the relative change of a free number."""
         value = np.exp(y[:, self.space.names.index(name), None])
         moved: Array = sign * (value / asked - 1)
         return moved
@@ -144,18 +146,18 @@ class Objective:
         return requirements_of(self.space, state.field, self._counting(state), state.omega, state.hidden, state.image)
 
     def _counting(self, state: State) -> Counting:
-        """Which columns count, as the first design has it: derivatives are those of one set of rows."""
+        """Return the counted columns of the first design, to which all derivatives refer."""
         return partial(self.space.counting, state.omega[:1].real, state.hidden[:1].real)
 
 
 Counting = Callable[..., NDArray[np.intp]]
-"""Columns that count, from one field angle to another in degrees."""
+"""Function that returns the counted columns between two field angles in degrees."""
 
 
 def requirements_of(
     space: DesignSpace, field: FieldValues, counting: Counting, omega: Array, hidden: Array, image: Array
 ) -> Iterator[tuple[Key, Array]]:
-    """By what share designs miss each requirement, as rows (b, r)."""
+    """Yield the relative violations of each requirement as rows (b, r)."""
     problem = space.problem
     if problem.has_image_to_fit:
         yield IMAGE, image - 1
@@ -166,5 +168,5 @@ def requirements_of(
 
 
 def _beside(rows: list[Array], count: int) -> Array:
-    """Rows of several shapes (count or 1, r) beside each other."""
+    """Concatenate rows of shapes (count or 1, r)."""
     return np.concatenate([np.broadcast_to(r, (count, r.shape[1])) for r in rows], axis=1)

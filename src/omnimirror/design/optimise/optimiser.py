@@ -1,8 +1,8 @@
-"""Mirrors of free form that are best by one merit: several starts, each followed to its optimum.
+"""Optimisation of freeform mirrors for one merit, from several starts.
 
-The starts are mirrors that do the job already: the sphere, the exact equidistant mirror, then the sphere
-with seeded waves. Each is pressed down by :mod:`.minimax` on a coarse set of field angles, the best one
-once more on a fine set. Derivatives are complex steps through closed forms, exact to rounding.
+The starts are known mirrors: the sphere, the exact equidistant mirror, then the sphere with random
+undulations. Each is optimised by :mod:`.minimax` on a coarse set of field angles, the best one
+again on a fine set. Derivatives are complex steps through closed forms, exact to rounding.
 """
 
 from __future__ import annotations
@@ -34,31 +34,31 @@ from .variables import DesignSpace
 
 Array = NDArray[np.float64]
 
-COARSE, FINE = 241, 1201  # field angles of the search and of the last polish
+COARSE, FINE = 241, 1201  # field angles of the search and of the final refinement
 POLISH_TRUST = 1e-3
-CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search, and the polish
-FEW, STEP = 16, 12  # knots of a spline that are found at once, and how many more are at a time
-WAVES, HEIGHT = 4, 0.05  # of the starts that are not known mirrors: how many, and their relative height
-KEPT = 1e-6  # largest violation of a constraint that counts as kept
-REFOCUSED = 3  # times that a mirror whose merit is not about sharpness is shaped for its best focus
+CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search and the refinement
+FEW, STEP = 16, 12  # knots of a first spline, and increment of the number of knots
+WAVES, HEIGHT = 4, 0.05  # undulations of the random starts: number and relative height
+KEPT = 1e-6  # largest constraint violation of a feasible design
+REFOCUSED = 3  # refocusing iterations for merits independent of sharpness
 
 
 @dataclass(frozen=True)
 class Run:
-    """One start followed to its end.
+    """Result of one start.
 
     Attributes
     ----------
     start
-        Which mirror it started from.
+        Initial mirror.
     y
-        Where it ended in the design space.
+        Final point in the design space.
     value
-        The merit there, over the coarse field angles.
+        Final merit over the coarse field angles.
     kept
-        Whether all constraints are.
+        True if all constraints are met.
     history
-        The merit after each step.
+        Merit after each step.
     """
 
     start: str
@@ -70,7 +70,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Progress:
-    """Told after each step: which start out of how many, and how good it is by now."""
+    """Progress after a step: index and number of starts, and current merit."""
 
     run: int
     runs: int
@@ -79,24 +79,25 @@ class Progress:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best design found, and how it was found.
+    """Best design, with the results of all starts.
 
     Attributes
     ----------
     problem
-        What is designed, and what is free.
+        Design problem with its free parameters.
     merit
-        What was made least.
+        Name of the minimised merit.
     sensor
-        An ordinary sensor, focused where the merit is least.
+        Sensor at the focus of minimum merit.
     value
-        The merit over 1201 field angles, in its unit.
+        Merit over 1201 field angles, in its unit.
     y : (k,)
-        The design as a point of the problem's :class:`~omnimirror.design.optimise.variables.DesignSpace`.
+        Design as a point of the :class:`~omnimirror.design.optimise.variables.DesignSpace` of the
+        problem.
     runs
-        Every start, the first being the sphere.
+        Results of all starts; the first is the sphere.
     is_complete
-        False where the search was stopped before its last start.
+        False if the search was stopped before its last start.
 
     Examples
     --------
@@ -115,8 +116,9 @@ class Optimum:
 
     @cached_property
     def bound(self) -> BlurBound:
-        """What no mirror of the same field, rim and lens does better than in worst single blur, at the object distance
-        that asks most."""
+        """Return the lower bound of the worst single blur for the same field, rim and lens, at the
+        most demanding object distance.
+        """
         problem = self.problem
         low = max(problem.omega_min_deg, self.sensor.clear_field_deg[0])
         bounds = (
@@ -137,34 +139,35 @@ def optimise(
     resume: str | Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Optimum:
-    """The mirror, focus and what the problem leaves free, with the least merit.
+    """Optimise mirror, focus and free parameters of a problem for a merit.
 
     Parameters
     ----------
     problem
-        What is designed, and what is free.
+        Design problem with its free parameters.
     merit
-        One of :data:`omnimirror.design.criteria.merits.DESIGN_MERITS`.
+        Name of a merit in :data:`omnimirror.design.criteria.merits.DESIGN_MERITS`.
     starts, seed
-        From how many mirrors to start; the third and later ones are drawn with the seed.
+        Number of initial mirrors; the seed determines the third and later ones.
     resume
-        A file that keeps finished starts; a search that was stopped goes on where it was.
+        File of finished starts, from which an interrupted search is resumed.
     on_progress
-        Told of every step.
+        Callback, called after each step.
 
     Returns
     -------
     Optimum
-        The best sensor, and how each start went.
+        Best sensor, and the result of each start.
 
     Raises
     ------
     InvalidParameter
-        An unknown merit, no start.
+        Unknown merit, or no start.
     OmnimirrorError
-        No design was found that keeps all limits.
+        No feasible design.
     KeyboardInterrupt
-        Stopped (Ctrl-C) before the first start was finished; later, the best of those finished is returned.
+        Interruption (Ctrl-C) before the first start is finished; later, the best finished result is
+        returned.
 
     Examples
     --------
@@ -172,7 +175,7 @@ def optimise(
     >>> best.sensor.mirror.KIND, round(best.value, 3)
     ('even-polynomial', 0.635)
 
-    Under a limit, and from the sphere as a telecentric lens sees it, which is equiareal already:
+    Design with a limit, for a telecentric lens, whose sphere is already equiareal:
 
     >>> import omnimirror as om
     >>> from omnimirror.design import Limit
@@ -200,7 +203,7 @@ def optimised(
     resume: str | Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Optimum | list[Array]:
-    """As :func:`optimise`; but where no design keeps all limits, the points where the starts ended."""
+    """Optimise like :func:`optimise`, but return end points if no design is feasible."""
     if starts < 1:
         raise InvalidParameter(f"starts = {starts} is not valid; at least one is needed")
     space = DesignSpace(problem)
@@ -225,7 +228,7 @@ def optimised(
 def _start_of_many(
     space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None
 ) -> tuple[str, Array]:
-    """A start; of a spline of many knots the optimum of one of fewer, from which the search does not get stuck."""
+    """Return a start; for many knots the optimum with fewer, which avoids local minima."""
     problem = space.problem
     if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
         return start(space, index, seed)
@@ -235,14 +238,14 @@ def _start_of_many(
     found = _kept_first(objective, y, on_step).y
     try:
         mirror = fewer.sensor(found).mirror
-    except OmnimirrorError:  # no mirror after all: begin anew with all knots
+    except OmnimirrorError:  # no valid mirror: start with all knots
         return start(space, index, seed)
     rest = found[fewer.family.terms - 1 :]
     return name, _shaped(space, mirror, np.concatenate([np.zeros(space.dim - rest.size), rest]))
 
 
 def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> Minimum:
-    """A start followed to its optimum; where that breaks a limit, once more from where the limits are missed least."""
+    """Optimise one start; if infeasible, repeat from the point of minimum violation."""
     found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
     if found.violation < KEPT:
         return found
@@ -254,7 +257,7 @@ def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None]
 
 
 def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
-    """The best run, polished over the fine field angles."""
+    """Return the best run, refined over the fine field angles."""
     best = min((r for r in runs if r.kept), key=lambda r: r.value)
     fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
     found = follow(fine, np.array(best.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
@@ -267,14 +270,14 @@ def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
 
 
 def coarse_nodes(problem: DesignProblem) -> Array:
-    """Fractions (k,) of the rim radius that a search looks at."""
+    """Return the fractions (k,) of the rim radius used in the search."""
     return np.linspace(0.0, 1.0, max(COARSE, 12 * problem.terms + 1))
 
 
 def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
-    """A point followed to the nearest optimum of an objective."""
+    """Return the local optimum of an objective near a point."""
     low, high = (np.array(b) for b in objective.space.bounds)
-    if not objective.is_about_sharpness:  # any focus and F-number would do: keep the start's
+    if not objective.is_about_sharpness:  # independent of focus and F-number: keep the initial values
         held = [i for i, name in enumerate(objective.space.names) if name in ("focus", "f_number")]
         low[held] = high[held] = y[held]
     bounds = low, high
@@ -285,7 +288,7 @@ def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
 
 
 def _focused(space: DesignSpace, y: Array) -> Array:
-    """The same mirror (dim,) at its own best focus."""
+    """Return the same mirror (dim,) at its best focus."""
     at_best: Array = space.at_best_focus(y[None], FINE)[0]
     return at_best
 
@@ -299,7 +302,7 @@ def _run(name: str, found: Minimum, objective: Objective) -> Run:
 
 
 def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
-    """The start of that number, its name and its point (dim,), at its own best focus."""
+    """Return name and point (dim,) of a start by its number, at its best focus."""
     middle = {name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free}
     y = np.array([np.log(middle[n]) if n in middle else FIRST.get(n, 0.0) for n in space.names])
     given = space.given(y[None])
@@ -319,11 +322,11 @@ def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
 
 
 FIRST = {"focus": 1.0}
-"""Where coordinates stand before a mirror is known."""
+"""Coordinates before the mirror is known."""
 
 
 def _shaped(space: DesignSpace, mirror: Mirror, y: Array) -> Array:
-    """A point (dim,) with the slopes of a mirror instead of its own, at its own best focus."""
+    """Return a point (dim,) with the slopes of a mirror, at its best focus."""
     M, y = mirror.rim_radius_mm, np.array(y)
     u = space.family.slope_places()[:-1]
     y[: u.size] = mirror.slope(u * M)
@@ -340,7 +343,7 @@ def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
 
 
 def described(problem: DesignProblem) -> dict[str, Any]:
-    """A problem as JSON can hold it; :func:`problem_from` reads it back."""
+    """Convert a problem to data for JSON; :func:`problem_from` is the inverse."""
     optics = None if problem.optics is None else lens_table(problem.optics)
     parts = {"housing": housing_tables(problem.housing), "optics": optics}
     plain: dict[str, Any] = json_plain(asdict(replace(problem, optics=None)) | parts)
@@ -348,7 +351,7 @@ def described(problem: DesignProblem) -> dict[str, Any]:
 
 
 def problem_from(data: dict[str, Any]) -> DesignProblem:
-    """The problem that :func:`described` wrote.
+    """Return the problem of data from :func:`described`.
 
     >>> from omnimirror.optics.housing import CameraBody, Housing
     >>> limits, housing = (Limit("total_blur_px", 4.0),), Housing(CameraBody(30.0))
@@ -364,7 +367,7 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
 
 
 def _read(value: Any) -> Any:
-    """What :func:`~omnimirror.base.files.json_plain` made, with lists as tuples."""
+    """Convert data from :func:`~omnimirror.base.files.json_plain`, with lists as tuples."""
     if isinstance(value, dict):
         return {k: _read(v) for k, v in value.items()}
     if isinstance(value, list):
@@ -373,7 +376,7 @@ def _read(value: Any) -> Any:
 
 
 def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
-    """The runs of a kept search; none where there is no file yet."""
+    """Return the runs of a saved search; empty without a file."""
     if resume is None or not Path(resume).exists():
         return []
     try:

@@ -1,4 +1,4 @@
-"""What is given, what is free and what has to be kept when a mirror is optimised."""
+"""Problem definition of a mirror optimisation: given values, free values and limits."""
 
 from __future__ import annotations
 
@@ -21,52 +21,54 @@ OF_LENS = ("theta_max_deg", "focal_length_mm")
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """Field, size, lens and pixels of the sensors to choose from; ranges are left to the optimiser.
+    """Field, size, lens and pixels of the candidate sensors; ranges are free variables.
 
     Parameters
     ----------
     omega_max_deg, rim_radius_mm
-        Field angle at the rim, and its radius M.
+        Field angle at the rim, and rim radius M.
     theta_max_deg, focal_length_mm
-        Viewing angle of the lens at the rim, which sets the distance m, and focal length. One of them may be None: it
-        is then what makes the rim fill the imager. A telecentric lens has neither; its magnification makes the rim
-        fill the imager.
+        Viewing angle of the lens at the rim, which determines the distance m, and focal length. One
+        of them may be None and then follows from a rim image that fills the imager. A telecentric
+        lens has neither; its magnification then follows from a rim image that fills the imager.
     f_number
-        Of a telecentric lens that on the imager's side.
+        F-number; for a telecentric lens the image-side working F-number.
     magnification
-        Of a telecentric lens, where the imager is not to be filled.
+        Magnification of a telecentric lens, if the imager is not to be filled.
     imager
         Pixels and their pitch.
     largest_image_px
-        Largest radius of the rim's image; by default that of the largest circle that the imager holds.
+        Largest radius of the rim image; by default that of the largest circle on the imager.
     lens
         ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
     omega_min_deg
-        Where the field begins that counts; what lies inside is taken up by the camera itself.
+        Inner end of the evaluated field; the camera obscures smaller angles.
     housing
-        What stands around the mirror. The field that counts begins where its camera no longer hides the view, if that
-        is beyond ``omega_min_deg``; with an ``omega_min_deg`` above 0 the view past the camera has to be clear from
-        there. What else it holds is judged, and not searched around.
+        Housing of the mirror. The evaluated field starts at the end of the obscuration by the
+        camera, if this is beyond ``omega_min_deg``; for ``omega_min_deg`` above 0, an unobscured
+        view from there is a constraint. Other parts of the housing are included in the requirement
+        check, not in the search.
     object_distance_mm
-        From the mirror to the object, or to the nearest and the farthest one: both count.
+        Object distance from the mirror, or the nearest and the farthest distance; both are
+        evaluated.
     focus_mm
-        Where the lens is focused, or between which distances; None leaves it to the optimiser.
+        Focus distance, or its range; None for a free focus.
     mode, image_radius_px, wavelength_nm
-        As :func:`omnimirror.evaluate` takes them.
+        As in :func:`omnimirror.evaluate`.
     family, terms
-        Kind of mirror, and how many numbers shape it.
+        Kind of mirror, and number of shape parameters.
     limits
-        What has to be kept besides. Where theta or the focal length is a range, the rim's image has to stay on the
-        imager too.
+        Additional limits. If theta or the focal length is a range, the size of the rim image is
+        also a constraint.
     mirror_material
-        Of the mirror's body, where a limit asks for its mass; aluminium by default.
+        Material of the mirror body, for limits of the mass; aluminium by default.
     optics
-        A real lens, whose focal length and F-number are its own.
+        Real lens, which determines focal length and F-number.
 
     Raises
     ------
     InvalidParameter
-        Numbers that no mirror can have, and empty ranges.
+        Values without a valid mirror, and empty ranges.
 
     Examples
     --------
@@ -126,12 +128,12 @@ class DesignProblem:
 
     @property
     def distances_mm(self) -> tuple[float, ...]:
-        """The object distances that count, each once."""
+        """Return the distinct object distances."""
         return tuple(sorted(set(ends(self.object_distance_mm))))
 
     @property
     def free(self) -> list[str]:
-        """What is a range, and so left to the optimiser besides shape and focus."""
+        """Return the names of the ranges, the free variables in addition to shape and focus."""
         names = (
             "omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number"
         )  # fmt: skip
@@ -139,20 +141,20 @@ class DesignProblem:
 
     @property
     def has_image_to_fit(self) -> bool:
-        """Whether the rim's image can be kept on the imager by what is free."""
+        """Return whether the size of the rim image depends on free variables."""
         if self.is_telecentric:
             return self.magnification is not None
         return None not in (self.theta_max_deg, self.focal_length_mm) and any(n in self.free for n in OF_LENS)
 
     @property
     def image_radius_mm(self) -> float:
-        """Largest radius of the rim's image."""
+        """Return the largest radius of the rim image."""
         radius = self.imager.inscribed_radius_px if self.largest_image_px is None else self.largest_image_px
         return radius * self.imager.pitch_mm
 
     @property
     def has_view_to_clear(self) -> bool:
-        """Whether the view past what stands at the lens has to be clear from a field angle on."""
+        """Return whether an unobscured view past the camera is required from a field angle on."""
         return self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
 
     def _check_ranges(self) -> None:

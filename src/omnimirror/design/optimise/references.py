@@ -1,4 +1,4 @@
-"""Mirrors that everyone knows, for a problem's field and lens: what optimised ones are compared with."""
+"""Reference mirrors for the field and lens of a problem, for comparison with optimised ones."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from .variables import DesignSpace
 Array = NDArray[np.float64]
 
 PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
-PAPER_FIELD, PAPER_THETA, NEAR = 135.0, 12.0, 0.02  # deg; and how far from these its rounded mirrors are
-EXACTLY = "exactly "  # begins the names of exact mappings
+PAPER_FIELD, PAPER_THETA, NEAR = 135.0, 12.0, 0.02  # deg; and tolerance for the rounded mirrors of the paper
+EXACTLY = "exactly "  # prefix of the names of exact mappings
 EXACT = ("equidistant", "equiangular", "unit-aspect", "equiareal", "rectifying")
 TELECENTRIC = ("equidistant", "rectifying")  # the others are the paraboloid, the sphere and the equidistant mirror
 
 
 def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
-    """Known mirrors by name: the paper's three, then those of exact mappings.
+    """Return reference sensors by name: the three of the paper, then those of exact mappings.
 
-    Of the paper's, sphere and single-viewpoint mirror are solved for any field; its polynomial is shown for its own
-    field alone. All are seen by the problem's lens; of what is a range, the middle.
+    Sphere and single-viewpoint mirror are solved for any field; the polynomial of the paper is
+    included for its own field only. All have the lens of the problem, at the centre of each range.
     """
     space = DesignSpace(problem)
     first = space.sensor(start(space, 0, 0)[1])
@@ -44,7 +44,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     rim = RimRay(first.field_deg[1], theta, first.mirror.rim_radius_mm)
     found = {}
     for name, make in _makers(rim):
-        with suppress(OmnimirrorError):  # a mapping that such a field cannot have
+        with suppress(OmnimirrorError):  # a mapping that is impossible for this field
             mounted = make()
             place = (
                 0.0
@@ -70,7 +70,7 @@ def _makers(rim: RimRay) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
 
 
 def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
-    """One of the paper's mirrors at another size."""
+    """Return a mirror of the paper at another size."""
     ratio = rim_radius_mm / sensor.mirror.rim_radius_mm
     mirror = sensor.mirror
     lengths = {n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"}
@@ -80,9 +80,9 @@ def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
 def merit_values(
     sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "worst_floored_area_deg2"
 ) -> Array:
-    """The merits (n,) of any sensor, computed as the problem says.
+    """Compute the merits (n,) of a sensor with the settings of a problem.
 
-    ``focus_by`` is one of the merits that :func:`omnimirror.best_focus` knows, or None for the sensor's own focus.
+    ``focus_by`` is a merit of :func:`omnimirror.best_focus`, or None for the focus of the sensor.
     """
     sensor.check("comparing with a front", "one mirror")
     rim = sensor.mirror.rim_radius_mm

@@ -1,4 +1,4 @@
-"""How large and how heavy designs are as a whole, where a limit asks for it: with derivatives, for searches."""
+"""Overall dimensions and mass of designs, with derivatives, for limits in a search."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[Any]
 
 
 def with_size(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> FieldValues:
-    """What is known of designs (b, dim) with what limits ask of the whole (b, 1), as :func:`whole_of` counts it."""
+    """Return field values of designs (b, dim) with the limited overall quantities (b, 1)."""
     asked = {limit.quantity for limit in space.problem.limits}
     return field._replace(**{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked})
 
@@ -38,7 +38,7 @@ def _diameter(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Arr
 
 
 def _cover(space: DesignSpace, y: Array, g: Given) -> Any:
-    """Outer diameter of a tube or a dome, fitted as to a sensor, or of the window that has one."""
+    """Return the outer diameter of a tube or a dome fitted to a design, or of a bounded window."""
     housing = space.problem.housing
     if housing.shell is None or housing.shell.diameter_mm is not None:
         return 0.0 if housing.shell is None else housing.shell.diameter_mm
@@ -60,6 +60,7 @@ def _mass(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Array:
     z = g.M * space.sags(y, g, u)
     top = g.M * space.sags(y, g, np.ones(1))
     depth = np.where(top.real > 0, top, 0 * top) + _rim(space).thickness_mm - z
+    # V = 2 pi integral of x depth dx with x = M u; the weights refer to 2 u - 1 in (-1, 1).
     volume = np.pi * g.M**2 * (u * depth * weights).sum(axis=-1, keepdims=True)
     mass: Array = density_of(space.problem.mirror_material) * volume / 1000
     return mass

@@ -1,9 +1,9 @@
-"""The space of designs that a problem leaves: points for an optimiser, and sensors.
+"""Design space of a problem: points for an optimiser, and their sensors.
 
-The field, the rim radius and the viewing angle at the rim are kept exactly by every design of the space:
-the slope at the rim is ``tan((Omega_max - Theta)/2)`` and the lens stands at ``M/tan(Theta) - z(M)``.
-What is left to choose are the slopes at some places between axis and rim, the focus, and what was given
-as a range. Under a telecentric lens Theta is 0 and there is no distance.
+Every design of the space has exactly the given field, rim radius and viewing angle at the rim: the
+slope at the rim is ``tan((Omega_max - Theta)/2)`` and the lens distance is ``M/tan(Theta) - z(M)``.
+The free variables are slopes at nodes between axis and rim, the focus, and the ranges of the
+problem. For a telecentric lens Theta is 0 and there is no distance.
 """
 
 from __future__ import annotations
@@ -31,51 +31,52 @@ from .problem import DesignProblem
 from .size import with_size
 
 Array = NDArray[Any]
-ROUNDS_OF_LENS = 10  # where a real lens or a cover is solved for; each takes what is left to a tenth or less
+ROUNDS_OF_LENS = 10  # iterations for a real lens or a cover; each reduces the residual at least tenfold
 ROUNDS = 6
-"""Of lens and focus where they follow from each other; each brings a digit or two."""
+"""Iterations for mutually dependent lens and focus; each gains one or two digits."""
 
 
 class Given(NamedTuple):
-    """Field, rim and lens of designs, (b, 1) each, complex while derivatives are taken."""
+    """Field, rim and lens of designs, (b, 1) each, complex for derivatives."""
 
     omega_max: Array
     M: Array
     theta: Array
-    """0 of a telecentric lens."""
+    """0 for a telecentric lens."""
     tangent: Array
-    """tan(Theta); NaN of a telecentric lens."""
+    """Tangent of Theta; NaN for a telecentric lens."""
     focal: Array
-    """Of a telecentric lens the magnification."""
+    """Focal length; magnification for a telecentric lens."""
     f_number: Array
     focus: Array
-    """The place that is in focus: 1/L0 from the entrance pupil, or -L0 of a telecentric lens."""
+    """Vergence in focus: 1/L0 from the entrance pupil, or -L0 for a telecentric lens."""
     inside_max: Array
-    """The angle at which rays leave the rim: omega_max, unless a cover bends them."""
+    """Field angle at the rim before refraction: omega_max without a cover."""
 
 
 class State(NamedTuple):
-    """Designs (b, 1) and what their mirror points do (b, k); complex while derivatives are taken."""
+    """State of designs (b, 1) and their mirror points (b, k); complex for derivatives."""
 
     field: FieldValues
     omega: Array
     domega_du: Array
-    """dOmega/du, radians; above 0 where the mapping is one to one."""
+    """Derivative dOmega/du, radians; positive for a one-to-one mapping."""
     cos_incidence: Array
-    """Cosine of the angle of incidence; above 0 where the lens sees the front."""
+    """Cosine of the angle of incidence; positive for the front of the mirror."""
     hidden: Array
-    """By how much what stands at the lens hides the view, over its radius; 0 and below where the view is clear."""
+    """Obscuration by the camera relative to its radius; 0 or negative for an unobscured view."""
     image: Array
-    """Image of the rim over the largest that the imager holds (b, 1)."""
+    """Radius of the rim image relative to the largest permitted one (b, 1)."""
 
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """The designs of a problem as points y (dim,), whose steps of .1 are all of one size.
+    """Designs of a problem as points y (dim,), with steps of 0.1 of comparable effect.
 
-    The coordinates: slopes at all of the family's places but the rim; curvature (times M) and conic constant of a
-    conic with asphere terms, the conic constant of a pure one; the place in focus, unless it is given, over that of
-    the rim (telecentric: over M), or of a range over that of its nearest end; and the logarithms of what is free.
+    Coordinates: slopes at all nodes of the family except the rim; curvature (times M) and conic
+    constant of a conic with asphere terms, or the conic constant of a pure conic; the vergence in
+    focus, unless it is given, relative to that of the rim (telecentric: to M), or for a range
+    relative to that of its nearest end; and the logarithms of the free numbers.
     """
 
     problem: DesignProblem
@@ -90,7 +91,7 @@ class DesignSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """What each coordinate is."""
+        """Return the names of the coordinates."""
         conic = (["curvature", "conic"] if self.family.terms else ["conic"]) if self.family.has_conic else []
         focus = [] if isinstance(self.problem.focus_mm, float) else ["focus"]
         return [*(f"slope {u:.4f}" for u in self.family.slope_places()[:-1]), *conic, *focus, *self.problem.free]
@@ -101,7 +102,7 @@ class DesignSpace:
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest value of each coordinate, (dim,)."""
+        """Return lower and upper bounds of the coordinates, (dim,)."""
         low, high = np.full(self.dim, -np.inf), np.full(self.dim, np.inf)
         low[: max(self.family.terms - 1, 0)] = 0.0
         focus = (-30.0, 30.0) if self.problem.is_telecentric else (0.05, 3.0)
@@ -118,13 +119,13 @@ class DesignSpace:
     # -- field, rim and lens -----------------------------------------------------------------------
 
     def _number(self, y: Array, name: str) -> Array:
-        """A number of the problem, free or not, of designs (b, dim), (b, 1)."""
+        """Return a number of the problem, free or fixed, for designs (b, dim), as (b, 1)."""
         if name in self.problem.free:
             return np.exp(y[:, self.names.index(name), None])
         return np.full((len(y), 1), ends(getattr(self.problem, name))[0], dtype=y.dtype)
 
     def given(self, y: Array) -> Given:
-        """Field, rim and lens of designs (b, dim)."""
+        """Return field, rim and lens of designs (b, dim)."""
         omega_max, M, F = (self._number(y, n) for n in ("omega_max_deg", "rim_radius_mm", "f_number"))
         omega_max = omega_max * DEGREE
         if self.tables is not None:
@@ -146,7 +147,7 @@ class DesignSpace:
         return self._inside(y, Given(omega_max, M, theta, tangent, focal, F, v, omega_max))
 
     def _given_real(self, y: Array, omega_max: Array, M: Array, F: Array, tables: LensTables) -> Given:
-        """As of a perspective lens; where the rim fills the imager, at the focus of each design."""
+        """Return the values for a real lens, at the focus of each design."""
         fixed = self._fixed(y, M)
         relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
         if self.problem.theta_max_deg is not None:
@@ -162,7 +163,7 @@ class DesignSpace:
         return Given(omega_max, M, np.arctan(tangent), tangent, tables.focal_length_mm + 0 * M, F, v, omega_max)
 
     def _inside(self, y: Array, g: Given) -> Given:
-        """The same with the angle inside the cover whose ray leaves it at the field's angle."""
+        """Return the values with the angle inside the cover for the given field angle outside."""
         shell = self._bending.shell
         if shell is None or (isinstance(shell, Tube) and shell.outer_index == 1.0):
             return g
@@ -172,13 +173,13 @@ class DesignSpace:
                 z = g.M * self.sags(y, g, one)
                 walls = walls_of(self._bending, self.reach(g) - z, z, g.M)
                 assert walls is not None
-                rim = Pencil(g.M, z, g.inside_max, 0 * z, 1 + 0 * z)  # rays that part in one point
+                rim = Pencil(g.M, z, g.inside_max, 0 * z, 1 + 0 * z)  # homocentric pencil
                 out = through_sides(rim, walls.sides, walls.indices).foot
                 g = g._replace(inside_max=g.inside_max + (g.omega_max - out.omega) / out.rate)
         return g
 
     def reach(self, g: Given) -> Array:
-        """From the lens's reference point to the rim along the axis, mm; infinite of a telecentric lens."""
+        """Return the axial distance from the lens to the rim, mm; infinite if telecentric."""
         if self.problem.is_telecentric:
             return np.full(g.M.shape, np.inf)
         place = 0.0 if self.tables is None else self.tables.at(g.tangent).place
@@ -187,13 +188,14 @@ class DesignSpace:
 
     @cached_property
     def tables(self) -> LensTables | None:
-        """The real lens, if there is one."""
+        """Return the tables of the real lens, or None."""
         return None if self.problem.optics is None else tables_of(self.problem.optics)
 
     @cached_property
     def _bending(self) -> Housing:
-        """The cover that bends rays in the search; a tube before another medium, which shows nothing next to the axis,
-        is left to the verdict."""
+        """Return the refracting cover of the search; the verification alone includes a tube with
+        another outer medium, which has no field near the axis.
+        """
         shell = self.problem.housing.shell
         left = shell is None or not shell.is_axial or (isinstance(shell, Tube) and shell.outer_index != 1.0)
         return Housing() if left else Housing(shell=shell, rim=self.problem.housing.rim)
@@ -212,12 +214,12 @@ class DesignSpace:
 
     @property
     def _focus_unit(self) -> float:
-        """Of the coordinate of a focus that is given as a range: the size of the largest place in it."""
+        """Return the unit of the coordinate of a focus range: its largest vergence."""
         assert isinstance(self.problem.focus_mm, tuple)
         return float(max(abs(self._place(mm)) for mm in self.problem.focus_mm))
 
     def _fixed(self, y: Array, M: Array) -> Array | None:
-        """The place in focus (b, 1) as the problem gives it, or as it is chosen from its range; None if it is free."""
+        """Return the vergence in focus (b, 1), given or from its range; None if it is free."""
         asked = self.problem.focus_mm
         if asked is None:
             return None
@@ -231,7 +233,7 @@ class DesignSpace:
         return self.problem.image_radius_mm
 
     def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera | RealCamera:
-        """The lens and the pixels of some designs."""
+        """Return the model of lens and pixels of designs."""
         p = self.problem
         if self.tables is not None:
             return RealCamera(self.tables, p.imager.pitch_mm, p.wavelength_nm)
@@ -244,21 +246,21 @@ class DesignSpace:
     # -- shape and optics --------------------------------------------------------------------------
 
     def _shapes(self, y: Array, g: Given) -> tuple[Array, Array, Array]:
-        """Coefficients (b, terms), vertex radius over M and conic constant (b, 1)."""
+        """Return coefficients (b, terms), and vertex radius over M and conic constant (b, 1)."""
         rim = np.tan((g.inside_max - g.theta) / 2)
         R, k = np.full_like(rim, np.inf), np.zeros_like(rim)
         count = max(self.family.terms - 1, 0)
         slopes = np.concatenate([y[:, :count], rim], axis=1)[:, : self.family.terms]
         if self.family.has_conic:
             k = y[:, self.names.index("conic"), None]
-            if not self.family.terms:  # a pure conic, whose vertex radius makes the slope of the rim
+            if not self.family.terms:  # pure conic, whose vertex radius follows from the slope at the rim
                 return slopes[:, :0], np.sqrt(1 / rim**2 + 1 + k), k
             R = 1 / y[:, self.names.index("curvature"), None]
             slopes = slopes - conic_profile(self.family.slope_places(), R, k)[1]
         return slopes @ self._from_slopes.T, R, k
 
     def _profile(self, y: Array, g: Given, u: Array, basis: Basis) -> tuple[Array, ...]:
-        """Sag/M, slope and curvature times M (b, k)."""
+        """Return sag/M, slope and curvature times M (b, k)."""
         coefficients, R, k = self._shapes(y, g)
         parts = tuple(coefficients @ part for part in basis)
         if self.family.has_conic:
@@ -266,17 +268,18 @@ class DesignSpace:
         return parts
 
     def sags(self, y: Array, g: Given, u: Array) -> Array:
-        """Sag/M (b, k) at fractions u (k,) of the rim radius."""
+        """Return sag/M (b, k) at fractions u (k,) of the rim radius."""
         return self._profile(y, g, u, self.basis(u))[0]
 
     def basis(self, u: Array) -> Basis:
-        """The family's terms at fractions of the rim radius; the last has to be 1, the rim."""
+        """Return the basis of the family at fractions of the rim radius, ending in 1."""
         return self.family.basis(u)
 
     def state(self, y: Array, u: Array, basis: Basis) -> State:
-        """What the designs y (b, dim) do at fractions u (k,) of their rim radius, for one object distance after the
-        other: arrays of (b, k) times the number of distances."""
-        with np.errstate(all="ignore"):  # what no mirror can do comes out as NaN
+        """Return the state of designs y (b, dim) at fractions u (k,) of the rim radius: arrays (b,
+        k times the number of object distances), concatenated over object distances.
+        """
+        with np.errstate(all="ignore"):  # impossible mirrors result in NaN
             return self._state(y, u, basis)
 
     def _state(self, y: Array, u: Array, basis: Basis) -> State:
@@ -301,10 +304,10 @@ class DesignSpace:
         return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
-        """By how much the camera hides the view at field angles (b, k) in radians, over its radius.
+        """Return the obscuration by the camera at field angles (b, k), in camera radii.
 
-        The chief ray meets the axis m + z_v before the lens, and passes the middle of the camera's front at
-        sin(Omega) times its distance from there.
+        The chief ray intersects the axis at m + z_v from the lens; its distance from the centre of
+        the camera front is sin(Omega) times the axial distance between them.
         """
         camera = self.problem.housing.camera
         if camera is None or self.problem.is_telecentric:
@@ -315,7 +318,9 @@ class DesignSpace:
         return np.where(cosine.real > 0, rows, -1.0)
 
     def hidden_from(self, omega: Array, hidden: Array) -> Array:
-        """By how much the view is hidden (b, 1) at the angle from which it has to be clear, between the nodes there."""
+        """Return the obscuration (b, 1) at the angle from which the view must be clear,
+        interpolated between nodes.
+        """
         low = self.problem.omega_min_deg * DEGREE
         before = np.clip((omega.real[:, : self._count(omega)] <= low).sum(axis=-1, keepdims=True) - 1, 0, None)
         nodes = np.concatenate([before, before + 1], axis=-1)
@@ -324,24 +329,24 @@ class DesignSpace:
         return at[:, None]
 
     def _count(self, omega: Array) -> int:
-        """Field angles of one object distance."""
+        """Return the number of field angles of one object distance."""
         return int(omega.shape[-1]) // len(self.problem.distances_mm)
 
     def counting(
         self, omega: Array, hidden: Array, low_deg: float | None = None, high_deg: float = 180.0
     ) -> NDArray[np.intp]:
-        """Which columns (b, n) count of field angles (b, n) in radians, that stand for one object distance after the
-        other: those in view from one angle to another (by default from where the field begins that matters), and
-        the next one beyond either end.
+        """Return the counted columns (b, n) of field angles (b, n) in radians, concatenated over
+        object distances: those in view between two angles (by default from the inner end of the
+        required field), and the next one beyond either end.
 
-        Always as many: where some do not count, the ends are named again.
+        The number of columns is constant: the ends are repeated in place of excluded columns.
         """
         n = self._count(omega)
         omega, hidden = omega[:, :n], hidden[:, :n]
         low = (self.problem.omega_min_deg if low_deg is None else low_deg) * DEGREE
         first = (omega <= low).sum(axis=-1, keepdims=True) - 1
         begin = self.problem.omega_min_deg * DEGREE
-        if begin == 0 or low < begin:  # else the view has to be clear from there
+        if begin == 0 or low < begin:  # otherwise an unobscured view is a constraint
             first = np.maximum(first, np.argmax(hidden <= 0, axis=-1)[:, None])
         first = np.clip(first, 0, n - 1)
         last = np.clip((omega < high_deg * DEGREE).sum(axis=-1, keepdims=True), first, n - 1)
@@ -351,7 +356,7 @@ class DesignSpace:
     # -- designs and sensors -----------------------------------------------------------------------
 
     def designs(self, y: Array) -> Designs:
-        """Designs (b, dim) for the batch evaluator, which finds their focus itself, looking at the farthest object."""
+        """Return designs (b, dim) for the batch evaluator, focused for the farthest object."""
         p, y = self.problem, np.atleast_2d(y)
         g = self.given(y)
         coefficients, R, k = self._shapes(y, g)
@@ -366,13 +371,13 @@ class DesignSpace:
         )  # fmt: skip
 
     def evaluate(self, y: Array, angles: int) -> BatchEvaluation:
-        """Designs (b, dim) at so many field angles, for one object distance after the other, at one focus for all."""
+        """Evaluate designs (b, dim) for each object distance, with a common focus."""
         distances = np.array(self.problem.distances_mm)
         u = np.tile(np.linspace(0.0, 1.0, angles), distances.size)
         return evaluate_designs(replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u)
 
     def field(self, y: Array, result: BatchEvaluation) -> FieldValues:
-        """What merits and limits look at, of designs (b, dim) evaluated at their own focus."""
+        """Return field values of designs (b, dim) evaluated at their own focus."""
         g = self.given(y)
         sag = g.M * self.sags(y, g, np.ones(1))
         reach = sag if self.problem.is_telecentric else self.reach(g)
@@ -394,14 +399,14 @@ class DesignSpace:
         return with_size(field, self, y, g)
 
     def image(self, g: Given) -> Array:
-        """Image of the rim over the largest that the imager holds (b, 1)."""
+        """Return the radius of the rim image relative to the largest permitted one (b, 1)."""
         rim_ray = g.M if self.problem.is_telecentric else g.tangent
         height = self.camera(g).height_px(rim_ray, g.focus)
         image: Array = height * (self.problem.imager.pitch_mm / self.imager_radius_mm)
         return image
 
     def at_best_focus(self, y: Array, angles: int) -> Array:
-        """The same points (b, dim), focused where the worst floored blur area is least."""
+        """Return the points (b, dim) at the focus of minimum worst floored blur area."""
         if "focus" not in self.names:
             return y
         for _ in range(ROUNDS if None in (self.problem.theta_max_deg, self.problem.focal_length_mm) else 1):
@@ -409,26 +414,26 @@ class DesignSpace:
         return y
 
     def focus_mm(self, y: Array) -> Array:
-        """The object distances L0 (b,) that points (b, dim) are focused at."""
+        """Return the focus distances L0 (b,) of points (b, dim)."""
         v = self.given(y).focus[:, 0]
         if self.problem.is_telecentric:
             return -v
         return 1 / v + (0.0 if self.tables is None else self.tables.pupil_mm)
 
     def with_focus(self, y: Array, focus_mm: Array) -> Array:
-        """The same points (b, dim) focused at L0 (b,)."""
+        """Return the points (b, dim) focused at L0 (b,)."""
         i, y = self.names.index("focus"), np.array(y)
         if isinstance(self.problem.focus_mm, tuple):
             y[:, i] = self._place(focus_mm) / self._focus_unit
             y[:, i] = np.clip(y[:, i], *(ends_of[i] for ends_of in self.bounds))
             return y
-        for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may follow from the focus
+        for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may depend on the focus
             g = self.given(y)
             place = self._place(focus_mm)
             y[:, i] = place / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] * place
         return y
 
     def sensor(self, y: Array, name: str = "design", notes: str = "") -> Sensor:
-        """A point (dim,) as an ordinary sensor, focused as it says."""
+        """Return a point (dim,) as a sensor at its own focus."""
         sensor = self.designs(y).sensor(0, self.problem.imager, float(self.focus_mm(y[None])[0]), name)
         return replace(sensor, notes=notes, housing=self.problem.housing)

@@ -1,1 +1,1 @@
-"""Parts that can be bought inside the design: each combination of them with its own mirror."""
+"""Design with off-the-shelf parts: a mirror for each combination of them."""

@@ -1,4 +1,4 @@
-"""The sensor that is made of one combination of parts: its mirror, its aperture, its focus."""
+"""Sensor design for one combination of parts: mirror, aperture and focus."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from ..solve.range_search import RangeSearch
 from ..solve.verdict import Judgement, Verdict, evaluations, judge
 from .combinations import PartsCombination, asked_of
 
-SCREENED = 31  # points of the mirror while an aperture is chosen
+SCREENED = 31  # mirror points during the choice of the aperture
 BLURRED = "more blurred than a cheaper one"
-SLACK = 0.02  # share of a limit of blur that such a choice may miss and yet be looked at
-SEARCHED = 181  # field angles, before a sensor is judged as designs are
-BEYOND_RIM = 1.2  # times the distance to the rim: about where virtual images are
-SETTLED, ROUNDS = 1e-6, 12  # of the rim of a ball, which depends on the viewing angle
+SLACK = 0.02  # relative violation of a limit of blur permitted in the screening
+SEARCHED = 181  # field angles of the preliminary requirement check
+BEYOND_RIM = 1.2  # relative to the distance of the rim: approximate distance of the virtual images
+SETTLED, ROUNDS = 1e-6, 12  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
 
 
 @dataclass(frozen=True)
 class BoughtDesign:
-    """A combination with the sensor that is made of it.
+    """Combination of parts with its sensor design.
 
     Attributes
     ----------
     combination
     design
-        Its sensor, and a row for each requirement, those of the whole last.
+        Sensor, with one row for each requirement, those of the whole last.
     ring_mm
-        Thickness of the extension rings that the focus needs.
+        Thickness of the extension rings required for the focus.
     price, mass_g
-        Of the whole; None where that of a part is not known.
+        Price and mass of the whole; None if that of a part is unknown.
     worst_floored_area_deg2
-        Over the field that counts.
+        Worst floored blur area over the evaluated field.
     """
 
     combination: PartsCombination
@@ -56,11 +56,11 @@ class BoughtDesign:
 
     @property
     def is_met(self) -> bool:
-        """Whether every requirement is met."""
+        """Return whether all requirements are met."""
         return self.design.is_met
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return the design as plain data for JSON."""
         parts: dict[str, Any] = {part.KIND: part.name for part in self.combination.parts}
         if extras := self.combination.extras:
             parts["extra"] = [part.name for part in extras]
@@ -75,16 +75,16 @@ class BoughtDesign:
 def design_bought(
     asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf
 ) -> BoughtDesign | str:
-    """The best sensor of a combination; or what it misses, where that is plain before the mirror is settled.
+    """Return the best sensor of a combination, or the reason for an early rejection.
 
     Parameters
     ----------
     asked
-        With its ``parts``.
+        Requirements with ``parts``.
     combination
-        One that no bound cuts.
+        Combination that satisfies all necessary conditions.
     most_area_deg2
-        Worst floored blur area of a cheaper one, that it has to stay below.
+        Worst floored blur area of a cheaper design, an upper limit.
     """
     own = asked_of(asked, combination)
     try:
@@ -121,7 +121,7 @@ def _judged(
 
 
 def worst_area(own: Requirements, sensor: Sensor) -> float:
-    """Worst floored blur area, deg2, over the field and the objects that count."""
+    """Return the worst floored blur area, deg2, over the evaluated field and objects."""
     low, high, _ = counted_field(own.field, sensor).part()
     results = evaluations(own, sensor, np.linspace(low, high, SEARCHED))
     return max(float(result.floored_area_deg2.max()) for result in results)
@@ -130,7 +130,7 @@ def worst_area(own: Requirements, sensor: Sensor) -> float:
 def whole_rows(
     parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None
 ) -> list[Judgement]:
-    """What the whole may be, as rows of a table."""
+    """Return the requirement rows of the whole sensor."""
     size = whole_of(sensor, combination.parts)
     reached = {
         "price": (parts.most_price, combination.price, ""),
@@ -149,7 +149,7 @@ def whole_rows(
 
 
 def _made(own: Requirements, combination: PartsCombination, most_area_deg2: float) -> Candidate | str:
-    """The sensor at the aperture that keeps the limits of blur best; or what it misses."""
+    """Return the sensor at the aperture of the largest blur margin, or the reason for rejection."""
     if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
         return RangeSearch(own).best().made
     rough, span = _sketched(own, combination), ends(own.lens.f_number)
@@ -165,9 +165,10 @@ def _made(own: Requirements, combination: PartsCombination, most_area_deg2: floa
 
 
 def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
-    """The sensor but for its focus and aperture: the mirror for a focus about where the images are.
+    """Return the sensor before focusing, with the mirror for an approximate focus.
 
-    That is found twice, from a guess: what is left is small against the slack.
+    Two iterations from an initial estimate are sufficient: the residual is small relative to the
+    slack.
     """
     settled = own.changed(f_number=ends(own.lens.f_number)[1])
     nearness = 0.0
@@ -187,12 +188,12 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
 
 
 def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
-    """Rim of the cap of a ball that shows the field: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
+    """Return the rim of the cap of a ball: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
     return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
 
 
 def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
-    """The cap of a ball that shows the field, its rim and the viewing angle settled together."""
+    """Return the sensor with the cap of a ball, with consistent rim and viewing angle."""
     low, high = ends(settled.mirror.rim_radius_mm)
     theta = 0.0
     for _ in range(ROUNDS):
@@ -207,12 +208,12 @@ def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
 
 
 def check_free(asked: Requirements) -> None:
-    """Refuse a ball beside ranges that would have to be searched.
+    """Check that no free range conflicts with a mirror ball.
 
     Raises
     ------
     InvalidParameter
-        Such a range.
+        Conflicting range.
     """
     assert asked.parts is not None
     if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):

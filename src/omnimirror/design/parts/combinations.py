@@ -1,12 +1,14 @@
-"""Combinations of parts: what each makes of the requirements, and what tells at once that it cannot keep them.
+"""Combinations of parts: their requirements, and necessary conditions for early rejection.
 
-A combination is cut where a necessary condition fails, whatever the mirror: each is a bound that follows from the
-paper's equations with the image of the rim as large as imager and lens allow (N pixels, radius r = N pitch):
+A combination is rejected if a necessary condition is violated for any mirror. Each is a bound
+derived from the equations of the paper, for the largest rim image permitted by imager and lens (N
+pixels, radius r = N pitch):
 
-    viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                                    Eqs. 7, 25
-    size             lens to rim M/tan(Theta) > M f/r, and the imager is at least f behind the lens
-    resolution       the mean of dh/dOmega from a to b is at most N/(b - a); Dw = 2 pi h/(360 sin(Omega))     Eqs. 9, 10
-    diffraction      Airy >= 2.44 lambda F_min, which contrast and total blur only add to
+    viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                             Eqs. 7, 25
+    size             lens to rim M/tan(Theta) > M f/r; the imager is at least f behind the lens
+    resolution       mean of dh/dOmega from a to b <= N/(b - a)                    Eq. 9
+                     Dw = 2 pi h/(360 sin(Omega))                               Eq. 10
+    diffraction      Airy >= 2.44 lambda F_min, a lower bound of the total blur
 """
 
 from __future__ import annotations
@@ -39,13 +41,13 @@ from ..criteria.modulation import contrast
 from ..criteria.ranges import Range, ends, ends_or_none
 from ..criteria.requirements import FARTHEST_FOCUS, Requirements
 
-AIRY_MM = 2.44 * 550e-6  # diameter of the disk over the F-number
-ROOM = 1 + 1e-9  # of bounds, for rounding
+AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disk over the F-number
+ROOM = 1 + 1e-9  # rounding tolerance of bounds
 
 
 @dataclass(frozen=True)
 class PartsCombination:
-    """A lens with an imager, and a ball and a dome if they are bought too."""
+    """Combination of a lens and an imager, optionally with mirror ball, dome and accessories."""
 
     lens: LensComponent | TelecentricComponent
     imager: ImagerComponent
@@ -59,12 +61,12 @@ class PartsCombination:
 
     @property
     def name(self) -> str:
-        """The names of its parts."""
+        """Return the names of the parts."""
         return " + ".join(part.name for part in self.parts)
 
     @cached_property
     def price(self) -> float | None:
-        """Of all parts; None where that of one is not known."""
+        """Return the total price; None if a price is unknown."""
         return price(self.parts)
 
     @property
@@ -73,7 +75,7 @@ class PartsCombination:
 
 
 def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsCombination]:
-    """All of them, the cheapest first; those of unknown price last."""
+    """Return all combinations, cheapest first; those of unknown price are last."""
     assert asked.parts is not None
     balls = catalogue.balls if asked.parts.mirror == "ball" else (None,)
     domes = catalogue.domes if asked.parts.dome else (None,)
@@ -83,7 +85,7 @@ def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsComb
 
 
 def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
-    """The cheapest of the parts of a use; those of unknown price last."""
+    """Return the cheapest part for a use; those of unknown price are last."""
     there = [part for part in catalogue.extras if part.use == use]
     if not there:
         known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
@@ -94,7 +96,7 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
 
 
 def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements:
-    """What is asked of the sensor that is made of a combination: its numbers in the place of ranges."""
+    """Return the requirements on the sensor of a combination, with the values of its parts."""
     lens, imager = combination.lens, combination.imager
     given = asked.lens
     circles = [mm for mm in (given.image_circle_mm, lens.image_circle_mm) if mm is not None]
@@ -105,7 +107,7 @@ def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements
     else:
         focus = _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) or given.focus_mm
         optics = lens.optics
-        if optics is not None:  # at the aperture that it has, or the nearest to it that may be
+        if optics is not None:  # at its own aperture, or the nearest permitted one
             low, high = ends(apertures)
             optics = replace(optics, f_number=float(np.clip(optics.f_number, low, high)))
         focal = lens.focal_length_mm if optics is None else None
@@ -121,7 +123,7 @@ def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements
 
 
 def nearest_focus_mm(lens: LensComponent) -> float:
-    """The nearest distance that a lens can be focused at with all of its rings: its own travel, and theirs.
+    """Return the nearest focus distance of a lens with all of its extension rings.
 
     >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
     >>> round(nearest_focus_mm(lens), 2)
@@ -132,7 +134,7 @@ def nearest_focus_mm(lens: LensComponent) -> float:
 
 
 def _overlap(asked: Range | None, there: tuple[float, float]) -> Range | None:
-    """What is common to a range that is asked for and one that a part has; None where nothing is."""
+    """Return the intersection of a requested range and the range of a part; None if it is empty."""
     low, high = ends(asked) if asked is not None else there
     low, high = max(low, there[0]), min(high, there[1])
     return None if low > high else low if low == high else (low, high)
@@ -143,7 +145,7 @@ def _overlap(asked: Range | None, there: tuple[float, float]) -> Range | None:
 
 @dataclass(frozen=True)
 class PartsBounds:
-    """What no mirror can pass, of a combination."""
+    """Necessary conditions of a combination, valid for any mirror."""
 
     asked: Requirements
     combination: PartsCombination
@@ -154,21 +156,21 @@ class PartsBounds:
 
     @property
     def image_px(self) -> float:
-        """Largest image of the rim."""
+        """Return the largest radius of the rim image."""
         return self.own.largest_image_px
 
     @property
     def airy_px(self) -> float:
-        """Least Airy disk."""
+        """Return the smallest diameter of the Airy disk."""
         return AIRY_MM * ends(self.own.lens.f_number)[0] / self.own.imager.pitch_mm
 
     @property
     def tangent(self) -> float:
-        """Largest tan(Theta)."""
+        """Return the largest tan(Theta)."""
         lens = self.combination.lens
         assert isinstance(lens, LensComponent)
         radius = self.image_px * self.own.imager.pitch_mm
-        if (optics := lens.optics) is not None:  # distortion and focus may show more than f says
+        if (optics := lens.optics) is not None:  # distortion and focus may increase the field above that of f
             field = optics.focused_at(FARTHEST_FOCUS).field
             shown = float(field.tangent_of(np.array([radius]))[0])
             filled = field.end if np.isnan(shown) else max(shown, radius / lens.focal_length_mm)
@@ -200,7 +202,7 @@ def _is_too_heavy(b: PartsBounds) -> bool:
 
 
 def _has_other_numbers(b: PartsBounds) -> bool:
-    """Focal length, magnification, aperture or focus that are not those asked for."""
+    """Return whether lens parameters are outside the requested ranges."""
     lens, given = b.combination.lens, b.asked.lens
     if _overlap(given.f_number, b.combination.f_numbers) is None:
         return True
@@ -212,7 +214,7 @@ def _has_other_numbers(b: PartsBounds) -> bool:
 
 
 def _has_no_such_angle(b: PartsBounds) -> bool:
-    """A viewing angle that the lens does not reach on this imager."""
+    """Return whether the lens cannot reach the viewing angle on this imager."""
     theta = ends_or_none(b.asked.lens.theta_max_deg)
     if theta is None or not isinstance(b.combination.lens, LensComponent):
         return False
@@ -220,7 +222,7 @@ def _has_no_such_angle(b: PartsBounds) -> bool:
 
 
 def _is_too_large(b: PartsBounds) -> bool:
-    """Wider or longer than the whole may be, or than a limit of its length."""
+    """Return whether the parts exceed the overall dimensions, or a limit of the length."""
     assert b.asked.parts is not None
     asked, least_rim = b.asked.parts, 0.0 if b.combination.ball else ends(b.asked.mirror.rim_radius_mm)[0]
     width = max(2 * least_rim, *(part.diameter_mm or 0.0 for part in b.combination.parts))
@@ -258,7 +260,7 @@ def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> boo
 
 
 def _judges_all(own: Requirements) -> bool:
-    """Whether nothing around the mirror, nor a point, takes field angles away that limits are about."""
+    """Return whether all field angles of the limits are evaluated."""
     return own.housing.is_empty and not own.mirror.is_pointed
 
 
@@ -290,10 +292,10 @@ CUTS: dict[str, Callable[[PartsBounds], bool]] = {
     "too few pixels": _resolves_too_little,
     "too much diffraction": _diffracts_too_much,
 }
-"""Why a combination is cut before any mirror is made, in this order."""
+"""Reasons for rejection before the mirror design, in the order of evaluation."""
 
 
 def cut(asked: Requirements, combination: PartsCombination) -> str | None:
-    """Why a combination cannot keep the requirements, whatever the mirror; None where nothing tells."""
+    """Return the reason why a combination is infeasible for any mirror; None without one."""
     bounds = PartsBounds(asked, combination)
     return next((name for name, fails in CUTS.items() if fails(bounds)), None)

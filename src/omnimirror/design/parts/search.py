@@ -1,8 +1,8 @@
-"""The search among combinations of parts: bounds first, then designs, the cheapest first.
+"""Search among combinations of parts: necessary conditions, then designs in order of price.
 
-What a bound cuts (:mod:`.combinations`) is never designed. The others are, in the order of their prices: until so many
-were found that keep everything; or, for the front of price against blur, all of them, of which those stay that are
-sharper than every cheaper one.
+Combinations that violate a necessary condition (:mod:`.combinations`) are not designed. The others
+are designed in order of price until the requested number of feasible designs is reached; or all of
+them for the front of price and blur, which retains those sharper than every cheaper one.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from ..criteria.requirements import Requirements
 from .bought import BLURRED, BoughtDesign, check_free, design_bought
 from .combinations import PartsCombination, combinations_of, cut
 
-BLOCK = 32  # combinations that a process designs at a time
-FEW = 64  # so few are designed without other processes
+BLOCK = 32  # combinations per task of a process
+FEW = 64  # up to this number, no other processes are used
 
 
 @dataclass(frozen=True)
 class PartsSearch:
-    """What :func:`omnimirror.design_from_parts` answers.
+    """Result of :func:`omnimirror.design_from_parts`.
 
     Attributes
     ----------
     found
-        The designs that keep everything, the cheapest first; of a front those sharper than every cheaper one.
+        Feasible designs, cheapest first; for a front those sharper than every cheaper one.
     nearest
-        Where there is none: the design that misses least, if any could be made.
+        Without a feasible design: the one with the smallest violation, if a design exists.
     combinations
-        How many there are.
+        Number of combinations.
     cut
-        How many of them were cut before any mirror was made, by what they cannot keep.
+        Number of combinations rejected before the mirror design, by reason.
     missed
-        How many were designed and miss something, by the first thing that they miss.
+        Number of infeasible designs, by the first missed requirement.
     left
-        How many, all of them dearer, were not looked at.
+        Number of combinations not evaluated, all of them more expensive.
     """
 
     requirements: Requirements
@@ -61,11 +61,11 @@ class PartsSearch:
 
     @property
     def is_met(self) -> bool:
-        """Whether any combination keeps everything."""
+        """Return whether a combination meets all requirements."""
         return bool(self.found)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return the result as plain data for JSON."""
         counts = {"combinations": self.combinations, "cut": self.cut, "missed": self.missed, "left": self.left}
         nearest = None if self.nearest is None else self.nearest.to_dict()
         data: dict[str, Any] = json_plain(
@@ -84,36 +84,38 @@ def design_from_parts(
     processes: int = 1,
     on_step: Callable[[str], None] | None = None,
 ) -> PartsSearch:
-    """Design a mirror for each combination of a catalogue's parts that may keep the requirements.
+    """Design a mirror for each combination of catalogue parts that may meet the requirements.
 
-    Each lens with each imager, and where the requirements ask for them each mirror ball and each dome, gets its own
-    mirror, distance, aperture and focus; what is given of the lens (focal length, F-number, focus) bounds which
-    lenses are taken.
+    Each combination of lens and imager and, if required, mirror ball and dome has its own mirror,
+    distance, aperture and focus; lens entries of the requirements (focal length, F-number, focus)
+    restrict the choice of lenses.
 
     Parameters
     ----------
     requirements
-        With ``parts``.
+        Requirements with ``parts``.
     catalogue
-        From :func:`omnimirror.read_catalogue`; by default that of the requirements.
+        Catalogue from :func:`omnimirror.read_catalogue`; by default that of the requirements.
     most
-        After how many that keep everything to stop; the cheapest come first.
+        Stop after this number of feasible combinations; cheapest first.
     front
-        Instead: all that are sharper than every cheaper one, by worst floored blur area.
+        Alternatively, return all designs sharper than every cheaper one, by worst floored blur
+        area.
     processes
-        That design at the same time.
+        Number of parallel processes.
     on_step
-        Called with a few words as the search goes on.
+        Callback for progress messages.
 
     Returns
     -------
     PartsSearch
-        The designs, and how many combinations were cut by what.
+        Designs, and the number of rejected combinations by reason.
 
     Raises
     ------
     InvalidParameter
-        Requirements without parts, a count below 1, or no ball or dome in the catalogue where one is asked for.
+        Requirements without parts, a count below 1, or a required ball or dome missing in the
+        catalogue.
 
     Examples
     --------
@@ -158,7 +160,7 @@ def design_from_parts(
 def _designed(
     requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally
 ) -> Iterator[BoughtDesign | str]:
-    """What becomes of each, in their order."""
+    """Yield the results of the combinations in their order."""
     if processes == 1 or len(combinations) <= FEW:
         for combination in combinations:
             yield design_bought(requirements, combination, tally.most_area_deg2)
@@ -181,7 +183,7 @@ def _designed(
                 answers = under_way.pop(0).result()
                 under_way += submit(1)
                 yield from answers
-        except BaseException:  # a signal, an error or enough designs: nobody waits for the other blocks
+        except BaseException:  # signal, error or sufficient designs: do not wait for the other blocks
             for worker in set(active_children()) - others:
                 worker.terminate()
             raise
@@ -189,9 +191,9 @@ def _designed(
 
 @contextmanager
 def _spared_signals() -> Iterator[None]:
-    """Block Ctrl-C and SIGHUP, which a terminal sends to all processes, in those that are started in the block.
+    """Block Ctrl-C and SIGHUP in processes started within the block.
 
-    This process, which receives them at the end of the block, ends the others.
+    This process receives the signals at the end of the block and ends the others.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
@@ -211,7 +213,7 @@ def _block(
 
 @dataclass
 class _Tally:
-    """What was found so far."""
+    """State of the search."""
 
     requirements: Requirements
     front: bool
@@ -224,7 +226,7 @@ class _Tally:
     taken: int = 0
 
     def take(self, answer: BoughtDesign | str) -> None:
-        """Count what became of the next combination."""
+        """Record the result of the next combination."""
         self.taken += 1
         if isinstance(answer, str):
             self.missed[answer] += 1
@@ -239,7 +241,7 @@ class _Tally:
 
     @property
     def most_area_deg2(self) -> float:
-        """Of a front the blur area that the next, being dearer, has to stay below."""
+        """Return, for a front, the upper limit of the blur area of the next design."""
         areas = [design.worst_floored_area_deg2 for design in self.found] if self.front else []
         return min(areas, default=np.inf)
 

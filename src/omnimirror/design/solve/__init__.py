@@ -1,1 +1,1 @@
-"""From requirements to a sensor, a verdict, and what would have to give."""
+"""Solvers: sensor design from requirements, requirement check, and relaxations."""

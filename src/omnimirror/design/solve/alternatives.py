@@ -1,7 +1,7 @@
-"""Discrete alternatives where requirements cannot all be met: apex, mirror family or mapping, filled side, imager.
+"""Discrete alternatives for infeasible requirements: apex, mirror, filled side, imager.
 
-Each alternative is verified by a search of its own. The search is shorter than that of the design itself, so that an
-alternative may do better than reported, never worse.
+A separate search verifies each alternative. It is shorter than the search of the main design;
+therefore the result of an alternative may be better than reported, but never worse.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ MIN_GAIN = 0.01  # relative decrease of the largest violation that makes an alte
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another value of a discrete choice, and the result with it.
+    """Alternative value of a discrete choice, with its result.
 
     Attributes
     ----------
     entry
         Entry of the requirement file, for example ``"mirror.apex"``.
     asked, value
-        The requested value and the alternative.
+        Requested value and alternative.
     missed
         Requirements that the alternative misses; empty if it meets all.
     worst
@@ -50,7 +50,7 @@ class Alternative:
 
     @property
     def is_met(self) -> bool:
-        """Whether the alternative meets all requirements."""
+        """Return whether the alternative meets all requirements."""
         return not self.missed
 
 
@@ -60,9 +60,9 @@ def find_alternatives(requirements: Requirements, verdict: Verdict, say: Say) ->
     Parameters
     ----------
     verdict
-        The design with the requested choices.
+        Design with the requested choices.
     say
-        Called with a few words before each alternative.
+        Callback for progress messages, called before each alternative.
     """
     for entry, asked, value, other in _choices(requirements):
         say(f"alternative {entry} = {value}")
@@ -76,7 +76,7 @@ def find_alternatives(requirements: Requirements, verdict: Verdict, say: Say) ->
 
 
 def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requirements]]:
-    """Yield entry, requested value and other value of each discrete choice, with the requirements after it."""
+    """Yield entry, requested value, other value and changed requirements of each choice."""
     mirror, lens, imager = requirements.mirror, requirements.lens, requirements.imager
     apex = "smooth" if mirror.is_pointed else "pointed"
     choices: list[tuple[str, str, str, dict[str, Any]]] = []
@@ -106,7 +106,7 @@ def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requir
 
 
 def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:
-    """Return the imagers of the bundled catalogue with more pixels on the short side, the smallest of them first."""
+    """Return the bundled imagers with a larger short side in pixels, smallest first."""
 
     def short_side(imager: Imager | ImagerComponent) -> int:
         return min(imager.width_px, imager.height_px)

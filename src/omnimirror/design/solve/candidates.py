@@ -1,8 +1,8 @@
-"""From requirements to a sensor with a mirror of a mapping or a family: the mirror, the lens that fits it, its focus.
+"""Sensors with a mirror of a mapping or a family: construction of mirror, matching lens and focus.
 
-The requirements are settled: each range that matters to the mirror or the lens is a number, and what is not given of
-the lens follows from the imager. A way of making the mirror is a function of these entries and the rim: :data:`WAYS`,
-by the entry of ``[mirror]`` that asks for it.
+Requirements are settled: all ranges that affect the mirror or the lens are numbers, and missing
+lens parameters follow from the imager. A construction method is a function of these entries and the
+rim; :data:`WAYS` contains the methods by the entry of ``[mirror]`` that selects them.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from .focusing import POINTS, Focusing
 
 Array = NDArray[np.float64]
 
-SETTLED, MOST_ROUNDS = 1e-5, 30  # of lens and focus, which depend on each other
-ANGLES = 1001  # of the comparison with the mapping that was asked for
+SETTLED, MOST_ROUNDS = 1e-5, 30  # relative tolerance, iterations of the coupled lens and focus
+ANGLES = 1001  # field angles of the comparison with the requested mapping
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A sensor for requirements that are settled, and what to know of its mirror."""
+    """Sensor for settled requirements, with notes on its mirror."""
 
     settled: Requirements
     sensor: Sensor
@@ -45,12 +45,12 @@ class Candidate:
 
 
 def make(settled: Requirements) -> Candidate:
-    """The sensor of settled requirements, focused at its best unless they say where.
+    """Return the sensor for settled requirements, at the given focus or the best focus.
 
     Raises
     ------
     OmnimirrorError
-        There is no such mirror, or it cannot be used.
+        Mirror that does not exist or cannot be used.
     """
     return _telecentric(settled) if settled.lens.is_telecentric else _perspective(settled)
 
@@ -76,19 +76,20 @@ WAYS: dict[str, Callable[[MirrorRequirements, RimRay, float], MountedMirror]] = 
     "mapping": _by_mapping,
     "family": _by_family,
 }
-"""How a mirror is made, by the entry of ``[mirror]`` that asks for it."""
+"""Construction methods by the entry of ``[mirror]`` that selects them."""
 
 
 def _mirror(settled: Requirements, theta_max_deg: float, fitted: bool = True) -> MountedMirror:
-    """The mirror that a lens sees at Theta, fitted if it is to be."""
+    """Return the mirror for a viewing angle Theta at the rim, optionally fitted."""
     field, mirror = settled.field, settled.mirror
     rim = RimRay(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
     return _kept(mirror if fitted else replace(mirror, fit=None), rim, field.omega_min_deg)
 
 
 def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitted: bool = True) -> MountedMirror:
-    """The mirror for the lens, focused at 1/L0, and the cover that stand there; its distance is from the lens's
-    reference point."""
+    """Return the mirror for the lens, focused at 1/L0, and the cover; its distance refers to the
+    reference point of the lens.
+    """
     around = lens_and_cover(settled, _focus_at(settled, nearness))
     if around.are_ideal:
         return _mirror(settled, theta_max_deg, fitted)
@@ -101,7 +102,7 @@ def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitte
 def _kept_built(
     mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float, around: LensAndCover, fitted: bool
 ) -> MountedMirror:
-    """A mirror for a lens and a cover, kept."""
+    """Return the mirror for a lens and a cover (cached)."""
     plain = replace(mirror, fit=None)
     if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
         made = around.made_for_mapping(exact, rim)
@@ -117,7 +118,7 @@ def _kept_built(
 
 
 def lens_and_cover(settled: Requirements, focus_mm: float) -> LensAndCover:
-    """The lens at a focus, and the housing; an ideal lens is a pinhole."""
+    """Return the housing with the lens at a focus; an ideal lens is replaced by a pinhole."""
     optics = settled.lens.optics
     ideal = PARALLEL if settled.lens.is_telecentric else PINHOLE
     lens = ideal if optics is None else optics.focused_at(focus_mm)
@@ -128,7 +129,7 @@ PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
 
 
 def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Mapped | None:
-    """The mirror that has a mapping of directions before a pinhole; None where another is asked for."""
+    """Return the mirror with an exact directional mapping for a pinhole; None for others."""
     if mirror.mapping is None:
         return None
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
@@ -137,7 +138,7 @@ def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float)
 
 
 def _focus_at(settled: Requirements, nearness: float) -> float:
-    """A focus distance (mm) that the lens can have."""
+    """Return the nearest attainable focus distance (mm)."""
     optics = settled.lens.optics
     if optics is None:
         return 1 / nearness if nearness else FARTHEST_FOCUS
@@ -146,7 +147,7 @@ def _focus_at(settled: Requirements, nearness: float) -> float:
 
 @lru_cache(maxsize=128)
 def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
-    """A mirror, kept: a search asks for the same one before many lenses."""
+    """Return a mirror (cached); a search requires the same mirror for many lenses."""
     if mirror.fit is not None:
         return fit_mirror(_kept(replace(mirror, fit=None), rim, omega_min_deg), mirror.fit).mounted
     way = next(name for name in WAYS if getattr(mirror, name) is not None)
@@ -154,9 +155,9 @@ def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Moun
 
 
 def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
-    """Largest difference of the image height from that of the mapping asked for, px; None where nothing was fitted.
+    """Return the largest deviation from the requested mapping, px; None without a fit.
 
-    The mapping is taken with the viewing angle and the focused lens of the sensor as made.
+    The reference mapping uses the viewing angle and the focused lens of the as-designed sensor.
     """
     mirror = settled.mirror
     around = LensAndCover(sensor.lens, sensor.housing)
@@ -183,7 +184,7 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
 
 
 def _imager_radius_mm(settled: Requirements) -> float:
-    """Largest radius of the rim's image that imager and lens allow."""
+    """Return the largest radius of the rim image permitted by imager and lens."""
     return settled.largest_image_px * settled.imager.pitch_mm
 
 
@@ -202,9 +203,10 @@ def _telecentric_lens(settled: Requirements) -> Orthographic:
 def _perspective(settled: Requirements) -> Candidate:
     """Solve rim angle, lens, fit and focus jointly.
 
-    The best focus depends on the mirror and the lens; where the rim fills the imager, these depend on the focus. The
-    exact mirror gives the initial focus for the fitted one, whose evaluation takes longer. The focus of the last
-    iteration is then kept, so that the rim fills the imager exactly even if the iteration has not settled.
+    The best focus depends on the mirror and the lens; if the rim fills the imager, both depend on
+    the focus. The exact mirror gives the initial focus for the fitted one, whose evaluation takes
+    longer. The focus of the last iteration is then fixed, and the rim fills the imager exactly even
+    without convergence.
     """
     nearness = 0.0 if settled.lens.focus_mm is None else 1 / ends(settled.lens.focus_mm)[1]
     for fitted in (False, True) if settled.mirror.fit is not None else (False,):
@@ -229,7 +231,7 @@ def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tupl
 
 
 def _next(steps: list[tuple[float, float]]) -> float:
-    """Where to try next, from numbers and by how much each was off: by a secant, or simply what was found."""
+    """Return the next iterate by a secant or a fixed-point step."""
     (x, off) = steps[-1]
     if len(steps) > 1 and (bent := off - steps[-2][1]):
         secant = x - off * (x - steps[-2][0]) / bent
@@ -239,15 +241,17 @@ def _next(steps: list[tuple[float, float]]) -> float:
 
 
 def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
-    """Theta (deg) and focal length (mm): as given, or so that the rim fills the imager at a focus 1/L0.
+    """Return Theta (deg) and focal length (mm): given values, or values for a rim image that fills
+    the imager at a focus 1/L0.
 
-    What fills it and has a range goes no higher than that, so that the image is smaller; lower it may, where the image
-    would be too large, and is missed then.
+    A filling parameter with a range is limited to the high end of the range, for a smaller image.
+    It may fall below the low end if the image would be too large; the requirement is then violated.
     """
     radius, lens = _imager_radius_mm(settled), settled.lens
     theta, focal = ends_or_none(lens.theta_max_deg), ends_or_none(lens.focal_length_mm)
     if focal is None or (is_free(focal) and not is_free(theta)):
         assert theta is not None
+        # tan(Theta) = r / b0 with 1/b0 = 1/f - 1/L0 (Eqs. 7, 25), solved for f.
         filling = radius / (np.tan(np.radians(theta[0])) + radius * nearness)
         return theta[0], float(filling if focal is None else min(filling, focal[1]))
     if theta is not None and not is_free(theta):
@@ -255,7 +259,7 @@ def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     if lens.optics is not None:
         field = lens.optics.focused_at(_focus_at(settled, nearness)).field
         tangent = float(field.tangent_of(np.array([radius]))[0])
-        tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than what the lens shows
+        tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than the image field of the lens
     else:
         tangent = radius * (1 / focal[0] - nearness)
     filling = float(np.degrees(np.arctan(tangent)))
@@ -263,12 +267,12 @@ def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
 
 
 def sketched(settled: Requirements, nearness: float) -> Sensor:
-    """The sensor of settled requirements before its lens is focused: its mirror is made for a focus 1/L0.
+    """Return the sensor before focusing, with the mirror for a focus 1/L0.
 
     Raises
     ------
     OmnimirrorError
-        There is no such mirror, or it cannot be used.
+        Mirror that does not exist or cannot be used.
     """
     if settled.lens.is_telecentric:
         return _unfocused(settled, _mounted(settled, 0.0, 0.0, fitted=False), _telecentric_lens(settled))
@@ -278,7 +282,7 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
 
 
 def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candidate:
-    """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
+    """Return the sensor for a lens focused at 1/L0, at the requested or the best focus."""
     theta, focal = viewing(settled, nearness)
     mounted = _mounted(settled, theta, nearness, fitted)
     asked = ends_or_none(settled.lens.focus_mm)
@@ -286,7 +290,7 @@ def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candid
 
 
 def _lens(settled: Requirements, focal: float, focus_mm: float) -> Lens:
-    """The lens at a focus, or as near to it as it can be focused."""
+    """Return the lens at a focus distance or the nearest attainable one."""
     if settled.lens.optics is not None:
         lens: Lens = settled.lens.optics.focused_at(_focus_at(settled, 1 / focus_mm))
         return lens
@@ -301,7 +305,7 @@ def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Sen
 
 
 def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candidate:
-    """The sensor at its best focus, where the requirements leave one."""
+    """Return the sensor at its best focus, if the requirements leave the focus free."""
     sensor = _unfocused(settled, mounted, lens)
     if settled.lens.focus_mm is None or is_free(settled.lens.focus_mm):
         sensor = sensor.with_lens(lens.focused_at(focusing(settled, sensor).best().focus_mm))
@@ -309,6 +313,6 @@ def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candi
 
 
 def focusing(settled: Requirements, sensor: Sensor, points: int = POINTS) -> Focusing:
-    """What a sensor for settled requirements does, wherever it is focused."""
+    """Return the focus-dependent properties of a sensor for settled requirements."""
     radius = np.inf if settled.lens.fills_imager else settled.largest_image_px
     return Focusing(sensor, settled.field, settled.limits, radius, ends_or_none(settled.lens.focus_mm), points)

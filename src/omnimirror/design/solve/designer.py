@@ -1,4 +1,4 @@
-"""A sensor from requirements: the best that the ranges allow, judged, and what conflicts if it falls short."""
+"""Sensor design from requirements: optimisation, requirement check and conflict analysis."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from .verdict import Judgement, Verdict
 
 @dataclass(frozen=True)
 class Design:
-    """What :func:`design_sensor` answers.
+    """Result of :func:`design_sensor`.
 
     Attributes
     ----------
     sensor
-        The best that was found, focused; an ordinary sensor.
+        Best design, focused.
     verdict
-        Requirement by requirement.
+        Results of the requirement check.
     conflict
-        Why not all are met, and what would have to give; None where they are.
+        Conflicting requirements and possible relaxations; None if all requirements are met.
     notes
-        What was chosen where the requirements left a choice.
+        Values chosen by the design.
     optimum
-        How an optimised mirror was found; None for other mirrors, and where no design keeps everything.
+        Result of the mirror optimisation; None for other mirrors, and without a feasible design.
     """
 
     sensor: Sensor
@@ -50,16 +50,16 @@ class Design:
 
     @property
     def rows(self) -> tuple[Judgement, ...]:
-        """Requirement by requirement."""
+        """Return the results of the requirement check."""
         return self.verdict.rows
 
     @property
     def is_met(self) -> bool:
-        """Whether every requirement is met."""
+        """Return whether all requirements are met."""
         return self.verdict.is_met
 
     def to_dict(self) -> dict[str, Any]:
-        """The table and the conflict as plain data, for JSON."""
+        """Return requirement table and conflict as plain data for JSON."""
         conflict = None
         if self.conflict is not None:
             conflict = asdict(self.conflict)
@@ -74,19 +74,19 @@ class Design:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How an optimised mirror is searched for by :func:`omnimirror.design_sensor`.
+    """Search options for the mirror optimisation of :func:`omnimirror.design_sensor`.
 
     Parameters
     ----------
     starts, seed
-        From how many mirrors to start; the third and later ones are drawn with the seed.
+        Number of initial mirrors; the seed determines the third and later ones.
     resume
-        A file that keeps finished starts; a search that was stopped goes on where it was.
+        File of finished starts, from which an interrupted search is resumed.
     on_progress
-        Told of every step.
+        Callback, called after each step.
     mode, image_radius_px
-        As :func:`omnimirror.evaluate` takes them: the merit, and limits of blur while they are kept, are computed so.
-        The table is always that of the real image.
+        As in :func:`omnimirror.evaluate`, for the merit and for limits of blur as constraints. The
+        requirement table always refers to the real image.
 
     Examples
     --------
@@ -121,35 +121,35 @@ def design_sensor(
 ) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
 
-    With ``optimise`` in the requirements the mirror is of free form and has the least of that merit; limits are
-    constraints of the search, and ranges are left to it. With a mapping or a family, what the requirements leave
-    free (ranges; the conic constant of an ellipsoid) is chosen so that the limit kept worst is kept best, or without
-    limits so that the worst floored blur area is least. The lens is focused likewise, anywhere or within the range of
-    ``focus_mm``, unless that is one number: where the limit of blur kept worst is kept best, without limits of blur
-    where the worst floored blur area is least.
+    With ``optimise`` in the requirements, the freeform mirror minimises that merit; limits are
+    constraints of the search, and ranges are free variables. With a mapping or a family, the free
+    parameters (ranges; the conic constant of an ellipsoid) maximise the smallest margin of the
+    limits or, without limits, minimise the worst floored blur area. The focus is chosen by the
+    limits of blur in the same manner, freely or within the range of ``focus_mm``, unless that is a
+    number; without limits of blur it minimises the worst floored blur area.
 
     Parameters
     ----------
     requirements
-        From :func:`omnimirror.load_requirements`, or made in Python.
+        Requirements from :func:`omnimirror.load_requirements` or created in Python.
     on_step
-        Called with a few words before each longer step.
+        Callback for progress messages, called before each longer step.
     search
-        How an optimised mirror is searched for.
+        Search options of an optimised mirror.
     on_design
-        Called with the design, still without relaxations, before the search for relaxations starts. This search takes
-        place only if a requirement is missed. A KeyboardInterrupt ends it; the relaxations found until then are
-        returned.
+        Callback for the design without relaxations, called before the search for relaxations. This
+        search is run only if a requirement is missed. A KeyboardInterrupt ends it; the relaxations
+        found until then are returned.
 
     Returns
     -------
     Design
-        The sensor, a row for each requirement, and what conflicts.
+        Sensor, one row for each requirement, and conflict.
 
     Raises
     ------
     OmnimirrorError
-        There is no such mirror at all, whatever gives among the ranges.
+        No feasible mirror for any values within the ranges.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def design_sensor(
 
 
 def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple[Space, BestDesign]:
-    """The best design, and those around it, by the way in which its mirror is made."""
+    """Return the design space and the best design, for the mirror type of the requirements."""
     if requirements.mirror.optimise is None:
         return range_search.solve(requirements, say)
     problem = freeform.problem_of(requirements, search.mode, search.image_radius_px)
@@ -187,7 +187,7 @@ def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple
 def design_of(
     verdict: Verdict, notes: tuple[str, ...], conflict: Conflict | None = None, optimum: Optimum | None = None
 ) -> Design:
-    """A sensor that was judged, with notes of how it was made in its file."""
+    """Return a checked sensor as a design, with its notes added to the sensor file."""
     said = "; ".join(notes)
     text = "\n".join(part for part in (verdict.requirements.notes.strip(), said and f"Designed: {said}.") if part)
     sensor = replace(verdict.sensor, notes=text)

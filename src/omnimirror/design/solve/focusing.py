@@ -1,13 +1,13 @@
-"""Where to focus: at the vergence at which what is asked of the blur is kept best.
+"""Focus optimisation: the vergence with the largest margin of the focus-dependent limits.
 
-Over the vergence v in focus (1/L0; under a telecentric lens -L0) blur, Airy disk and the scale of the image follow from
-closed forms, so that many vergences are tried at once: a scan of the vergences of all images, then of the neighbourhood
-of the best one, again and again. What is made least is
+As functions of the vergence v in focus (1/L0; for a telecentric lens -L0), blur, Airy disk and
+image scale have closed forms, and many vergences are evaluated at once: first a scan over the
+vergences of all images, then repeated refinement around the minimum. The cost is
 
-    the largest share by which a limit of blur is missed (below 0: by which it is kept),
+    the largest relative violation of a limit of blur (negative if all are met),
 
-and without a limit of blur the worst floored blur area; among the vergences at which what else hangs on the focus is
-kept, the size of the image and the resolution, if there are any.
+or, without limits of blur, the worst floored blur area. The other focus-dependent requirements,
+image size and resolution, are constraints if they are feasible.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from ..criteria.requirements import FARTHEST_FOCUS, FieldRequirements
 
 Array = NDArray[np.float64]
 
-POINTS = 181  # of the mirror, in each part of the field that is judged
-SCAN, AGAIN = 33, 9  # vergences at which a valley is looked for, and in each narrower look
-APERTURES, NARROWER = 7, 3  # F-numbers that are tried with each vergence, and how often in narrower looks
-CLOSE = 1e-7  # of the range of vergences: how narrow the last look is
-MARGIN = 0.05  # of the range of vergences, on either side
-KEPT = 1e-6  # a share this little missed is none
-INFEASIBLE = 1e6  # more than any share or blur area: where something is missed that can be kept, comes last
+POINTS = 181  # mirror points in each evaluated part of the field
+SCAN, AGAIN = 33, 9  # vergences of the first scan, and of each refinement
+APERTURES, NARROWER = 7, 3  # F-numbers for each vergence, and number of refinements
+CLOSE = 1e-7  # final interval relative to the range of vergences
+MARGIN = 0.05  # extension at either end, relative to the range of vergences
+KEPT = 1e-6  # tolerance of relative violations
+INFEASIBLE = 1e6  # penalty above any relative violation or blur area
 
 
 class Focus(NamedTuple):
-    """The best focus, and what it makes least."""
+    """Best focus with its cost."""
 
     focus_mm: float
     cost: float
@@ -52,18 +52,18 @@ class Focus(NamedTuple):
 
 @dataclass(frozen=True)
 class Focusing:
-    """A sensor whose lens is still to be focused, and what depends on that.
+    """Sensor with a free focus, and its focus-dependent properties.
 
     Attributes
     ----------
     field
-        What is looked at, and from how far.
+        Field angles and object distances.
     image_radius_px
-        Largest radius of the rim's image; infinite where lens and mirror follow from the focus.
+        Largest radius of the rim image; infinite if lens and mirror depend on the focus.
     span_mm
-        Between which focus distances to choose; None for any.
+        Range of focus distances; None for unlimited.
     points
-        Of the mirror that are looked at in each part of the field that is judged.
+        Number of mirror points in each evaluated part of the field.
     """
 
     sensor: Sensor
@@ -74,9 +74,9 @@ class Focusing:
     points: int = POINTS
 
     def best_aperture(self, span: tuple[float, float]) -> tuple[float, Focus]:
-        """The F-number within a span, and the focus, of the least cost: a scan of both at once, then narrower ones.
+        """Return F-number within a span and focus of minimum cost, by joint scans with refinement.
 
-        A real lens has one aperture, its own.
+        A real lens has a fixed aperture.
         """
         if isinstance(self.camera, RealCamera):
             return self.sensor.lens.stop_number, self.best()
@@ -100,7 +100,7 @@ class Focusing:
         return float(np.exp(best_F)), Focus(self.camera.focus_mm(best_v), float(cost[i]))
 
     def best(self) -> Focus:
-        """The best focus by the limits that depend on it."""
+        """Return the best focus for the limits that depend on it."""
         low, high = self.range
         whole, v = high - low, np.linspace(*self.range, SCAN)
         with np.errstate(all="ignore"):
@@ -116,7 +116,10 @@ class Focusing:
         return Focus(self.camera.focus_mm(vergence), float(cost[i]))
 
     def _cost(self, v: Array, keeping: bool) -> Array:
-        """What is to be least (b,) at vergences v (b, 1); ``keeping`` what else can be kept."""
+        """Return costs (b,) at vergences v (b, 1), optionally with a penalty.
+
+        ``keeping`` penalises violations of the other feasible requirements.
+        """
         of_blur = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness]
         if of_blur:
             worst: Array = np.maximum.reduce(of_blur)
@@ -128,15 +131,15 @@ class Focusing:
         return worst + np.where(missed > KEPT, INFEASIBLE * (1 + missed), 0.0)
 
     def _missed(self, v: Array) -> Array:
-        """By what share (b,) what else hangs on the focus is missed at vergences v (b, 1)."""
-        if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image has one size
+        """Return violations (b,) of other focus-dependent requirements at vergences v (b, 1)."""
+        if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image size is constant
             return np.full(len(v), -1.0)
         others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
         image = self.camera.height_px(self._rim_ray, v)[:, 0] / self.image_radius_px - 1
         missed: Array = np.maximum.reduce([*others, image])
         return missed
 
-    # -- what does not depend on the focus ---------------------------------------------------------
+    # -- focus-independent quantities --------------------------------------------------------------
 
     @property
     def _is_telecentric(self) -> bool:
@@ -144,7 +147,7 @@ class Focusing:
 
     @cached_property
     def camera(self) -> PerspectiveCamera | TelecentricCamera | RealCamera:
-        """The lens and the pixels."""
+        """Return the model of lens and pixels."""
         if self._tables is not None:
             return RealCamera(self._tables, self.sensor.imager.pitch_mm)
         return self._with_apertures(self.sensor.lens.stop_number)
@@ -155,7 +158,7 @@ class Focusing:
         return tables_of(lens) if isinstance(lens, FieldLens) else None
 
     def _with_apertures(self, f_number: Any) -> PerspectiveCamera | TelecentricCamera:
-        """The lens and the pixels, with one F-number or several (b, 1)."""
+        """Return the model of lens and pixels with one F-number or several (b, 1)."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if isinstance(lens, Perspective):
             return PerspectiveCamera(lens.focal_length_mm, f_number, self._rim_ray, pitch)
@@ -163,7 +166,7 @@ class Focusing:
 
     @cached_property
     def _rim(self) -> tuple[float, float]:
-        """Radius and sag of the rim."""
+        """Return radius and sag of the rim."""
         radius = self.sensor.mirror.rim_radius_mm
         return radius, float(self.sensor.mirror.sag(radius))
 
@@ -176,7 +179,7 @@ class Focusing:
 
     @cached_property
     def _parts(self) -> dict[tuple[float, float] | None, slice]:
-        """Where the points of each part of the field stand among all."""
+        """Return the slices of points of the parts of the field."""
         asked = {limit.omega_deg: None for limit in self.limits}
         if not any(limit.of.is_sharpness for limit in self.limits):
             asked |= {None: None}
@@ -184,12 +187,12 @@ class Focusing:
 
     @property
     def distances(self) -> int:
-        """Number of object distances evaluated at each field angle."""
+        """Return the number of object distances evaluated at each field angle."""
         return 1 if self.field.has_surfaces else len(distances_mm(self.field))
 
     @cached_property
     def _nodes(self) -> NodeOptics:
-        """The optics (d, k) of all points for each object that counts."""
+        """Return the optics (d, k) of all points for each relevant object."""
         sensor, mirror = self.sensor, self.sensor.mirror
         counted = counted_field(self.field, sensor)
         omega = np.radians([counted.part(part)[:2] for part in self._parts])
@@ -200,7 +203,7 @@ class Focusing:
         near: Any = 1 / np.array(distances_mm(self.field))[:, None]
         if self.field.has_surfaces:
             near = partial(inverse_distances, self.field)
-        with np.errstate(divide="ignore", invalid="ignore"):  # a cone has its tangential images at infinity
+        with np.errstate(divide="ignore", invalid="ignore"):  # the tangential images of a cone are at infinity
             if self._tables is not None or sensor.housing.shell is not None:
                 m = np.inf if self._is_telecentric else sensor.mirror_distance_mm
                 aim, walls = aim_of(x, m + z, self._tables), walls_around(sensor.obstructions)
@@ -211,13 +214,13 @@ class Focusing:
 
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
-        """The optics (k,) of each part, for one object distance after the other."""
+        """Return the optics (k,) of each part, concatenated over object distances."""
         shape = (self.distances, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
     def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
-        """What a limit looks at, at vergences v (b, 1); without one, all of the field that counts."""
+        """Return field values at vergences v (b, 1), for a limit or the whole evaluated field."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
@@ -228,7 +231,7 @@ class Focusing:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Vergences worth a look: those of the images that a lens can be focused at, and a little more."""
+        """Return the search range of vergences: the virtual images with a margin."""
         camera = self.camera
         least, most = camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
         vergences = self._vergences
@@ -244,7 +247,7 @@ class Focusing:
 
     @property
     def _vergences(self) -> Array:
-        """At which single blurs are 0, of a real lens nearly."""
+        """Return the vergences of zero tangential or sagittal blur, approximate for a real lens."""
         o = self._nodes
         if isinstance(self.camera, RealCamera):
             rows = NodeOptics(*(np.atleast_2d(column) for column in o))
@@ -254,7 +257,7 @@ class Focusing:
 
 
 def vergences_of(lens: Lens) -> tuple[float, float]:
-    """Lowest and highest vergence that a lens can be focused at: 1/L0, or -L0 of a telecentric one."""
+    """Return the range of vergences of a lens: 1/L0, or -L0 for a telecentric lens."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return -limits.high, -limits.low

@@ -1,4 +1,4 @@
-"""Mirrors of free form for requirements: the best that keeps them all, or the one that misses them least."""
+"""Freeform mirrors for requirements: constrained optimum, or minimum violation."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from .verdict import judge
 
 Array = NDArray[np.float64]
 
-SHAPE = "spline"  # where none is asked for
+SHAPE = "spline"  # default shape
 NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number")
 
 
 def problem_of(
     requirements: Requirements, mode: BlurMode = "exact", image_radius_px: float | None = None
 ) -> DesignProblem:
-    """What an optimiser has to know of requirements; what they give as ranges is free."""
+    """Return the optimisation problem of requirements; ranges become free variables."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     shape, largest = FreeForm.parse(mirror.shape or SHAPE), requirements.largest_image_px
     return DesignProblem(
@@ -72,7 +72,7 @@ def problem_of(
 
 @dataclass(frozen=True)
 class FreeFormSpace:
-    """The mirrors of free form that a problem leaves."""
+    """Design space of freeform mirrors for a problem."""
 
     requirements: Requirements
     problem: DesignProblem
@@ -83,51 +83,51 @@ class FreeFormSpace:
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the problem that are no ranges."""
+        """Return the fixed numbers of the problem."""
         own = () if self.problem.optics is None else OF_OPTICS
         given = {name: getattr(self.problem, name) for name in NUMBERS if name not in (*self.problem.free, *own)}
         return {name: ends(value)[0] for name, value in given.items() if value is not None}
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
-        """The limits, and what of imager and camera the design can miss."""
+        """Return the limits, and the imager and camera requirements that a design can violate."""
         return self._objective(()).asked
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> FreeFormSpace:
-        """The space in which some of its numbers are free."""
+        """Return the space with additional free numbers."""
         return replace(self, problem=replace(self.problem, **ranges))  # type: ignore[arg-type]
 
     def point(self, y: Array) -> Point:
-        """A design as a point, the given numbers included."""
+        """Return a design as a point, including fixed numbers."""
         asked = {name: float(np.log(value)) for name, value in self.numbers.items()}
         return asked | dict(zip(self.designs.names, y.tolist(), strict=True))
 
     def value(self, point: Point, name: str) -> float:
-        """A number at a point."""
+        """Return a number at a point."""
         return float(np.exp(point[name]))
 
     def towards(self, point: Point, name: str, way: int, span: tuple[float, float]) -> Point:
-        """The point itself: from there all numbers lead to where all can be met."""
+        """Return the point itself; every number reaches the feasible region from there."""
         return point
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """The point near one where the least has to give; None where something else is missed there."""
+        """Return the point of minimum slack near a point; None if infeasible."""
         found = follow(replace(self._objective(()), goal=slack), self.y(point), tolerance=CLOSE)
         return Reached(point | self.point(found.y), found.value) if found.violation < KEPT else None
 
     def missed(self, point: Point) -> dict[Key, float]:
-        """By what share each requirement is missed at a point."""
+        """Return the relative violation of each requirement at a point."""
         return self._objective(()).missed(self.y(point))
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Return the mirror near a point that violates other requirements least if it meets them."""
+        """Return the nearby mirror of minimum violation of other requirements, if feasible."""
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeFormSpace(requirements, problem)
         y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y
         return space.point(y) if judge(requirements, space.designs.sensor(y)).is_met else None
 
     def y(self, point: Point) -> Array:
-        """A point as the optimiser has it."""
+        """Return a point as a vector of the optimiser."""
         return np.array([point.get(name, 0.0) for name in self.designs.names])
 
     def _objective(self, keys: tuple[Key, ...]) -> Objective:
@@ -135,14 +135,14 @@ class FreeFormSpace:
 
 
 def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> tuple[FreeFormSpace, BestDesign]:
-    """The best mirror of free form, and the designs around it.
+    """Return the best freeform mirror and its design space.
 
-    Where none of the starts leads to a mirror that keeps everything, what is missed most is made least.
+    If no start converges to a feasible mirror, the largest violation is minimised.
 
     Parameters
     ----------
     problem
-        That of the requirements, perhaps with another mode of blur.
+        Problem of the requirements, possibly with another blur mode.
     search
         ``starts``, ``seed``, ``resume`` and ``on_progress`` of the optimiser.
     """
@@ -169,14 +169,14 @@ def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> 
 def _design(
     space: FreeFormSpace, y: Array, sensor: Sensor, optimum: Optimum | None, first: tuple[str, ...]
 ) -> BestDesign:
-    """A mirror judged, and where it stands."""
+    """Return a checked mirror with its point in the design space."""
     sensor = replace(sensor, name=space.requirements.name)
     notes = (*first, *free_form_notes(space.problem, sensor))
     return BestDesign(space.point(y), sensor, judge(space.requirements, sensor), notes, optimum)
 
 
 def _least_missed(space: FreeFormSpace, tried: list[Array]) -> Array:
-    """The point where what is missed most is missed least, from where some searches ended; polished."""
+    """Minimise the largest violation from the end points of searches, with refinement."""
     coarse = space._objective(space.keys)
     found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *tried]]
     best = min(found, key=_cost)
@@ -189,7 +189,7 @@ def _cost(found: Minimum) -> float:
 
 
 def free_form_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
-    """What an optimiser chose besides the shape, in words."""
+    """Return notes on the parameters chosen by the optimiser, except the shape."""
     lens, notes = sensor.lens, []
     reached = {"rim_radius_mm": sensor.mirror.rim_radius_mm, "f_number": lens.stop_number}
     if isinstance(lens, GaussianLens):

@@ -1,4 +1,4 @@
-"""What merits cost each other: designs of one space of free forms of which none is better than another by all."""
+"""Pareto fronts of merits: non-dominated designs of one space of freeform mirrors."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ from .verdict import judge
 
 Array = NDArray[np.float64]
 
-EPOCH = 20  # generations between two files
+EPOCH = 20  # generations between two saved states
 FORMAT = 3
 LARGEST_FRONT = 256 << 20  # bytes
-MOST_FRONT_VALUES = 20_000_000  # a short file may declare more than the memory holds
+MOST_FRONT_VALUES = 20_000_000  # a small file may declare more values than fit into memory
 
 
 @dataclass(frozen=True)
 class Front:
-    """Designs of which none is better than another by every merit; :func:`omnimirror.pareto` finds them.
+    """Non-dominated designs for several merits, computed by :func:`omnimirror.pareto`.
 
     Attributes
     ----------
     space
-        The mirrors of free form that the requirements leave.
+        Design space of freeform mirrors for the requirements.
     merits
         Names of the merits, the columns of ``values``.
     y : (n, dim)
-        The designs as points of ``space.designs``, each at its own best focus, sorted by the first merit.
+        Designs as points of ``space.designs``, each at its best focus, sorted by the first merit.
     values : (n, merits)
-        Their merits.
+        Merits of the designs.
     is_complete
-        False where the evolution was stopped before its last generation.
+        False if the evolution was stopped before its last generation.
 
     Examples
     --------
@@ -75,31 +75,31 @@ class Front:
 
     @property
     def requirements(self) -> Requirements:
-        """What is asked of all designs."""
+        """Return the requirements common to all designs."""
         return self.space.requirements
 
     @property
     def focus_mm(self) -> Array:
-        """Where each design is focused (n,)."""
+        """Return the focus distances of the designs (n,)."""
         return self.space.designs.focus_mm(self.y)
 
     def sensor(self, i: int) -> Sensor:
-        """Design i as an ordinary sensor, at its best focus.
+        """Return design i as a sensor at its best focus.
 
         Parameters
         ----------
         i
-            Number of the design, from 0.
+            Index of the design, from 0.
 
         Returns
         -------
         Sensor
-            The sensor, in focus, named after the merits where the requirements give no name.
+            Focused sensor, named after the merits unless the requirements contain a name.
 
         Raises
         ------
         InvalidParameter
-            There is no such design.
+            Index out of range.
         """
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the front has no design {i}; it has {len(self)}, from 0")
@@ -108,22 +108,22 @@ class Front:
         return self.space.designs.sensor(self.y[i], name)
 
     def design(self, i: int) -> Design:
-        """Design i, judged: the same as :func:`omnimirror.design_sensor` answers.
+        """Return design i with its requirement check, as :func:`omnimirror.design_sensor` does.
 
         Parameters
         ----------
         i
-            Number of the design, from 0.
+            Index of the design, from 0.
 
         Returns
         -------
         Design
-            The sensor, and a row for each requirement.
+            Sensor, and one row for each requirement.
 
         Raises
         ------
         InvalidParameter
-            There is no such design.
+            Index out of range.
         """
         sensor = self.sensor(i)
         return design_of(judge(self.requirements, sensor), free_form_notes(self.space.problem, sensor))
@@ -142,40 +142,41 @@ def pareto(
     mode: BlurMode = "exact",
     image_radius_px: float | None = None,
 ) -> Front:
-    """The front of two or more merits.
+    """Compute the Pareto front of two or more merits.
 
     Parameters
     ----------
     requirements
-        Those of an optimised mirror; ``merits`` stand in the place of the one that they name.
+        Requirements of an optimised mirror; ``merits`` replace the merit given there.
     merits
         Names of two or more merits, :data:`omnimirror.design.criteria.merits.DESIGN_MERITS`.
     population, generations
-        Designs that live together, and how often they have offspring.
+        Population size and number of generations.
     seed
-        Of everything drawn at random.
+        Random seed.
     resume
-        A Parquet file that holds the generation and what it was made for; an interrupted run goes on from it, and
-        :func:`load_front` reads it.
+        Parquet file with the generation and the search settings; an interrupted run is resumed from
+        it, and :func:`load_front` reads it.
     on_progress
-        Called with generations done and generations in all.
+        Callback with the finished and the total number of generations.
     mode, image_radius_px
-        As :func:`omnimirror.evaluate` takes them: merits, and limits of blur while they are kept, are computed so.
+        As in :func:`omnimirror.evaluate`, for merits and for limits of blur as constraints.
 
     Returns
     -------
     Front
-        Designs of which none is better by all merits.
+        Non-dominated designs.
 
     Raises
     ------
     InvalidParameter
-        The mirror is not one to optimise; fewer than two merits, an unknown or repeated one; a population or number
-        of generations below 1.
+        Requirements without an optimised mirror; fewer than two merits, an unknown or repeated
+        merit; a population or number of generations below 1.
     OmnimirrorError
-        pymoo or pyarrow is not installed, or the file belongs to another search.
+        Missing package pymoo or pyarrow, or a file of another search.
     KeyboardInterrupt
-        Stopped (Ctrl-C) before the first generation lived; later, the front of the last one kept is returned.
+        Interruption (Ctrl-C) before the first generation is complete; later, the front of the last
+        saved generation is returned.
 
     Examples
     --------
@@ -222,7 +223,7 @@ def pareto(
 
 
 def _front(space: FreeFormSpace, contest: Contest, alive: Generation, *, is_complete: bool = True) -> Front:
-    """The best of a generation."""
+    """Return the front of a generation."""
     y, values = contest.best_of(alive.y)
     return Front(space, tuple(m.name for m in contest.merits), y, values, is_complete)
 
@@ -232,22 +233,22 @@ def _front(space: FreeFormSpace, contest: Contest, alive: Generation, *, is_comp
 
 @checked
 def load_front(path: str | Path) -> Front:
-    """The front of a file that :func:`pareto` wrote.
+    """Read a front from a file written by :func:`pareto`.
 
     Parameters
     ----------
     path
-        Name of the file.
+        File name.
 
     Returns
     -------
     Front
-        The front as it was written.
+        Saved front.
 
     Raises
     ------
     OmnimirrorError
-        pyarrow is not installed, or the file is no such file.
+        Missing package pyarrow, or invalid file.
 
     Examples
     --------
@@ -268,7 +269,7 @@ def load_front(path: str | Path) -> Front:
 
 
 def _write(path: Path, search: dict[str, Any], space: FreeFormSpace, contest: Contest, alive: Generation) -> None:
-    """One row per design: its merits, focus and coordinates; what it was made for as metadata."""
+    """Write one row per design: merits, focus and coordinates; search settings as metadata."""
     _needs("pyarrow")
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -285,7 +286,7 @@ def _write(path: Path, search: dict[str, Any], space: FreeFormSpace, contest: Co
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any], Generation]:
-    """What the search was for, the tables of its requirements, and the designs that live."""
+    """Read the search settings, the requirement tables and the generation."""
     _needs("pyarrow")
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -1,10 +1,10 @@
-"""The designs with a mirror of a mapping or a family: the numbers of the requirements, and the focus.
+"""Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus.
 
-Free numbers, numbers that were given but may give, and the focus are the coordinates; a sequence of linear programmes
-(:mod:`omnimirror.base.numerics.minimax`) makes what it is asked to as small as can be. Lengths, angles and F-numbers
-count
-by their logarithms, so that steps of .1 are all of one size. Mirrors are taken as they are before they are fitted; what
-a fit adds at some point is taken for the same at all others.
+The coordinates are the free numbers, the given numbers that may be relaxed, and the focus. A
+sequence of linear programmes (:mod:`omnimirror.base.numerics.minimax`) minimises the objective.
+Lengths, angles and F-numbers are represented by their logarithms, which gives steps of 0.1 equal
+relative size. Mirrors are evaluated before fitting; the change due to the fit is taken as constant
+in the neighbourhood of a point.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ from .verdict import given_rows, judge
 Array = NDArray[np.float64]
 Span = tuple[float, float]
 
-NODES = 91  # mirror points in each part of the field that is judged
-STEP = 1e-6  # of derivatives
+NODES = 91  # mirror points in each evaluated part of the field
+STEP = 1e-6  # finite-difference step
 CLOSE = 1e-6
-STEPS = 25  # at most, of a search
-KEPT = 1e-6  # a share this little missed is none
-RELAXED_STARTS = 2  # searches of relaxed requirements, the first of them from a design that meets them nearly
-FITS = 3  # searches with what the fit adds taken anew
-TRIED = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # shares by which a number has moved, to see where its search should begin
-SEARCHED = 181  # field angles of a verdict within a search
-LINEAR = ("conic", "omega_min_deg")  # what may be 0 or below
-FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid whose constant is left to the design
+STEPS = 25  # maximum iterations of a search
+KEPT = 1e-6  # tolerance of relative violations
+RELAXED_STARTS = 2  # searches of relaxed requirements, the first from a nearly feasible design
+FITS = 3  # searches with an updated effect of the fit
+TRIED = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # relative changes of a number, tried for the start of its search
+SEARCHED = 181  # field angles of a requirement check within a search
+LINEAR = ("conic", "omega_min_deg")  # entries that may be 0 or negative
+FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid with a free conic constant
 AREA = "floored_area"
-"""What stands for the limits where there are none: the logarithm of the floored blur area."""
+"""Substitute for the limits if there are none: logarithm of the floored blur area."""
 
 
 def ranges_of(requirements: Requirements) -> dict[str, Span | None]:
-    """The numbers of a design as requirements allow them: (low, high), or None where they follow or do not apply."""
+    """Return the permitted ranges (low, high) of the design numbers, or None if dependent."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     conic = ends_or_none(mirror.conic)
     if mirror.family == "ellipsoid" and conic is None:
         conic = FREE_CONIC
     theta, focal = ends_or_none(lens.theta_max_deg), ends_or_none(lens.focal_length_mm)
     if is_free(theta) and focal and not is_free(focal):
-        theta = None  # follows from the focal length; that it stays in its range is a requirement
+        theta = None  # follows from the focal length; its range is a requirement
     elif theta and is_free(focal):
         focal = None
     return {
@@ -70,24 +70,25 @@ def ranges_of(requirements: Requirements) -> dict[str, Span | None]:
 
 
 def free_of(ranges: dict[str, Span | None]) -> dict[str, Span]:
-    """Those of the ranges that leave a choice."""
+    """Return the ranges with different ends."""
     return {name: span for name, span in ranges.items() if span is not None and is_free(span)}
 
 
 @dataclass(frozen=True)
 class GeneratedSpace:
-    """The designs around one of them.
+    """Design space around a design.
 
     Attributes
     ----------
     settled
-        Its requirements with a number for every range; the numbers that do not move stay.
+        Requirements with a number for every range; numbers without a coordinate are constant.
     spans
-        Between which values each of the others may move.
+        Ranges of the variable numbers.
     near
-        Its sensor, whose size is the unit of the focus.
+        Sensor of the design; its size is the unit of the focus coordinate.
     found_from_scratch
-        Design that so many searches find for other requirements, None if it misses any; the first starts are given.
+        Function that searches a design for other requirements with a given number of searches and
+        first starts; None if a requirement is missed.
     """
 
     requirements: Requirements
@@ -100,9 +101,9 @@ class GeneratedSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """What each coordinate is: the numbers that move, and the focus where limits hang on it.
+        """Return the coordinate names: variable numbers, and the focus if limits depend on it.
 
-        Where none does, it is where designs from scratch have it: at the least floored blur area.
+        Otherwise the focus minimises the floored blur area, as in an initial design.
         """
         asked, limits = self.requirements.lens.focus_mm, self.requirements.limits
         if not (asked is None or is_free(asked)):
@@ -112,7 +113,7 @@ class GeneratedSpace:
 
     @cached_property
     def _unit(self) -> float:
-        """Of places in focus: over the distance from the lens to the rim, or the rim radius of a telecentric one."""
+        """Return the unit of the focus coordinate, 1/(lens to rim) or the rim radius."""
         sensor = self.near
         return sensor.mirror.rim_radius_mm if sensor.lens.TELECENTRIC else 1 / sensor.mirror_distance_mm
 
@@ -120,20 +121,20 @@ class GeneratedSpace:
         return -focus_mm if self.near.lens.TELECENTRIC else 1 / focus_mm
 
     def point(self, settled: Requirements, sensor: Sensor) -> Point:
-        """A design as a point, its given numbers included."""
+        """Return a design as a point, including fixed numbers."""
         numbers = {name: ends_or_none(_entry(settled, name)) for name in ranges_of(self.requirements)}
         point = {name: _inner(name, span[0]) for name, span in numbers.items() if span is not None}
         return point | {"focus": self._place(sensor.lens.focus_distance_mm) / self._unit}
 
     def value(self, point: Point, name: str) -> float:
-        """A number at a point, as near as its span allows."""
+        """Return a number at a point, clipped to its span."""
         return float(np.clip(_outer(name, point[name]), *self.spans[name]))
 
     def _y(self, point: Point) -> Array:
         return np.array([point[name] for name in self.names])
 
     def _settled(self, y: Array) -> tuple[Requirements, Requirements]:
-        """The requirements settled at y, and what is asked of that design: its own field, and its focus."""
+        """Return the requirements settled at y, and those on its own field and focus."""
         point = dict(zip(self.names, y.tolist(), strict=True))
         numbers: dict[str, float] = {name: self.value(point, name) for name in self.spans}
         if "focus" in point:
@@ -144,7 +145,7 @@ class GeneratedSpace:
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest value of each coordinate."""
+        """Return lower and upper bounds of the coordinates."""
         low, high = ([_inner(name, span[i]) for name, span in self.spans.items()] for i in (0, 1))
         if "focus" in self.names:
             ends_of = vergences_of(self.near.lens)
@@ -154,11 +155,11 @@ class GeneratedSpace:
             low, high = [*low, ends_of[0] / self._unit], [*high, ends_of[1] / self._unit]
         return np.array(low), np.array(high)
 
-    # -- what may give -----------------------------------------------------------------------------
+    # -- numbers that may be relaxed ---------------------------------------------------------------
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the requirements that are no ranges."""
+        """Return the fixed numbers of the requirements."""
         spans = ranges_of(self.requirements)
         found = {n: span[0] for n, span in spans.items() if span is not None and not is_free(span) and span[0] != 0}
         if all(limit.omega_deg for limit in self.requirements.limits):
@@ -169,7 +170,7 @@ class GeneratedSpace:
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
-        """The limits, and the requirements besides that the numbers can miss."""
+        """Return the limits, and the other requirements that the numbers can violate."""
         lens, settled = self.requirements.lens, self.settled.lens
         keys: list[Key] = [*range(len(self.requirements.limits)), "omega_min_deg"]
         keys += [] if settled.fills_imager else [IMAGE]
@@ -177,11 +178,11 @@ class GeneratedSpace:
         return (*keys, *follow)
 
     def freed(self, ranges: dict[str, Span]) -> GeneratedSpace:
-        """The space in which some of its numbers are free too."""
+        """Return the space with additional free numbers."""
         return replace(self, spans=self.spans | ranges)
 
     def towards(self, point: Point, name: str, way: int, span: Span) -> Point:
-        """From where a number that moves one way lets all be met already, or is nearest to it."""
+        """Return a start for moving a number: a feasible point, or the nearest to it."""
         asked, best, least = self.numbers[name], point, np.inf
         for share in TRIED:
             value = asked + way * share * abs(asked)
@@ -200,7 +201,7 @@ class GeneratedSpace:
         return best
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Return the design that a search from a point, then from all over the ranges, finds for requirements."""
+        """Return the design for other requirements, found by a local or a global search."""
         found = self.settled_at(point) if all(name in point for name in self.names) else self.settled
         spans = free_of(ranges_of(requirements))
         numbers = {name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()}
@@ -209,19 +210,19 @@ class GeneratedSpace:
         made = self.found_from_scratch(requirements, [requirements.changed(**(settled | numbers))], starts)
         return None if made is None else self.point(made.settled, made.sensor)
 
-    # -- what is missed ----------------------------------------------------------------------------
+    # -- violations --------------------------------------------------------------------------------
 
     def missed(self, point: Point) -> dict[Key, float]:
-        """By what share each requirement is missed at a point."""
+        """Return the relative violation of each requirement at a point."""
         return {key: float(rows.max()) for key, rows in self._missed(self._y(point), fitted=True).items()}
 
     def _missed(self, y: Array, fitted: bool = False) -> dict[Key, Array]:
-        """By what share each requirement is missed at y, as rows of which each is smooth.
+        """Return the relative violation of each requirement at y, as smooth rows.
 
         Raises
         ------
         OmnimirrorError
-            There is no such sensor.
+            Sensor that does not exist.
         """
         settled, asked = self._settled(y)
         sensor = make(settled if fitted else unfitted(settled)).sensor
@@ -243,7 +244,7 @@ class GeneratedSpace:
     # -- searches ----------------------------------------------------------------------------------
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """The point near one where the least has to give; None where something else is missed there."""
+        """Return the point of minimum slack near a point; None if infeasible."""
         y, added = self._y(point), dict[Key, float]()
         for _ in range(FITS if self.requirements.mirror.fit else 1):
             found = self._followed(y, slack, added)
@@ -258,20 +259,20 @@ class GeneratedSpace:
         return Reached(point | dict(zip(self.names, y.tolist(), strict=True)), found.value)
 
     def made_at(self, point: Point) -> Requirements:
-        """The requirements settled at a point, their focus as they give it."""
+        """Return the requirements settled at a point, with the original focus requirement."""
         return self.settled_at(point).changed(focus_mm=self.settled.lens.focus_mm)
 
     def settled_at(self, point: Point) -> Requirements:
-        """The requirements settled at a point, and focused there."""
+        """Return the requirements settled at a point, including the focus."""
         return self._settled(self._y(point))[0]
 
     def _added(self, y: Array) -> dict[Key, float]:
-        """What the fit adds to each requirement's worst row."""
+        """Return the change of each requirement's largest row due to the fit."""
         plain, fitted = self._missed(y), self._missed(y, fitted=True)
         return {key: float(fitted[key].max() - rows.max()) for key, rows in plain.items()}
 
     def _followed(self, y: Array, slack: Slack, added: dict[Key, float]) -> Minimum:
-        known = dict[bytes, ObjectiveValues]()  # derivatives are taken at points whose values are known
+        known = dict[bytes, ObjectiveValues]()  # derivatives are computed at points of known values
 
         def values(y: Array) -> ObjectiveValues:
             if (key := y.tobytes()) not in known:
@@ -302,24 +303,24 @@ class GeneratedSpace:
         return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, most_steps=STEPS)
 
     def _moved(self, y: Array, name: str, asked: float, way: int) -> float:
-        """By what share a number has moved."""
+        """Return the relative change of a number."""
         return way * (_outer(name, y[self.names.index(name)]) - asked) / abs(asked)
 
 
 def unfitted(requirements: Requirements) -> Requirements:
-    """The same without a fit of the mirror."""
+    """Return the requirements without a fit of the mirror."""
     return requirements if requirements.mirror.fit is None else requirements.changed(fit=None)
 
 
 def _entry(requirements: Requirements, name: str) -> float | None:
-    """An entry of whichever table has it."""
+    """Return an entry of the table that contains it."""
     tables = (requirements.field, requirements.mirror, requirements.lens)
     value: float | None = next(getattr(table, name) for table in tables if hasattr(table, name))
     return value
 
 
 def _number(requirements: Requirements, name: str) -> float:
-    """An entry that is a number, or the middle of its range."""
+    """Return an entry, or the centre of its range."""
     value = _entry(requirements, name)
     assert value is not None
     return sum(ends(value)) / 2

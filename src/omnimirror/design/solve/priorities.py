@@ -1,7 +1,8 @@
-"""Where not everything can be met: what can be is met, and what cannot is missed by as little as that leaves.
+"""Prioritisation of infeasible requirements: all feasible requirements are met first.
 
-To make the worst miss least is a fair answer where requirements pull against each other and each could be had. It is
-none where one cannot be met whatever the others give: those beside it are then given up for nothing.
+Minimising the largest violation is appropriate for conflicting requirements that are individually
+feasible. If one requirement is infeasible for any values of the others, this would relax the others
+without benefit.
 """
 
 from __future__ import annotations
@@ -11,24 +12,25 @@ from ..optimise.objective import Key, Slack
 from .space import Point, Say, Space
 from .verdict import Verdict
 
-MARGINS = (0.0, 1e-4, 1e-3)  # shares by which the others are kept better than asked, until no angle misses them
+MARGINS = (0.0, 1e-4, 1e-3)  # relative tightening of the other requirements, until they are met at all field angles
 
 
 def meeting_the_others(space: Space, point: Point, verdict: Verdict, say: Say = lambda words: None) -> list[Point]:
-    """Points at which only what cannot be met is missed, and that by the least largest share; the best first.
+    """Return points that violate only infeasible requirements by minimal amounts, best first.
 
     Parameters
     ----------
     point, verdict
-        Where the worst miss is least, and what is missed there.
+        Point of the smallest largest violation, and its requirement check.
     say
-        Told a few words before the search.
+        Callback for progress messages, called before the search.
 
     Returns
     -------
     list of Point
-        One for each margin of the others; empty where nothing is won: one requirement is missed, all of them could be
-        met in turn, or the others cannot be met together.
+        One point for each margin of the other requirements; empty without improvement: a single
+        missed requirement, individually feasible requirements, or others that cannot be met
+        together.
     """
     missed = _missed(space, verdict)
     if len(missed) < 2 or not set(missed) <= set(space.keys):
@@ -42,24 +44,24 @@ def meeting_the_others(space: Space, point: Point, verdict: Verdict, say: Say = 
 
 
 def is_more_met(verdict: Verdict, than: Verdict) -> bool:
-    """Whether a design misses a part of what another does, and nothing else."""
+    """Return whether a design misses a proper subset of the requirements missed by another."""
     return set(verdict.missed) < set(than.missed)
 
 
 def told(verdict: Verdict, before: Verdict) -> str:
-    """What was given up for what, in words."""
+    """Return a note on the missed and the met requirements."""
     met = "; ".join(name for name in before.missed if name not in verdict.missed)
     return f"cannot be met though all else gives: {'; '.join(verdict.missed)}; met beside that: {met}"
 
 
 def _missed(space: Space, verdict: Verdict) -> list[Key]:
-    """What is missed, as a space calls it: limits by their index."""
+    """Return the keys of missed requirements: limits by index, others by name."""
     limits = [key for key, row in enumerate(verdict.limits) if not row.is_met]
     return [*limits, *(row.name for row in verdict.rows if not row.is_limit and not row.is_met)]
 
 
 def _reached(space: Space, point: Point, giving: set[Key], margin: float = 0.0) -> Point | None:
-    """Where requirements give least while all others are kept."""
+    """Return the point of minimum slack of some requirements with all others met."""
     try:
         found = space.reach(point, Slack(tuple(key for key in space.keys if key in giving), margin=margin))
     except OmnimirrorError:

@@ -1,9 +1,9 @@
-"""The best mirror of a mapping or a family: what the requirements leave free, chosen so that the worst is kept best.
+"""Optimisation of the free parameters of a mapping or a family for the largest margin.
 
-Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
-limits, by its worst floored blur area. Searches by linear programmes start from points of a coarse grid of the ranges,
-until several of them agree.
-Where something cannot be met at all, what else can be is (:mod:`.priorities`).
+The cost of a candidate is its largest relative violation (negative if all requirements are met) or,
+without limits, its worst floored blur area. Linear programmes start from points of a coarse grid
+over the ranges until several of them agree. If some requirements are infeasible, the others are met
+first (:mod:`.priorities`).
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from .priorities import is_more_met, meeting_the_others, told
 from .space import BestDesign, Say
 from .verdict import EDGE_PX, Verdict, evaluations, judge
 
-GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are free
-STARTS, RESTARTS = 12, 5  # searches from other starts, and searches that begin where the last one ended
-SAME, AGREEING = 1e-4, 3  # relative difference of costs that count as equal; searches that have to agree
-ENOUGH_IF_MET = 5  # searches after which a candidate that meets everything is accepted
-NEAR_MISS = 0.05  # cost below which the search goes on without derivatives
-SIMPLEX, SIMPLEX_STEPS = 0.05, 60  # of the ranges: first steps; evaluations for each free number
-GAIN, ROUGH_GAIN = 1e-4, 0.02  # relative gains below which a search is not repeated: of optima, of feasibility
-INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
+GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # grid points per free number, by their count
+STARTS, RESTARTS = 12, 5  # searches from different starts, and restarts of a search at its end point
+SAME, AGREEING = 1e-4, 3  # relative difference of equal costs; number of searches that have to agree
+ENOUGH_IF_MET = 5  # searches after which a feasible candidate is accepted
+NEAR_MISS = 0.05  # cost below which a derivative-free search follows
+SIMPLEX, SIMPLEX_STEPS = 0.05, 60  # initial steps relative to the ranges; evaluations for each free number
+GAIN, ROUGH_GAIN = 1e-4, 0.02  # smallest relative gains for a restart: of optima, of feasibility
+INFEASIBLE = 1e6  # deg2, above any floored blur area; penalty for violated given values
 
 
 class Ranked(NamedTuple):
-    """A candidate by its requirements; ``cost`` is what the search makes least."""
+    """Candidate with its requirement check; ``cost`` is the minimised quantity."""
 
     made: Candidate
     verdict: Verdict
@@ -49,27 +49,27 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class RangeSearch:
-    """The candidates that requirements leave to choose from."""
+    """Search over the free parameters of requirements."""
 
     requirements: Requirements
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float] | None]:
-        """The numbers of a candidate, (low, high); None where they follow."""
+        """Return the ranges (low, high) of the candidate numbers; None if dependent."""
         return ranges_of(self.requirements)
 
     @cached_property
     def free(self) -> dict[str, tuple[float, float]]:
-        """Those that leave a choice."""
+        """Return the ranges of the free numbers."""
         return free_of(self.ranges)
 
     def middle(self) -> Requirements:
-        """The requirements settled in the middle of all ranges; what follows from the others keeps its range."""
+        """Return the requirements settled at the centre of all ranges."""
         middles = {name: (s[0] + s[1]) / 2 for name, s in self.ranges.items() if s is not None}
         return self.requirements.changed(**middles)
 
     def judged(self, settled: Requirements) -> Ranked:
-        """A candidate made and judged; raises OmnimirrorError where there is no such sensor."""
+        """Return a checked candidate; raise OmnimirrorError if the sensor does not exist."""
         made = make(settled)
         verdict = judge(self.requirements, made.sensor, angles=SEARCHED)
         return Ranked(made, verdict, self._cost(verdict))
@@ -84,21 +84,21 @@ class RangeSearch:
         return max(float(result.floored_area_deg2.max()) for result in results)
 
     def best(self, begin: Iterable[Requirements] = (), enough: float = -np.inf, starts: int | None = None) -> Ranked:
-        """Return the best candidate: the best of several searches that start all over the ranges.
+        """Return the best candidate of several searches from starts distributed over the ranges.
 
         Parameters
         ----------
         begin
-            Settled requirements of designs found before, from which the first searches start.
+            Settled requirements of earlier designs, the first starts.
         enough
             Cost at which the search may end.
         starts
-            Maximum number of searches; a default by the constants of this module.
+            Maximum number of searches; by default the constants of this module.
 
         Raises
         ------
         OmnimirrorError
-            No candidate can be made; with the reason of the one in the middle.
+            No candidate exists; the message is that of the candidate at the centre.
         """
         middle = self.middle()
         if not self.free:
@@ -116,8 +116,9 @@ class RangeSearch:
         return self._by_simplex(best) if starts is None and 0 < best.cost < NEAR_MISS else best
 
     def _starts(self, begin: Iterable[Requirements], middle: Requirements) -> Iterator[Ranked]:
-        """Yield the starts of the searches: designs found before, then the grid, alternately the best and the one
-        farthest from all previous starts."""
+        """Yield the starts of the searches: earlier designs, then alternately the best grid point
+        and the one farthest from all previous starts.
+        """
         yield from (found for settled in begin if (found := self._tried(settled)) is not None)
         rest = [found for settled in [middle, *self._grid(middle)] if (found := self._tried(settled)) is not None]
         rest.sort(key=lambda c: c.cost)
@@ -131,15 +132,16 @@ class RangeSearch:
             yield rest.pop(at)
 
     def _place(self, candidate: Ranked) -> NDArray[np.float64]:
-        """Where a candidate stands in the free ranges, 0 to 1 each."""
+        """Return the position of a candidate within the free ranges, each scaled to 0 to 1."""
         entries = candidate.made.settled.tables()
         values = {**entries["field"], **entries["mirror"], **entries["lens"]}
         return np.array([(values[name] - low) / (high - low) for name, (low, high) in self.free.items()])
 
     def _by_simplex(self, start: Ranked) -> Ranked:
-        """Follow a candidate that nearly meets the requirements without derivatives, until it meets them.
+        """Refine a nearly feasible candidate by a derivative-free search until it is feasible.
 
-        Linear programmes take the effect of a fit for constant between two fits; this search does not.
+        Linear programmes assume a constant effect of the fit between two fits; this search does
+        not.
         """
         from scipy.optimize import minimize
 
@@ -165,7 +167,7 @@ class RangeSearch:
         return best
 
     def _followed(self, start: Ranked, enough: float) -> Ranked:
-        """Follow one start to its optimum: the linear programmes are restarted while they gain something."""
+        """Follow one start to its optimum, with restarts while the cost decreases."""
         least_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
         for _ in range(RESTARTS):
             if start.cost <= enough:
@@ -178,32 +180,32 @@ class RangeSearch:
         return start
 
     def space(self, found: Ranked) -> GeneratedSpace:
-        """The designs around a candidate."""
+        """Return the design space around a candidate."""
         return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor, found_from_scratch)
 
     def _polished(self, start: Ranked) -> Ranked:
-        """The best candidate near one, by what the requirements leave free."""
+        """Return the best candidate near a given one over the free parameters."""
         space = self.space(start)
         point = space.point(start.made.settled, start.made.sensor)
         limits: tuple[Key, ...] = tuple(range(len(self.requirements.limits))) or (AREA,)
         found = space.reach(point, Slack(limits))
-        if found is None:  # something given is missed, and gives as little as a limit
+        if found is None:  # a given value is violated: treat it as a limit
             found = space.reach(point, Slack(tuple(space.missed(point))))
         if found is None:
             return start
-        # Refocusing can leave the optimum: the focus of the search is tried as well.
+        # Refocusing can leave the optimum: the focus of the search is also evaluated.
         settled = (space.made_at(found.point), space.settled_at(found.point))
         tried = (self._tried(requirements) for requirements in settled)
         return min([start, *(t for t in tried if t is not None)], key=lambda t: t.cost)
 
     def _grid(self, base: Requirements) -> Iterator[Requirements]:
-        """Settled requirements all over the ranges, in equal ratios where that can be."""
+        """Yield settled requirements on a grid over the ranges, in equal ratios if possible."""
         values = [ratios(span, GRID[len(self.free)]) for span in self.free.values()]
         for numbers in product(*values):
             yield base.changed(**dict(zip(self.free, numbers, strict=True)))
 
     def _tried(self, settled: Requirements) -> Ranked | None:
-        """A candidate judged, or None where there is no such sensor."""
+        """Return a checked candidate, or None if the sensor does not exist."""
         try:
             return self.judged(settled)
         except OmnimirrorError:
@@ -211,12 +213,12 @@ class RangeSearch:
 
 
 def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[GeneratedSpace, BestDesign]:
-    """The best candidate, and the designs around it.
+    """Return the best candidate and its design space.
 
     Raises
     ------
     OmnimirrorError
-        There is no such mirror at all.
+        Mirror that does not exist.
     """
     search = RangeSearch(requirements)
     if search.free:
@@ -237,25 +239,25 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
 def found_from_scratch(
     requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None
 ) -> Candidate | None:
-    """Return the candidate of a search if it meets its requirements; ``begin`` are designs found before.
+    """Return the candidate of a search, if feasible; ``begin`` contains earlier designs.
 
     Raises
     ------
     OmnimirrorError
-        There is no such mirror at all.
+        Mirror that does not exist.
     """
     found = RangeSearch(requirements).best(begin, enough=0.0, starts=starts)
     return found.made if judge(requirements, found.made.sensor).is_met else None
 
 
 def _design(search: RangeSearch, space: GeneratedSpace, made: Candidate) -> BestDesign:
-    """A candidate judged, and where it stands."""
+    """Return a checked candidate with its point in the design space."""
     verdict = judge(search.requirements, made.sensor)
     return BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
 
 
 def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
-    """What was chosen, in words."""
+    """Return notes on the chosen parameters."""
     notes, sensor, requirements = [*made.notes], made.sensor, search.requirements
     tables = made.settled.tables()
     chosen = {**tables["field"], **tables["mirror"], **tables["lens"]}
@@ -279,7 +281,7 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
 
 
 def _why_there(requirements: Requirements, made: Candidate) -> str:
-    """Return the criterion by which the focus was chosen."""
+    """Return the criterion of the focus."""
     if made.settled.lens.focus_mm != requirements.lens.focus_mm:
         return "the smallest margin is largest"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
@@ -287,7 +289,7 @@ def _why_there(requirements: Requirements, made: Candidate) -> str:
 
 
 def ratios(span: tuple[float, float], count: int) -> list[float]:
-    """Numbers from one end of a range to the other, in equal ratios, or in equal steps past 0.
+    """Return numbers over a range in equal ratios, or in equal steps if the range includes 0.
 
     >>> [round(v, 6) for v in ratios((4.0, 16.0), 3)], ratios((-1.0, 1.0), 3)
     ([4.0, 8.0, 16.0], [-1.0, 0.0, 1.0])

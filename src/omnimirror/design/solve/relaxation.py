@@ -1,9 +1,10 @@
-"""What would have to give where requirements cannot all be kept: thresholds of the problem, tried before they are told.
+"""Relaxations of infeasible requirements: thresholds of feasibility, verified by a design.
 
-Each requirement alone: what is free, the focus among it, is chosen anew so that a limit is missed least while all else
-is kept, or so that a number that is given (field, rim, lens) moves as little as will do. Jointly: the largest share by
-which any of them gives is made least, and what need not give is taken back. What comes out is rounded to the side of
-caution, put into requirements of their own, and these are designed for: only if everything in them is met is it advice.
+Individually: the free parameters, including the focus, are optimised for the smallest violation of
+one limit with all other requirements met, or for the smallest change of a given number (field, rim,
+lens). Jointly: the largest relative relaxation is minimised, and unnecessary relaxations are
+withdrawn. The results are rounded outwards and verified by a design for the relaxed requirements;
+only relaxations with a feasible design are reported.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from .verdict import Judgement, unit_of
 
 Span = tuple[float, float]
 
-FARTHEST = 10.0  # times what was asked, or one over it
-ROOM = 0.45  # of the way to where the rim is seen edge-on, for each of two angles that move at once
-MORE = (0.0, 1e-4, 1e-3, 1e-2)  # shares by which advice is widened until it holds
-DIGITS = 5  # of advice
-STILL = 1e-6  # a share below this is none
-NEAR = 4e-3  # of a threshold: how near to it the reported value is
-IDLE = 0.01  # a move that saves the others less than this share of theirs is none
+FARTHEST = 10.0  # maximum factor of relaxation
+ROOM = 0.45  # share of the distance to edge-on view, for each of two varied angles
+MORE = (0.0, 1e-4, 1e-3, 1e-2)  # relative widening until a relaxation is verified
+DIGITS = 5  # significant digits of the results
+STILL = 1e-6  # relative changes below this are 0
+NEAR = 4e-3  # relative accuracy of a threshold
+IDLE = 0.01  # largest relative increase of the others for an unnecessary relaxation
 RANGES = {
     "omega_max_deg": (1.0, 179.0),
     "theta_max_deg": (0.1, 60.0),
@@ -42,23 +43,23 @@ RANGES = {
     "conic": (-1e3, 1e3),
 }
 LENGTHS = (1e-2, 1e5)  # mm
-ANGLES = ("omega_max_deg", "theta_max_deg")  # which together decide how steep the rim is
+ANGLES = ("omega_max_deg", "theta_max_deg")  # both determine the slope at the rim
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """What one requirement must become, all others kept.
+    """Required value of one requirement with all others met.
 
     Attributes
     ----------
     name
-        The requirement; of a limit with its part of the field.
+        Name of the requirement; for a limit with its part of the field.
     unit
     asked
     needed
-        None where no value of it lets the others be kept.
+        Required value; None if no value is sufficient.
     limit
-        Which of the limits it is; None of other requirements.
+        Index of the limit; None for other requirements.
     """
 
     name: str
@@ -69,25 +70,25 @@ class Relaxation:
 
     @property
     def share(self) -> float | None:
-        """By what share of what was asked it gives; None where that is nothing, or 0 was asked."""
+        """Return the relative change; None without a required value or for a request of 0."""
         if self.needed is None or self.asked == 0:
             return None
         return abs(self.needed - self.asked) / abs(self.asked)
 
     @property
     def gives(self) -> bool:
-        """Whether it says anything."""
+        """Return whether the required value differs from the requested one."""
         return self.needed is not None and self.needed != self.asked
 
     def giving(self, factor: float) -> Relaxation:
-        """Giving so many times as much, in few digits."""
+        """Return the relaxation scaled by a factor, rounded outwards."""
         if self.needed is None:
             return self
         needed = self.asked + factor * (self.needed - self.asked)
         return replace(self, needed=outwards(needed, 1 if needed > self.asked else -1))
 
     def widened(self, share: float) -> Relaxation:
-        """Giving by a little more than needed, in few digits."""
+        """Return the relaxation widened by a relative amount, rounded outwards."""
         if self.needed is None or self.needed == self.asked:
             return self
         way = 1 if self.needed > self.asked else -1
@@ -96,23 +97,22 @@ class Relaxation:
 
 @dataclass(frozen=True)
 class Conflict:
-    """Requirements that cannot all be kept.
+    """Requirements that cannot all be met.
 
     Attributes
     ----------
     missed
-        Names of those that the best design misses.
+        Names of the requirements missed by the best design.
     alone
-        What each must become if it alone gives; the first gives least.
+        Individual relaxations, smallest relative change first.
     joint
-        What some must become if they give at once, by the least largest share that will do; without any of them it
-        would not.
+        Joint relaxations of the smallest largest relative change; each of them is necessary.
     joint_share
         Largest relative change in ``joint``; None if that is empty.
     alternatives
-        Discrete choices that meet all requirements, or violate them less; the best first.
+        Discrete choices that meet all requirements, or violate them less; best first.
     is_complete
-        False if a KeyboardInterrupt ended the search; the relaxations found until then are kept.
+        False if a KeyboardInterrupt ended the search; earlier results are retained.
     """
 
     missed: tuple[str, ...]
@@ -124,24 +124,24 @@ class Conflict:
 
 
 Holds = Callable[[Sequence[Relaxation]], bool | None]
-"""Whether everything is met once some requirements are relaxed; None if there is no such mirror."""
+"""Function that checks the feasibility of relaxed requirements; None without a mirror."""
 
 
 def find_conflict(
     space: Space, best: BestDesign, say: Say = lambda words: None, alternatives: Iterable[Alternative] = ()
 ) -> Conflict | None:
-    """Why not everything is kept, or None where it is.
+    """Analyse the conflict of infeasible requirements; return None if all are met.
 
     Parameters
     ----------
     space
-        The designs around the best one.
+        Design space around the best design.
     best
-        The design that misses least.
+        Design with the smallest violation.
     say
-        Called with the step and the number of steps before each step.
+        Callback with the current step and the number of steps, called before each step.
     alternatives
-        Discrete choices, evaluated while they are iterated over.
+        Discrete choices, evaluated during iteration.
     """
     if best.verdict.is_met:
         return None
@@ -164,20 +164,20 @@ def find_conflict(
 
 
 def _by_share(r: Relaxation) -> tuple[bool, float]:
-    """Sort key: smallest relative change first, requirements without a threshold last."""
+    """Return the sort key: smallest relative change first, missing thresholds last."""
     return r.needed is None, r.share or 0.0
 
 
-# -- advice is tried -------------------------------------------------------------------------------
+# -- verification of relaxations -------------------------------------------------------------------
 
 
 def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirements:
-    """The requirements after some have given.
+    """Return the requirements with some of them relaxed.
 
     Raises
     ------
     SpecError
-        They do not fit each other.
+        Inconsistent requirements.
     """
     limits, entries, imager = list(requirements.limits), {}, requirements.imager
     for r in given:
@@ -197,12 +197,12 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
 
 
 def _with_side(limit: Limit, asked: float, needed: float) -> Limit:
-    """The limit with another number on the side that was asked."""
+    """Return the limit with another value of the requested bound."""
     return replace(limit, at_most=needed) if limit.at_most == asked else replace(limit, at_least=needed)
 
 
 def _holds(space: Space, point: Point, given: Sequence[Relaxation], is_local: bool = False) -> bool | None:
-    """Return whether a design meets all requirements once some are relaxed; None if there is no such mirror."""
+    """Return whether a design meets the relaxed requirements; None if the mirror does not exist."""
     try:
         return space.meeting(relaxed(space.requirements, given), point, is_local) is not None
     except OmnimirrorError:
@@ -210,7 +210,7 @@ def _holds(space: Space, point: Point, given: Sequence[Relaxation], is_local: bo
 
 
 def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Sequence[Relaxation]:
-    """Return the first of several ever wider relaxations that holds, none if the widest does not."""
+    """Return the first feasible relaxation of an increasing sequence; none if all fail."""
     first, *between, last = variants
     if holds(first):
         return first
@@ -218,7 +218,7 @@ def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Seque
 
 
 def verified(r: Relaxation, holds: Holds) -> Relaxation:
-    """Return the relaxation in a few digits, slightly wider where necessary; without a value if it never holds."""
+    """Return the relaxation rounded and widened if necessary, or without a value."""
     if not r.gives:
         return r
     found = _least_wide([[r.widened(share)] for share in MORE], holds)
@@ -226,13 +226,14 @@ def verified(r: Relaxation, holds: Holds) -> Relaxation:
 
 
 def nearest(r: Relaxation, holds: Holds) -> Relaxation:
-    """Return a verified relaxation reduced to the threshold: a search along a curved valley may end too early.
+    """Return a verified relaxation reduced to the threshold of feasibility.
 
-    Steps towards the requested value double until one does not hold; the last one is then bisected.
+    Steps towards the requested value double until one is infeasible; the last step is then
+    bisected.
     """
     if not r.gives or r.needed is None:
         return r
-    step = NEAR * abs(r.needed) / abs(r.needed - r.asked)  # as a share of the relaxation
+    step = NEAR * abs(r.needed) / abs(r.needed - r.asked)  # relative to the relaxation
     far, tried = 1.0, 1.0 - step
     while tried > 0 and holds([r.giving(tried)]):
         far, step = tried, 2 * step
@@ -245,19 +246,19 @@ def nearest(r: Relaxation, holds: Holds) -> Relaxation:
 
 
 def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
-    """Return several simultaneous relaxations as :func:`verified`; none if they never hold."""
+    """Return several simultaneous relaxations as :func:`verified`; none if infeasible."""
     rounded = tuple(r.widened(0.0) for r in given)
     found = _least_wide([tuple(r.widened(more) for r in given) for more in MORE], holds)
-    # a number may be at the end of what is possible, and then only the limits can be wider
+    # a number may be at the end of its possible range; then only the limits can be widened
     limits_wider = [tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in MORE[1:]]
     return tuple(found or _least_wide(limits_wider, holds))
 
 
 def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
-    """Return the necessary ones of simultaneous relaxations: each is tried at its requested value, the smallest first.
+    """Return the necessary ones of simultaneous relaxations, testing the smallest first.
 
-    A relaxation is idle if the others hold without it when they are larger by at most one hundredth; or the limits
-    among them, where a number is at the end of what is possible.
+    A relaxation is unnecessary if the others are feasible without it after an increase of at most 1
+    %; or the limits among them, if a number is at the end of its possible range.
     """
     for r in sorted(given, key=lambda r: r.share or 0.0):
         rest = tuple(other for other in given if other.name != r.name)
@@ -272,7 +273,7 @@ def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxatio
 
 
 def outwards(value: float, way: int) -> float:
-    """A number in few digits, rounded up (way 1) or down (-1).
+    """Return a number rounded to few digits, up (way 1) or down (-1).
 
     >>> outwards(6.123412, 1), outwards(6.123412, -1)
     (6.1235, 6.1234)
@@ -280,26 +281,26 @@ def outwards(value: float, way: int) -> float:
     if value == 0:
         return value
     unit = 10.0 ** (int(np.floor(np.log10(abs(value)))) + 1 - DIGITS)
-    steps = np.round(value / unit, 6)  # what is round already stays
+    steps = np.round(value / unit, 6)  # rounded values are unchanged
     return float(f"{(np.ceil(steps) if way > 0 else np.floor(steps)) * unit:.{DIGITS}g}")
 
 
-# -- one gives -------------------------------------------------------------------------------------
+# -- individual relaxations ------------------------------------------------------------------------
 
 
 def _names(space: Space, best: BestDesign) -> list[str]:
-    """List the requirements that :func:`_alone` relaxes, in its order."""
+    """List the requirements relaxed by :func:`_alone`, in its order."""
     others = [row.name for row in best.verdict.rows if _is_other(space, row)]
     return [*(row.label for row in best.verdict.limits), *others, *space.numbers]
 
 
 def _is_other(space: Space, row: Judgement) -> bool:
-    """Whether a row is a missed requirement that is neither a limit nor a number of the space."""
+    """Return whether a row is a missed requirement other than limits and numbers."""
     return not (row.is_limit or row.is_met or row.name in space.numbers)
 
 
 def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxation, Point]]:
-    """Yield each requirement that may be relaxed alone, and a design at which it suffices."""
+    """Yield each individually relaxed requirement with a feasible design."""
     for i, row in enumerate(best.verdict.limits):
         say(row.label)
         yield _limit_gives(space, best, i, row)
@@ -313,9 +314,9 @@ def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxatio
 
 
 def _limit_gives(space: Space, best: BestDesign, key: Key, row: Judgement) -> tuple[Relaxation, Point]:
-    """What is asked, as near as it can be had while all else is kept."""
+    """Minimise the violation of one requirement with all others met."""
     advice = Relaxation(row.label, row.unit, _asked(row), None, key if isinstance(key, int) else None)
-    if best.verdict.missed == (row.label,):  # the best design misses this one alone, by as little as can be
+    if best.verdict.missed == (row.label,):  # the best design violates only this one, by the smallest amount
         return replace(advice, needed=row.reached), best.point
     found = space.reach(best.point, Slack((key,))) if key in space.keys else None
     if found is None and isinstance(key, int) and (begin := _without(space, best, replace(advice, needed=_far(row)))):
@@ -326,7 +327,7 @@ def _limit_gives(space: Space, best: BestDesign, key: Key, row: Judgement) -> tu
 
 
 def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
-    """Return a design that a search finds with one requirement relaxed as far as sensible, None if there is none."""
+    """Return a design found with one requirement relaxed to its maximum; None if there is none."""
     try:
         return space.meeting(relaxed(space.requirements, [r]), best.point)
     except OmnimirrorError:
@@ -334,25 +335,25 @@ def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
 
 
 def _far(row: Judgement) -> float:
-    """Return the value of a limit that is relaxed as far as sensible."""
+    """Return the value of a limit at its maximum relaxation."""
     asked = _asked(row)
     return asked * FARTHEST if (asked == row.at_most) == (asked > 0) else asked / FARTHEST
 
 
 def _asked(row: Judgement) -> float:
-    """The side of the limit that is missed, or nearer to it."""
+    """Return the violated bound of the limit, or the nearer one."""
     sides = [v for v in (row.at_least, row.at_most) if v is not None]
     return min(sides, key=lambda v: abs(v - row.reached))
 
 
 def _after_giving(row: Judgement, share: float) -> float:
-    """What a requirement comes to that gives by a share of what was asked."""
+    """Return the value of a requirement after a relative relaxation."""
     asked = _asked(row)
     return asked + (1 if asked == row.at_most else -1) * share * row.scale
 
 
 def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
-    """The nearest value of a given number, either way, at which all else is kept."""
+    """Return the nearest value of a given number with all other requirements met."""
     asked, found = space.numbers[name], []
     for way in (-1, 1):
         low, high = _span(space, name, way)
@@ -368,8 +369,9 @@ def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation
 
 
 def _span(space: Space, name: str, way: int) -> Span:
-    """Where a given number may move to, one way: no farther than makes sense, and so that the rim is not seen edge-on,
-    nor a part of the field that is asked for left behind."""
+    """Return the range of a given number in one direction, without an edge-on rim and without
+    exclusion of a part of the field that a limit refers to.
+    """
     asked, field = space.numbers[name], space.requirements.field
     low, high = RANGES.get(name, LENGTHS)
     if name in ANGLES:
@@ -387,11 +389,11 @@ def _span(space: Space, name: str, way: int) -> Span:
     return (low, asked) if way < 0 else (asked, high)
 
 
-# -- all give --------------------------------------------------------------------------------------
+# -- joint relaxations -----------------------------------------------------------------------------
 
 
 class Joint(NamedTuple):
-    """What gives at once: by how much each, the largest share, and a design at which it does."""
+    """Joint relaxations: each change, the largest relative change, and a feasible design."""
 
     given: tuple[Relaxation, ...]
     share: float
@@ -399,7 +401,7 @@ class Joint(NamedTuple):
 
 
 def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[Relaxation, ...]:
-    """Return the relaxations that together need the smallest largest share; empty unless at least two are needed."""
+    """Return the joint relaxations of minimal largest change; empty unless two are needed."""
     spans, ways = _freedom(space, alone)
     found = _least_joint(space, best, spans, ways)
     if found is None:
@@ -407,7 +409,7 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
     holds = partial(_holds, space, found.point, is_local=True)
     advice = verified_together(found.given, holds)
     needed = without_idle(advice, holds)
-    if len(needed) < len(advice):  # anew, without the others: less has to give than by what they were tried with
+    if len(needed) < len(advice):  # repeat without the others: smaller relaxations may be sufficient
         names = {r.name for r in needed}
         again = _least_joint(
             space,
@@ -428,7 +430,7 @@ def _least_joint(
     ways: list[tuple[str, int]],
     names: Container[str] | None = None,
 ) -> Joint | None:
-    """The least largest share of numbers and limits, of all or of those that are named; None where nothing will do."""
+    """Minimise the largest relative relaxation of numbers and limits; None if infeasible."""
     rows = [(i, row) for i, row in enumerate(best.verdict.limits) if names is None or row.label in names]
     if not rows and not ways:
         return None
@@ -453,9 +455,10 @@ def _least_joint(
 
 
 def _freedom(space: Space, alone: list[Relaxation]) -> tuple[dict[str, Span], list[tuple[str, int]]]:
-    """Between which values given numbers may move at once, and which ways.
+    """Return the joint ranges and the directions of the given numbers.
 
-    A number that would do alone gives its own way; one that would not may still help others, either way.
+    An individually sufficient number moves in its own direction; any other one may support the rest
+    in both directions.
     """
     spans, ways = dict[str, Span](), list[tuple[str, int]]()
     for r in (r for r in alone if r.limit is None and r.name in space.numbers):

@@ -1,7 +1,8 @@
-"""What the solver knows of a way to make mirrors: designs as points of a space, followed to where least has to give.
+"""Protocol of design spaces: designs as points, and searches for minimum slack.
 
-Mirrors of a mapping or a family have the numbers of their requirements for coordinates, those of free form their
-slopes too; both have a focus. Everything above (the solver, what would have to give) is the same for all.
+The coordinates of mirrors of a mapping or a family are the numbers of their requirements, those of
+freeform mirrors also include slopes; both include a focus. The solver and the relaxation are
+independent of the kind of mirror.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from ..optimise.optimiser import Optimum
 from .verdict import Verdict
 
 Point = dict[str, float]
-"""A design by the names of its coordinates; a space takes those that it has."""
+"""Design as values by coordinate name; a space ignores other names."""
 
 Say = Callable[[str], None]
-"""Told a few words before each longer step."""
+"""Callback for progress messages, called before each longer step."""
 
 
 class Reached(NamedTuple):
-    """Where slack is least: the point, and the largest share that gives."""
+    """Point of minimum slack, and the largest relative violation there."""
 
     point: Point
     share: float
@@ -32,16 +33,17 @@ class Reached(NamedTuple):
 
 @dataclass(frozen=True)
 class BestDesign:
-    """The best design that was found, at its focus, and by its requirements.
+    """Best design at its focus, with its requirement check.
 
     Attributes
     ----------
     point
-        Where it stands in its space, given numbers included.
+        Point in the design space, including fixed numbers.
     notes
-        What was chosen where the requirements left a choice.
+        Values chosen by the design.
     optimum
-        How a mirror of free form was found; None for others, and where none keeps everything.
+        Result of the optimisation of a freeform mirror; None for others, and without a feasible
+        design.
     """
 
     point: Point
@@ -52,45 +54,45 @@ class BestDesign:
 
 
 class Space(Protocol):
-    """The designs around a solution that a way of making mirrors can reach."""
+    """Design space around a solution, for one construction method."""
 
     @property
     def requirements(self) -> Requirements:
-        """What is asked of all of them."""
+        """Return the requirements common to all designs."""
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the requirements that are no ranges, and may give."""
+        """Return the fixed numbers of the requirements, which may be relaxed."""
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Requirements besides those numbers that a design can miss: limits by their index, others by name."""
+        """Return the other requirements that a design can violate: limits by index, or names."""
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> Space:
-        """The space in which some of its numbers are free."""
+        """Return the space with additional free numbers."""
 
     def value(self, point: Point, name: str) -> float:
-        """A number at a point."""
+        """Return a number at a point."""
 
     def towards(self, point: Point, name: str, way: int, span: tuple[float, float]) -> Point:
-        """From where to follow a number that moves one way within a span, so that all can be met."""
+        """Return a start for moving a number in one direction within a span."""
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
-        """The point near one where the least has to give; None where something else is missed there."""
+        """Return the point of minimum slack near a point; None if infeasible."""
 
     def missed(self, point: Point) -> dict[Key, float]:
-        """By what share each requirement is missed at a point; below 0 by what share it is kept."""
+        """Return the relative violation of each requirement at a point; negative if it is met."""
 
     def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
-        """Search for a design that meets other requirements, starting near a point; None if none is found.
+        """Search for a design that meets other requirements, starting near a point.
 
         Parameters
         ----------
         is_local
-            Search from the point alone.
+            Restrict the search to the given start.
 
         Raises
         ------
         OmnimirrorError
-            There is none at all.
+            Mirror that does not exist.
         """

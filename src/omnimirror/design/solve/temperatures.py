@@ -1,4 +1,4 @@
-"""Over which temperatures a sensor keeps its requirements."""
+"""Temperature range of a sensor with all requirements met."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ...optics.sensor import Sensor
 from ..criteria.requirements import Requirements
 from .verdict import judge
 
-STEP_K = 10.0  # between the temperatures that are tried before an end is sought between two of them
+STEP_K = 10.0  # step of the search before bisection
 CLOSE_K = 0.1
 
 
 @dataclass(frozen=True)
 class TemperatureRange:
-    """Temperatures about the reference at which every requirement is met.
+    """Temperature range about the reference with all requirements met.
 
     Attributes
     ----------
     low_c, high_c
-        Its ends, to .1 K; NaN where requirements are missed at the reference already.
+        Ends of the range, accurate to 0.1 K; NaN if requirements are missed at the reference.
     below, above
-        What is missed first past each end; empty where the end is that of what was asked for.
+        Requirements missed beyond each end; empty at the ends of the searched range.
     """
 
     low_c: float
@@ -36,7 +36,7 @@ class TemperatureRange:
     above: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Return the range as plain data for JSON."""
         return {"low_c": self.low_c, "high_c": self.high_c, "below": list(self.below), "above": list(self.above)}
 
 
@@ -44,26 +44,26 @@ class TemperatureRange:
 def temperature_range(
     requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
 ) -> TemperatureRange:
-    """The temperatures at which a sensor keeps requirements.
+    """Compute the temperature range of a sensor with all requirements met.
 
     Parameters
     ----------
     requirements
-        As :func:`omnimirror.judge` takes them.
+        Requirements as in :func:`omnimirror.judge`.
     sensor
-        With ``thermal``.
+        Sensor with ``thermal`` properties.
     coldest_c, warmest_c
-        How far is looked, from the reference of ``thermal`` on.
+        Ends of the searched range, which includes the reference of ``thermal``.
 
     Returns
     -------
     TemperatureRange
-        Without gaps about the reference.
+        Contiguous range about the reference.
 
     Raises
     ------
     InvalidParameter
-        Nothing is said of how temperature moves the sensor, or a range without its reference.
+        Sensor without thermal properties, or a range without its reference.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def temperature_range(
     (-40.0, 48.9, ('total_blur_px',))
     """
     if sensor.thermal is None:
-        at_temperature(sensor, coldest_c)  # says what is missing
+        at_temperature(sensor, coldest_c)  # raises an error with the missing properties
     reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
     if not coldest_c <= reference <= warmest_c:
         raise InvalidParameter(
@@ -95,7 +95,7 @@ def temperature_range(
 
 
 def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> tuple[float, tuple[str, ...]]:
-    """How far towards an end all is met, and what is missed beyond."""
+    """Return the last temperature with all requirements met, and those missed beyond."""
     missed: tuple[str, ...] = ()
     step = float(np.copysign(STEP_K, end - met))
     while met != end:
@@ -115,9 +115,11 @@ def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> 
 
 
 def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) -> tuple[str, ...]:
-    """What is missed at a temperature. Sizes that were given (rim, focal length) say what is made, and may grow."""
+    """Return the requirements missed at a temperature. Given sizes (rim, focal length) refer to
+    manufacture and may expand.
+    """
     try:
         rows = judge(replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)).rows
-    except OmnimirrorError as e:  # no sensor any more
+    except OmnimirrorError as e:  # invalid sensor
         return (str(e),)
     return tuple(row.label for row in rows if not row.is_met and (row.is_limit or row.at_least != row.at_most))

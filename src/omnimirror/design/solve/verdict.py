@@ -1,4 +1,4 @@
-"""Requirement by requirement: what was asked, what is reached, and the margin."""
+"""Requirement check of a sensor: requested value, reached value and margin of each requirement."""
 
 from __future__ import annotations
 
@@ -25,33 +25,34 @@ from ..criteria.requirements import FARTHEST_FOCUS, Requirements
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-6  # relative; a margin this little below 0 is none
-EDGE_PX = 0.02  # past the last pixel is still its edge
+ROUNDING = 1e-6  # relative tolerance of margins
+EDGE_PX = 0.02  # tolerance at the edge of the outermost pixel
 REPORTED, MOST_ANGLES = 1001, 100_000  # field angles
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One requirement, and what a sensor reaches of it.
+    """Check of one requirement.
 
     Attributes
     ----------
     name
-        The quantity, or the entry of the requirement file.
+        Quantity, or entry of the requirement file.
     unit
     at_least, at_most
-        What was asked; None where it was not.
+        Requested bounds; None if unbounded.
     reached
     omega_deg
-        Field angle where the worst value is, if there is one.
+        Field angle of the worst value, if applicable.
     part_deg
-        Part of the field over which it is judged, if it is not all of it.
+        Evaluated part of the field, if it is not the whole field.
     is_limit
-        Whether it is a ``[[limit]]``, not an entry that is simply given.
+        True for a ``[[limit]]``, False for a given entry.
     tolerance
-        Amount by which the limit may be exceeded: the edge of the outermost pixel is known to this.
+        Permitted excess over the limit: the uncertainty of the edge of the outermost pixel.
     remarks
-        What of the field asked for is not judged, and why; what by itself is too much.
+        Excluded parts of the field with reasons, and contributions that exceed the limit by
+        themselves.
     """
 
     name: str
@@ -67,19 +68,19 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """Distance to the limit; negative only where the requirement is missed, by how much."""
+        """Return the distance to the limit; negative only for a missed requirement."""
         return max(self._difference, 0.0) if self.is_met else self._difference
 
     @property
     def _difference(self) -> float:
-        """The margin without the tolerance."""
+        """Return the margin without the tolerance."""
         sides = [self.reached - self.at_least] if self.at_least is not None else []
         sides += [self.at_most - self.reached] if self.at_most is not None else []
         return min(sides)
 
     @property
     def scale(self) -> float:
-        """The size of what was asked, by which margins of different units are compared."""
+        """Return the magnitude of the requested value, the unit for comparing margins."""
         asked = [abs(v) for v in (self.at_least, self.at_most) if v is not None]
         return max(asked) or 1.0
 
@@ -89,23 +90,23 @@ class Judgement:
 
     @property
     def shortfall(self) -> float:
-        """By what share of what was asked it is missed; below 0 by what share it is kept."""
+        """Return the relative violation; negative if the requirement is met."""
         return -self._difference / self.scale
 
     @property
     def label(self) -> str:
-        """Name, with the part of the field."""
+        """Return the name with the part of the field."""
         return self.name + told_part(self.part_deg)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sensor by its requirements.
+    """Requirement check of a sensor.
 
     Attributes
     ----------
     rows
-        Requirement by requirement; the limits last, in their order.
+        One row for each requirement; limits last, in their order.
     """
 
     requirements: Requirements
@@ -114,33 +115,33 @@ class Verdict:
 
     @property
     def is_met(self) -> bool:
-        """Whether every requirement is met."""
+        """Return whether all requirements are met."""
         return not self.missed
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """The labels of the requirements that are not met."""
+        """Return the labels of the missed requirements."""
         return tuple(row.label for row in self.rows if not row.is_met)
 
     @property
     def limits(self) -> tuple[Judgement, ...]:
-        """The rows of the limits."""
+        """Return the rows of the limits."""
         return tuple(row for row in self.rows if row.is_limit)
 
     @property
     def worst(self) -> float:
-        """The largest share by which a requirement is missed; 0 where all are met."""
+        """Return the largest relative violation; 0 if all requirements are met."""
         return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
 
     def to_dict(self) -> dict[str, Any]:
-        """The table as plain data, for JSON."""
+        """Return the table as plain data for JSON."""
         rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
         data: dict[str, Any] = json_plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
         return data
 
 
 def unit_of(name: str) -> str:
-    """The unit in the name of an entry.
+    """Return the unit in the name of an entry.
 
     >>> unit_of("rim_radius_mm"), unit_of("f_number")
     ('mm', '')
@@ -149,31 +150,33 @@ def unit_of(name: str) -> str:
 
 
 def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED) -> Verdict:
-    """Any sensor, requirement by requirement, at its own focus.
+    """Check a sensor against requirements at its own focus.
 
-    What the sensor does is judged, not how its mirror came about: mapping, family and fit are no rows.
+    The check concerns the properties of the sensor, not its construction: mapping, family and fit
+    have no rows.
 
     Parameters
     ----------
     requirements, sensor
-        What is asked, and of what; a sensor without a housing, or of which nothing is said of temperatures, is judged
-        with those of the requirements.
+        Requirements and sensor; a sensor without a housing or thermal properties is checked with
+        those of the requirements.
     angles
-        How many field angles, 2 to 100000, each limit is looked at, in each part of the field that limits name.
+        Number of field angles, 2 to 100000, for each limit in each part of the field.
 
     Returns
     -------
     Verdict
-        One row for the field, the imager, each number given of mirror and lens, and each limit, in this order.
+        One row for the field, the imager, each given number of mirror and lens, and each limit, in
+        this order.
 
     Raises
     ------
     InvalidParameter
-        The lens is of another kind, or nothing can be seen of the part of the field that a limit names.
+        Lens of another kind, or a limit for a part of the field without a view.
 
     Examples
     --------
-    The paper's sphere looks to 135 deg, and is not as sharp as that:
+    The sphere of the paper covers 135 deg but exceeds the limit of blur:
 
     >>> import omnimirror as om
     >>> requirements = om.Requirements(
@@ -206,7 +209,7 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
 
 
 def given_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
-    """What is not a limit: the field, the imager, the numbers given."""
+    """Return the rows of all requirements except limits: field, imager and given numbers."""
     return [*_field_rows(requirements, sensor), *_part_rows(requirements, sensor)]
 
 
@@ -214,14 +217,14 @@ def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     field, counted = requirements.field, counted_field(requirements.field, sensor)
     low, high = sensor.field_deg[0], counted.hidden_from_deg
     rows = [Judgement("omega_max_deg", "deg", field.omega_max_deg, None, high)]
-    if field.omega_min_deg > 0 or low > 0:  # otherwise what the housing hides is taken as it comes
+    if field.omega_min_deg > 0 or low > 0:  # otherwise obscuration by the housing is permitted
         begin = max(low, counted.hidden_deg)
         rows.append(Judgement("omega_min_deg", "deg", None, field.omega_min_deg, begin))
     return rows
 
 
 def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
-    """What the requirements say of mirror, lens and imager."""
+    """Return the rows of mirror, lens and imager."""
     lens, largest = requirements.lens, requirements.largest_image_px
     rows = [
         Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
@@ -245,7 +248,7 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
 
 
 def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
-    """The limits, each where it is kept worst: as the sensor is made, or at an end of the range of temperatures."""
+    """Return the rows of the limits at their smallest margins over the temperatures."""
     rows = _limit_rows(requirements, sensor, angles)
     for temperature in requirements.temperatures_c or ():
         there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
@@ -258,7 +261,7 @@ def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles
 
 
 def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
-    """The limits, each by its worst field angle and object distance."""
+    """Return the rows of the limits, each at its worst field angle and object distance."""
     counted = counted_field(requirements.field, sensor)
     parts = {limit.omega_deg: counted.part(limit.omega_deg) for limit in requirements.limits}
     omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
@@ -274,7 +277,7 @@ def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list
 
 
 def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Judgement:
-    """One limit, from what each object distance gives at some field angles."""
+    """Return the row of one limit from the field values of each object distance."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
     rows = []
@@ -291,13 +294,13 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
 def _remarks(
     limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
 ) -> tuple[str, ...]:
-    """What is not judged, of what differs from angle to angle; and what by itself is too much."""
+    """Return remarks on excluded field angles and on the diffraction limit."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
     return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, sensor))
 
 
 def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor) -> list[str]:
-    """That no focus helps, where the Airy disk by itself is more than a limit of blur allows."""
+    """Return a remark if the Airy disk alone exceeds a limit of blur."""
     if limit.at_most is None or not limit.of.is_blur:
         return []
     sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
@@ -308,7 +311,7 @@ def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: 
 
 
 def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) -> list[Evaluation]:
-    """The evaluation for the nearest and the farthest object, or for those on surfaces."""
+    """Return the evaluation for the nearest and the farthest object, or for objects on surfaces."""
     field = requirements.field
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
     return [evaluate(sensor, omega_deg, object_distance_mm=distance) for distance in distances_of(field, rays)]

@@ -1,4 +1,4 @@
-"""What a calibration left over, and where it looked: residuals and coverage."""
+"""Figures of a calibration: residuals and coverage."""
 
 from .coverage import coverage_map
 from .residuals import residual_histograms, residual_vectors, residuals_by_picture, residuals_by_radius

@@ -1,4 +1,4 @@
-"""Where corners were seen, and how well directions are known there."""
+"""Coverage of the image by board corners, with the uncertainty of directions."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ def coverage_map(
     radii_px: Array,
     sigma_deg: Array | None = None,
 ) -> Figure:
-    """Outlines and corners of all boards, and rings in which they are counted; behind them the error of directions.
+    """Draw the corners of all boards and the counting rings over the direction uncertainty.
 
     Parameters
     ----------
     boards
-        Corners (n, 2) of each, px.
+        Corners (n, 2) of each board, px.
     image_size
-        Width and height of the picture.
+        Width and height of the image.
     centre_px
-        Where the axis is seen.
+        Pixel of the optical axis.
     radii_px : (rings + 1,)
         Edges of the rings.
     sigma_deg : (rows, columns), optional
-        Standard deviation of directions on a grid over the picture; NaN where nothing is seen.
+        Standard deviation of directions on a grid over the image; NaN outside the field of view.
     """
     width, height = image_size
     figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
@@ -66,7 +66,7 @@ def coverage_map(
 
 
 def _hull(points: Array) -> Array:
-    """Convex hull (k, 2) of points, in order (Andrew's monotone chain)."""
+    """Return the convex hull (k, 2) of points, in order (Andrew's monotone chain)."""
     rows = points[np.lexsort(points.T[::-1])]
     chains = []
     for row in (rows, rows[::-1]):

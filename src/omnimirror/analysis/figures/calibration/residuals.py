@@ -1,4 +1,4 @@
-"""Residuals of a calibration: over the picture, against the radius, picture by picture."""
+"""Residuals of a calibration: over the image, against the radius, and per image."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ..style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, new_figure
 
 Array = NDArray[np.float64]
 
-LENGTH = 0.03  # of the picture's width, of a residual of the median length
+LENGTH = 0.03  # relative to the image width, for a residual of the median length
 BINS = 12
-LABELLED = 30  # pictures whose names are written
+LABELLED = 30  # labelled images
 
 
 def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int]) -> Figure:
-    """Arrows from where corners were seen to where the model sees them, enlarged.
+    """Draw magnified arrows from observed corners to their predicted positions.
 
     Parameters
     ----------
     pixels : (n, 2)
         Corners, px.
     residuals : (n, 2)
-        Model minus corner, px.
+        Predicted minus observed position, px.
     image_size
-        Width and height of the picture.
+        Width and height of the image.
     """
     width, height = image_size
     figure = new_figure(PAGE, PAGE * height / width + 0.3)
@@ -52,12 +52,12 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
 
 
 def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
-    """Residuals along the radius and across it, against the radius: a trend is what the model cannot follow.
+    """Draw radial and tangential residuals against the radius; a trend indicates a model error.
 
     Parameters
     ----------
     radii : (n,)
-        Of the corners from the centre, px.
+        Radii of the corners from the centre, px.
     radial, across : (n,)
         Residuals, px.
     """
@@ -84,14 +84,14 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
 
 
 def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
-    """RMS of each picture, in the fit and when it was left out.
+    """Draw the RMS residual of each image, in the fit and in cross-validation.
 
     Parameters
     ----------
     names
-        Of the pictures.
+        Names of the images.
     fit_px, held_out_px : (n,)
-        RMS, px; NaN where there is none.
+        RMS residuals, px; NaN without a value.
     """
     count = len(names)
     figure = new_figure(PAGE, 0.7 * COLUMN)
@@ -110,12 +110,12 @@ def residuals_by_picture(names: Sequence[str], fit_px: Array, held_out_px: Array
 
 
 def residual_histograms(residuals: Array, noise_px: float) -> Figure:
-    """Residuals in both directions beside normal noise of the same size.
+    """Draw histograms of the residuals in both directions, with a normal distribution.
 
     Parameters
     ----------
     residuals : (n, 2)
-        Model minus corner, px.
+        Predicted minus observed position, px.
     noise_px
         Standard deviation of a coordinate.
     """
@@ -138,6 +138,6 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
 
 
 def _short(name: str) -> str:
-    """The end of a long name, which tells pictures apart."""
+    """Return the distinguishing end of a long name."""
     stem = visible(name.rsplit("/", 1)[-1])
     return plot_text(stem if len(stem) <= 16 else f"…{stem[-15:]}")

@@ -1,4 +1,4 @@
-"""What was found in pictures of a mirror: its rim, and the camera's own image in the middle."""
+"""Figures of mirror-outline detection: the rim, and the image of the camera at its centre."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 from ....base.escaping import plot_text
 from ..style import PAGE, PALETTE, grid_of_axes, new_figure, styled
 
-LARGEST_PX = 1200  # of a side, as it is drawn
+LARGEST_PX = 1200  # maximum side length as drawn
 MOST_COLUMNS = 4
 
 
 class DrawnRim(NamedTuple):
-    """A picture and what was found in it."""
+    """Image with its detected outline."""
 
     picture: NDArray[Any]
-    """(rows, columns[, 3]) RGB."""
+    """Image (rows, columns[, 3]), RGB."""
     rim_px: NDArray[np.float64]
-    """(n, 2) points on the rim, once round."""
+    """Points (n, 2) of the rim, a closed curve."""
     centre_px: tuple[float, float]
     camera_px: tuple[float, float, float] | None
-    """Centre and radius of the camera's own image."""
+    """Centre and radius of the image of the camera."""
     is_sure: bool
     title: str
 
 
 def found_rims(found: Sequence[DrawnRim]) -> Figure:
-    """Each picture with its rim drawn through, dashed where it is not sure, and the camera's image dotted."""
+    """Draw each image with its rim, dashed if uncertain, and the image of the camera dotted."""
     columns = min(len(found), MOST_COLUMNS)
     rows = -(-len(found) // columns)
     aspect = max(one.picture.shape[0] / one.picture.shape[1] for one in found)
