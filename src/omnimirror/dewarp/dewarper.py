@@ -104,7 +104,8 @@ class Dewarper:
 
     def __post_init__(self) -> None:
         instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
-        has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")  # str has the attribute, too
+        # str has the attribute, too
+        has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
             raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:

@@ -116,9 +116,8 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     if screen.is_distant:
         return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
     centre = centre_of_projection(camera, screen, viewpoint)
-    points = screen.targets_at(
-        np.zeros(1), np.arange(screen.size[1], dtype=float)
-    )  # one column is sufficient by symmetry
+    # One column is sufficient by symmetry
+    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))
     points -= 0.0 if centre is None else centre
     table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     assert table is not None

@@ -52,7 +52,8 @@ class LatticeMap:
     def _pixels(self) -> NDArray[np.float32]:
         down, across = self.cells.shape
         outside = np.isnan(self.nodes).any(axis=0)
-        nodes = np.where(outside, np.float32(0), self.nodes)  # NaN would spread over its whole row and column
+        # NaN would spread over its whole row and column
+        nodes = np.where(outside, np.float32(0), self.nodes)
         (right, below), step = self._weights, self.step
         lines = sum(nodes[:, :, i : i + across, None] * w for i, w in enumerate(right)).reshape(2, -1, 1, across * step)
         full = sum(lines[:, i : i + down] * w[:, None] for i, w in enumerate(below))

@@ -169,9 +169,8 @@ def _bend(nodes: Array, outside: Mask) -> Array:
     if len(nodes) < 5:
         return np.zeros((len(nodes) - 3, nodes.shape[1] - 3))
     differences = np.abs(nodes[:-4] - 4 * nodes[1:-3] + 6 * nodes[2:-2] - 4 * nodes[3:-1] + nodes[4:])
-    fourth = (
-        3 / 128 * np.maximum(differences[..., 0], differences[..., 1])
-    )  # a maximum over an axis of length 2 is slow
+    # A maximum over an axis of length 2 is slow
+    fourth = 3 / 128 * np.maximum(differences[..., 0], differences[..., 1])
     if outside.any():
         fourth[np.logical_or.reduce([outside[i : len(outside) - 4 + i] for i in range(5)])] = np.nan
     padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])

@@ -30,12 +30,12 @@ MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # of the expected growth; the noise of coded
 SLACK = 0.004  # of the logarithm of the residual, between consecutive fractions
 STEEPER = 0.015  # excess growth of real textures over that of noise, near the full blur
 STEEPEST = 1.6  # growth of real textures relative to the simulated one, for small fractions
-PLAIN, TEXTURED = (
-    0.5,
-    0.8,
-)  # residual of the smallest fraction, from that of noise (0) to that of the simulated texture (1)
-CAUTION = 0.9  # factor for fractions below 1: excessive blur harms, insufficient blur has little effect
-MAX_RESIDUAL = 2.5  # of the smallest fraction, relative to simulated noise: no fraction explains the image
+# Residual of the smallest fraction, from that of noise (0) to that of the simulated texture (1)
+PLAIN, TEXTURED = 0.5, 0.8
+# Factor for fractions below 1: excessive blur harms, insufficient blur has little effect
+CAUTION = 0.9
+# of the smallest fraction, relative to simulated noise: no fraction explains the image
+MAX_RESIDUAL = 2.5
 MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
 MIN_SHARE = 0.25  # below it the image is returned unchanged
 MIN_BLUR_PX = 4.0  # in both directions, required for a limit

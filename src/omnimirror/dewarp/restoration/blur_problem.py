@@ -16,7 +16,8 @@ from .sharp_picture import DARK, SATURATED, Deblurring, SharpPicture, deblurring
 Values = NDArray[np.float32]
 
 SHARP_PX = 0.25  # pixels with less blur are unchanged, those with twice as much fully restored
-FINENESS = 2  # an image blurred in one direction is aliased in the other; aliased components need the finer grid
+# An image blurred in one direction is aliased in the other; aliased components need the finer grid
+FINENESS = 2
 TEXTURE_PX = 9  # window in which the residual is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # smoothing width of pixels mirrored beyond the rim, which must not add texture
@@ -191,7 +192,8 @@ def _saturated(roots: Values) -> Values:
 def _power(values: Values, noise: Noise) -> Values:
     """Return local mean squares (h, w) of values (h, w, channels) relative to those of the noise."""
     squares = cv2.blur(_mean_squares(values) / noise.by_pixel**2, (TEXTURE_PX, TEXTURE_PX))
-    return np.asarray(np.maximum(squares, 0), np.float32)  # running sums of zeros can be slightly negative
+    # Running sums of zeros can be slightly negative
+    return np.asarray(np.maximum(squares, 0), np.float32)
 
 
 def _mean_squares(values: Values) -> Values:

@@ -31,18 +31,16 @@ Values = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SHARES = (0.6, 0.7, 0.8, 0.9)
-BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of the residual, relative to that of the smallest fraction
+# Second difference of the residual, relative to that of the smallest fraction
+BEND, BEND_OF_CODED = 0.012, 0.02
 BEND_AGAIN = 0.02  # a second reduction requires a larger bend
-SPREAD = 0.018  # sum of both second differences if neither is significant: the bend extends over all fractions
+# Sum of both second differences if neither is significant: the bend extends over all fractions
+SPREAD = 0.018
 LEAST_SHARE = 0.3
-MUCH, MUCH_OF_EXPLAINED = (
-    1.3,
-    1.4,
-)  # ratio of the residuals of the largest and smallest fraction of large blur: too large
-GROWTH, UNSEEN_SHARE = (
-    0.075,
-    0.85,
-)  # minimum growth of the residual from the smallest to the largest fraction; fraction used below it
+# Ratio of the residuals of the largest and smallest fraction of large blur: too large
+MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4
+# Minimum growth of the residual from the smallest to the largest fraction; fraction used below it
+GROWTH, UNSEEN_SHARE = 0.075, 0.85
 EXPLAINED = 1.0  # residual of the smallest fraction in units of the noise: no undetected texture
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # the error of the known blur; lower noise would expose this error instead

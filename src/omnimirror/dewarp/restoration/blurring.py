@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
 GROUP_PX = 8  # adjacent pixels of a row, which are blurred with SIMD instructions
-STEEP_PX = 0.65  # maximum variation of the blur along the pixels of one kernel, at 90 % of the distances from the axis
+# Maximum variation of the blur along the pixels of one kernel, at 90 % of the distances from the
+# axis
+STEEP_PX = 0.65
 TILE_PX = 152  # maximum side of independently solved tiles: a few megabytes, which fit into caches
 RING_PX = 2.0  # width of rings with one kernel per direction
 TURNS = 64  # directions over half a turn: the ends of a 10 px blur are within 0.25 px
@@ -118,7 +120,8 @@ class Blur(NamedTuple):
         product. Unknown pixels have the value of the last kernel, at the rim.
         """
         of_kernel = np.sqrt(np.add.reduceat(self.weights**2, self.firsts[:-1])) / self.fineness
-        of_block = of_kernel.astype(np.float32)[self.kernels]  # the last entry is for unknown blocks
+        # The last entry is for unknown blocks
+        of_block = of_kernel.astype(np.float32)[self.kernels]
         return np.ascontiguousarray(np.repeat(of_block, self.block_px, axis=1)[:, : self.size[0]])
 
     def matrix(self) -> csr_matrix:

@@ -27,7 +27,8 @@ from .blurring import offsets_from_axis
 Array = NDArray[np.float64]
 
 ANGLES, FOCUSES = 541, 1201
-SLACK = 1.25  # allowed ratio of the blur to its minimum over all focus distances if astigmatism dominates
+# Allowed ratio of the blur to its minimum over all focus distances if astigmatism dominates
+SLACK = 1.25
 SOFTNESS_PX = 0.25  # blur difference of the transition between images
 MOST_PICTURES = 64
 ROUNDED = 1 - 1e-9

@@ -27,11 +27,10 @@ SHARED = 0.1  # weight of all groups together in the power of each
 SHADES = (1.0, (0.344136**2 + 1.772**2) / 3, (1.402**2 + 0.714136**2) / 3)
 """Weight of a squared error of Y, Cb and Cr in the mean of red, green and blue."""
 FINE = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= BLOCK  # coefficients of fine detail
-PLAINEST, LEAST_PLAIN = 0.05, 10  # fraction and number of the blocks whose fine detail measures noise
-DEVIATIONS, UNLIKELY = (
-    np.geomspace(0.3, 40, 80),
-    2.0,
-)  # of noise, 0 to 255; decrease of the log-likelihood that excludes a value
+# Fraction and number of the blocks whose fine detail measures noise
+PLAINEST, LEAST_PLAIN = 0.05, 10
+# of noise, 0 to 255; decrease of the log-likelihood that excludes a value
+DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0
 FOLDED = 2.0  # subsampled chroma loses fine detail and gains as much by aliasing
 HELD = 2.0  # ratio of the detail of chroma before subsampling and upsampling to the remaining detail
 WHOLE = 0.999  # mean of a mask that is entirely valid
@@ -115,9 +114,8 @@ def most_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     if not len(blocks):
         return np.inf
     held = np.abs(blocks) >= coding.tables[0] / 2
-    coarse = (blocks**2)[:, ~FINE][:, 1:].sum(
-        axis=1
-    )  # the noise of coarse coefficients differs from that of fine detail
+    # The noise of coarse coefficients differs from that of fine detail
+    coarse = (blocks**2)[:, ~FINE][:, 1:].sum(axis=1)
     plainest = np.argsort(coarse, kind="stable")[: max(LEAST_PLAIN, round(PLAINEST * len(blocks)))]
     half, counts = coding.tables[0][FINE] / 2, held[:, FINE][plainest].sum(axis=0)
     likely = np.clip(erfc(half / (np.sqrt(2) * DEVIATIONS[:, None])), 1e-300, 1 - 1e-12)

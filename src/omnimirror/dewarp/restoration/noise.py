@@ -176,7 +176,8 @@ def _of_light(light: Light, inside: Mask) -> Noise:
         weighed = np.stack([np.ones_like(at), at], axis=-1) / np.maximum(found, 1e-12)[:, None]
         (even, growing), _ = nnls(weighed, np.ones_like(at))
     spread = np.sqrt(even + growing * bright)
-    deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))  # of the square root
+    # of the square root
+    deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))
     clipped = np.clip(deviation, LEAST_NOISE, MOST_NOISE)
     return Noise(float(np.sqrt((clipped[inside] ** 2).mean())), clipped.astype(np.float32), "linear")
 

@@ -19,9 +19,9 @@ Values = NDArray[np.float32]
 
 EDGE = np.float32(0.005)  # smaller differences of roots have a quadratic cost, which avoids staircasing
 DARK = np.float32(1e-4)  # lower bound of light for the weights
-BRIGHTEST = np.float32(
-    2
-)  # square root of light relative to white: brighter points would explain white surfaces with black gaps
+# Square root of light relative to white: brighter points would explain white surfaces with black
+# gaps
+BRIGHTEST = np.float32(2)
 SATURATED = np.float32(0.995)  # such a pixel may be clipped
 
 
