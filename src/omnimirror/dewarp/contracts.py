@@ -64,7 +64,8 @@ class Averages:
     """
     annulus: Annulus | None = None
     """Annulus outside which samples are ignored. If None, pixels at the field boundary are not
-    averaged across it, because the field may end within half a pixel."""
+    averaged across it, because the field may end within half a pixel.
+    """
 
     @cached_property
     def are_everywhere(self) -> bool:

@@ -158,9 +158,9 @@ class Dewarper:
         Parameters
         ----------
         parts : (y, u, v), (y, uv) as in NV12 and P010, or (y, u, v, opacity)
-            Luma of the camera's ``image_size``; chroma of half the size, rounded up, (h, w) or (h,
-            w, 2), or in three planes of half the width (4:2:2) or of full size (4:4:4). Opacity has
-            the size of luma; outside the field it is 0 unless the border is a colour. uint8 or
+            Luma of the camera's ``image_size``; chroma of half the size, rounded up, (h, w) or
+            (h, w, 2), or in three planes of half the width (4:2:2) or of full size (4:4:4). Opacity
+            has the size of luma; outside the field it is 0 unless the border is a colour. uint8 or
             uint16, with any strides.
         out : planes as of the view, optional
             Output planes (h, w) of the view, such as those of a frame to be encoded; same

@@ -54,8 +54,9 @@ class Detector:
     Notes
     -----
     The linear model of EMVA 1288: with ``K = (2^bits - 1)/full_well_e`` values per electron, the
-    mean for mu electrons is ``K mu + offset`` and the variance ``K^2 (mu + read_noise_e^2) +
-    1/12``. Values are clipped at 0 and ``2^bits - 1`` after all noise is added.
+    mean for mu electrons is ``K mu + offset`` and the variance
+    ``K^2 (mu + read_noise_e^2) + 1/12``. Values are clipped at 0 and ``2^bits - 1`` after all noise
+    is added.
 
     Examples
     --------

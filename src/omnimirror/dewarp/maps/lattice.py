@@ -28,7 +28,8 @@ class LatticeMap:
 
     nodes: NDArray[np.float32]
     """Coordinates u and v (2, rows, columns) at output pixels (-step, -step), (0, -step), ... up to
-    one node beyond the cell of the last pixel."""
+    one node beyond the cell of the last pixel.
+    """
     size: tuple[int, int]
     """Size (width, height) of the view."""
     source_size: tuple[int, int]

@@ -4,7 +4,7 @@ independent of the mirror.
 The tables are built once per camera and indexed by ``sin(Omega/2)``, which follows from a direction
 by square roots (``cos Omega`` would have a singular slope on the axis). One table contains the
 image radius, which converts a direction to a pixel by one product; the other contains the ray
-origins, from which the ray to a point at a finite distance is computed with Newton's method.
+origins, which determine the ray to a point at a finite distance by Newton's method.
 """
 
 from __future__ import annotations

@@ -153,8 +153,8 @@ class _Lattice:
 
 
 def _half_way(nodes: Array) -> Array:
-    """Return the cubic Lagrange midpoint of the inner two of every 4 rows: (n, ...) to (n - 3,
-    ...).
+    """Return the cubic Lagrange midpoint of the inner two of every 4 rows: (n, ...) to
+    (n - 3, ...).
     """
     middle: Array = (9 * (nodes[1:-2] + nodes[2:-1]) - nodes[:-3] - nodes[3:]) / 16
     return middle
@@ -180,8 +180,8 @@ def _bend(nodes: Array, outside: Mask) -> Array:
 
 
 def _in_windows(combine: np.ufunc, values: NDArray[Any], side: int = 4) -> NDArray[Any]:
-    """Reduce every ``side`` x ``side`` window of values (n, m) to one value, (n - side + 1, m -
-    side + 1).
+    """Reduce every ``side`` x ``side`` window of values (n, m) to one value,
+    (n - side + 1, m - side + 1).
     """
     for _ in range(2):
         values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T

@@ -38,8 +38,8 @@ def dewarp_pictures(
 ) -> Straightened:
     """Dewarp images to a folder in parallel, as ``omnimirror dewarp`` does.
 
-    Each image keeps its name, its depth if the format supports it, and its metadata (EXIF, colour
-    profile). Panoramas contain GPano metadata for viewers.
+    Each image keeps its name, its depth if the format supports it, and its metadata
+    (EXIF, colour profile). Panoramas contain GPano metadata for viewers.
 
     Parameters
     ----------

@@ -21,10 +21,10 @@ FINENESS = 2
 TEXTURE_PX = 9  # window in which the residual is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # smoothing width of pixels mirrored beyond the rim, which must not add texture
-CURED = 0.35  # maximum removable fraction of the coding-error power; lost texture is in neither image
-ERROR, ERROR_PX = 0.01, 0.5  # error of large blur in the square root of light, and the widening at half of it
+CURED = 0.35  # removable fraction of the coding-error power; lost texture is in neither image
+ERROR, ERROR_PX = 0.01, 0.5  # error of large blur (square root of light), widening at half of it
 WRONG, WRONG_PX = 2.0, 0.5  # relative power error of small blur, and the widening at 1/4 of it
-DOUBT = 4.0  # ratio of residual power to error power
+DOUBT = 4.0  # ratio of error power to residual power
 COARSE = 0.25  # coding errors are coarse, and blur damps them less than noise: by this power
 
 

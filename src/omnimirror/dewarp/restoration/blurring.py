@@ -128,7 +128,8 @@ class Blur(NamedTuple):
         """Return the sparse matrix of the blur.
 
         ``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; the image is
-        continued with its edge values."""
+        continued with its edge values.
+        """
         from scipy.sparse import csr_matrix
 
         width, height = self.size
@@ -249,7 +250,8 @@ def _kernels(
     tangential: float, sagittal: float, turns: Array, fineness: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
     """Return the kernels of a disk at angles (n,), convolved with the pixel: number of offsets per
-    kernel, offsets (m, 2) down and right on the fine grid, column by column, and weights (m,)."""
+    kernel, offsets (m, 2) down and right on the fine grid, column by column, and weights (m,).
+    """
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
     along, across = (_sunflower(count) * [tangential / 2, sagittal / 2]).T * fineness
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]

@@ -13,7 +13,7 @@ is minimised, with the blur operator A. Both terms are approximated by quadratic
 For large blur, most rounds are performed on the pixel grid, at 1/4 of the cost, and the fine grid
 only restores the aliased components: one round fewer for tiles with large blur throughout.
 
-The weight is adaptive in the Bayesian sense: lower in textured regions, in which variation is
+The weight is adaptive in the Bayesian sense: lower in textured regions, because variation is
 likely, and higher in uniform regions. It decreases with the blur, which damps noise itself.
 """
 
@@ -136,7 +136,8 @@ def texture_of(sharp: SharpPicture, noise: Values) -> Values:
     """Return the texture measure (h, w) of a sharp image, 0 to 1.
 
     It is 0.5 for differences that halve the weight, relative to the noise (h, w) of the root of the
-    blurred image."""
+    blurred image.
+    """
     return np.asarray(1 - _plain(sharp, noise), np.float32)
 
 

@@ -43,7 +43,8 @@ class SharpPicture(Protocol):
 
     def log_steepness(self) -> Values:
         """Return the mean logarithm (h, w) of the gradient magnitudes in each pixel over all
-        channels, clipped at white."""
+        channels, clipped at white.
+        """
 
     def blurred(self) -> Values:
         """Return the light (h, w, channels) of the blurred image, 0 in unknown pixels."""

@@ -70,9 +70,9 @@ def restore(
     object_distance_mm
         Object distance from the mirror of a sensor.
     blur
-        Blur diameters in px instead of those of the sensor: one number, a pair (tangential,
-        sagittal), a table (n, 3) of radius, tangential and sagittal diameters, or a function of
-        radii (n,) that returns both.
+        Blur diameters in px instead of those of the sensor: one number, a pair
+        (tangential, sagittal), a table (n, 3) of radius, tangential and sagittal diameters, or a
+        function of radii (n,) that returns both.
 
     Returns
     -------

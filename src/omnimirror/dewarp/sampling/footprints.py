@@ -24,7 +24,8 @@ from ..contracts import Annulus, Averages, Interpolation
 
 SquaredSides = NDArray[np.float32]
 """Squared length of the longest footprint sides in each cell, (cell rows, cell columns, 2), across
-and down, in square source pixels."""
+and down, in square source pixels.
+"""
 
 CELL_PX = 16
 EVERY_PX = 4  # footprints vary slowly; these pixels represent all

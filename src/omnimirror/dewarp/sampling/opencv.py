@@ -144,8 +144,8 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
 
 
 def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
-    """Return means (n, channels) of the samples inside; without any, the value at the centre (n,
-    2).
+    """Return means (n, channels) of the samples inside; without any, the value at the centre
+    (n, 2).
     """
     sums, counts = np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32)
     for pixels in places:

@@ -102,7 +102,7 @@ def sphere(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Sphere:
-    """Create an equirectangular image of the sphere, or of a part of it, at the mean resolution of
+    """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
     the camera.
 
     The sphere, and any part with a 2:1 aspect, has exactly two columns per row, as required by

@@ -26,7 +26,8 @@ UNKNOWN_SIZE: PartialSize = (None, None)
 
 LARGEST_MAGNIFICATION = 4.0
 """Maximum magnification in output pixels per source pixel: cubic interpolation is still smooth,
-without additional detail above about 1."""
+without additional detail above about 1.
+"""
 
 
 ROWS_EXAMINED = 65

@@ -15,7 +15,8 @@ Siting: TypeAlias = Literal["left", "center", "topleft", "right", "top", "bottom
 Planes: TypeAlias = tuple[Image, ...]
 """Planes (y, u, v) or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), rounded up; uint8 or
 uint16. In 4:2:2 and 4:4:4 chroma is (h, w/2) and (h, w); an optional fourth plane (h, w) contains
-the opacity."""
+the opacity.
+"""
 
 SITINGS: dict[str, tuple[float, float]] = {
     "left": (0.0, 0.5),
@@ -26,7 +27,8 @@ SITINGS: dict[str, tuple[float, float]] = {
     "bottom": (0.5, 1.0),
 }
 """Position of a chroma sample among its 2 x 2 luma pixels, right of and below the first one (ITU-T
-H.273; "right" and "bottom" occur in rotated or mirrored frames)."""
+H.273; "right" and "bottom" occur in rotated or mirrored frames).
+"""
 
 
 def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
@@ -69,8 +71,8 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
 
 
 def subsampling(parts: Planes) -> tuple[int, int]:
-    """Return the number of pixels per chroma sample, across and down, in planes (y, u, v) or (y,
-    uv).
+    """Return the number of pixels per chroma sample, across and down, in planes (y, u, v) or
+    (y, uv).
     """
     (height, width), (down, across) = parts[0].shape[:2], parts[1].shape[:2]
     return (1 if across == width > 1 else 2), (1 if down == height > 1 else 2)

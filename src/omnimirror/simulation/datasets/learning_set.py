@@ -1,4 +1,6 @@
-"""Training datasets as WebDataset shards: tar files in which the files of a sample share a name."""
+"""Training datasets as WebDataset shards: tar files with a common name for the files of each
+sample.
+"""
 
 from __future__ import annotations
 

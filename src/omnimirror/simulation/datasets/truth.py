@@ -31,7 +31,8 @@ class Truth(NamedTuple):
 
     origins_mm: Array
     """Origins (h, w, 3) of the rays leaving the sensor, in its world frame: on the mirror, on the
-    outer side of a tube or a dome, or at the lens for rays that miss the mirror."""
+    outer side of a tube or a dome, or at the lens for rays that miss the mirror.
+    """
     directions: Array
     """Unit direction vectors (h, w, 3) in the world frame of the sensor."""
     depth_mm: Array

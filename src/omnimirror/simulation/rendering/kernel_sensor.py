@@ -113,8 +113,8 @@ def steepest_incidence(sensor: Sensor) -> float:
 def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
     """Return coefficients (8,) of a series in 1 - cos(gamma) for the reflectivity up to an angle.
 
-    Least squares at Chebyshev points: for aluminium, silver and gold accurate to 2e-5 up to 75.5
-    deg, which no bundled sensor exceeds, and to 1e-3 up to 89 deg.
+    Least squares at Chebyshev points: for aluminium, silver and gold accurate to 2e-5 up to
+    75.5 deg, which no bundled sensor exceeds, and to 1e-3 up to 89 deg.
     """
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))

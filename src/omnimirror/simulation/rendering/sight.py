@@ -121,7 +121,8 @@ class Sights(NamedTuple):
 
     origins: Array
     """Origins (n, 3), mm: on the mirror, on the outer side of a tube or dome, or, past the mirror,
-    at the lens."""
+    at the lens.
+    """
     directions: Array
     """Unit vectors (n, 3) of the directions."""
     valid: Mask

@@ -121,7 +121,7 @@ class Canvas:
         self._cover(slice(None), slice(None), (1 + up[:, None] * across) / 2, paint)
 
     def text(self, word: str, x: float, y: float, cap_height: float, paint: Paint) -> Extent:
-        """Letter a word centred on (x, y), mm, to the nearest texel; return the extent of its ink."""
+        """Paint a word centred on (x, y), mm, to the nearest texel; return the extent of its ink."""
         ink = lettering(word, cap_height / float(self.texel[1]))
         rows, columns = ink.shape
         left = round(x / self.texel[0] - columns / 2)

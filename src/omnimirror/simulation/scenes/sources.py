@@ -96,8 +96,8 @@ def load_scene(
     Parameters
     ----------
     name
-        ``"room"``, ``"street"``, ``"hall"``, ...; or an equirectangular image (HDR, EXR, JPEG,
-        ...); or a mesh (GLB, glTF, OBJ, PLY, STL).
+        ``"room"``, ``"street"``, ``"hall"``, ...; or an equirectangular image
+        (HDR, EXR, JPEG, ...); or a mesh (GLB, glTF, OBJ, PLY, STL).
     texel_mm
         Texel size of a bundled scene, mm; its own by default.
     heading_deg

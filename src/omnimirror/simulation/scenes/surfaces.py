@@ -46,7 +46,8 @@ RECORD = np.dtype([
 ])  # fmt: skip
 """Surface record of the compiled kernels: corner and sides in mm, column and row of the corner in
 its texture and the increments along the sides; and the texture index, or -1 minus the index for a
-triangle (the half of the parallelogram at the corner)."""
+triangle (the half of the parallelogram at the corner).
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,8 @@ def joined(one: Surfaces, other: Surfaces) -> Surfaces:
     """Combine surfaces in a canonical order.
 
     Rays meet the same one of two coincident surfaces, independent of the order of compiled
-    surfaces."""
+    surfaces.
+    """
     added = other.records.copy()
     added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(np.int32)
     records = np.concatenate([one.records, added])

@@ -16,8 +16,7 @@ from .surfaces import Surfaces, Texture
 def facets(triangles: Array, colours: Light) -> Surfaces:
     """Return triangles (n, 3, 3), mm, with interpolated linear RGB (n, 3, 3) of their vertices.
 
-    Each has four texels, the last of which continues the plane of the others, for exact
-    interpolation.
+    Each has four texels; the last one continues the plane of the others, for exact interpolation.
 
     >>> red_to_blue = facets(np.array([[[9.0, 3, -3], [9, -3, -3], [9, 3, 3]]]), np.eye(3)[None].astype(np.float32))
     >>> red_to_blue.seen(np.zeros((1, 3)), np.array([[9.0, 1.0, -1.0]])).light.round(3)

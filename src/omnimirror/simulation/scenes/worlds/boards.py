@@ -22,7 +22,7 @@ class HallBoard:
     """Checkerboard with 12 x 8 squares of 100 mm and a white margin: 11 x 7 inner corners.
 
     Its centre has a pan, a tilt and a distance from the scene origin. It faces the origin except
-    for its own turn (to the right), lean (backwards) and roll (clockwise).
+    for its own rotations: turn (to the right), backward tilt and clockwise roll.
     """
 
     name: str

@@ -17,8 +17,8 @@ RIDGES = (
     ("#6f8f74", 3.2, ((1.3, 4, 2.2), (0.6, 17, 0.7), (0.2, 59, 1.0))),
     ("#4d6b45", -1.0, ((0.9, 6, 5.1), (0.4, 23, 0.2), (0.25, 97, 2.0))),
 )
-"""Ridges from far to near: colour, height (deg), and the waves of their outline (deg, per turn,
-phase).
+"""Ridges from far to near: colour, height (deg), and the waves of their outline
+(deg, per turn, phase).
 """
 
 

@@ -154,7 +154,7 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
 
 
 def _solids() -> Iterator[tuple[str, Box]]:
-    """Yield names and boxes in which rays must not start."""
+    """Yield names and boxes that must not contain ray origins."""
     yield from (("a house", house.box) for house in HOUSES)
     yield from (("a car", box) for car in CARS for box in car.boxes)
 
