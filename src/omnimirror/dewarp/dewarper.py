@@ -104,7 +104,7 @@ class Dewarper:
 
     def __post_init__(self) -> None:
         instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
-        # str has the attribute, too
+        # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
             raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")

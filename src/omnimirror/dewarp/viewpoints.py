@@ -176,6 +176,8 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     tilted = np.linalg.norm(sideways, axis=1) > SIDEWAYS
     if not tilted.any():
         return np.zeros(1)
+    # Closest approach to the axis: the component s of the ray across the axis satisfies
+    # (o + t s) . s = 0, therefore t = -(o . s) / (s . s)
     steps = -(origins * sideways).sum(axis=1)[tilted] / (sideways**2).sum(axis=1)[tilted]
     heights: Array = (origins @ up)[tilted] + steps * along[tilted]
     return heights

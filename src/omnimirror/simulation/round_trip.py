@@ -199,7 +199,7 @@ def _predicted(sensor: Sensor, exact: Dewarper, viewpoint_mm: float) -> Array:
     targets = VIEW.targets(0, SIZE[1])[:, SIZE[0] // 2]
     origins = sensor.backproject(exact.coordinates()[:, SIZE[0] // 2]).origins
     angle = viewpoint_angle_error(rays, viewpoint_mm, np.linalg.norm(targets - origins, axis=1))
-    # a view position samples a smaller field angle: lower for an upward camera, which moves the
+    # A view position samples a smaller field angle: lower for an upward camera, which moves the
     # image up
     down = -1.0 if sensor.axis[2] < 0 else 1.0
     error = down * angle * sensor.image_height_rate_px(rays)

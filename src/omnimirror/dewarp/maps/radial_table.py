@@ -183,6 +183,8 @@ def _half_angles(across: Array, along: Array) -> tuple[Array, Array]:
     The angle is between -90 and 270 deg; beyond 180 deg the sine is mirrored to remain monotonic.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
+        # With W = Omega: sin^2(W/2) = (1 - cos W) / 2, cos^2(W/2) = (1 + cos W) / 2: the larger one is computed directly,
+        # the smaller one from sin W = 2 sin(W/2) cos(W/2), which avoids the difference 1 - |cos W|
         length = np.hypot(across, along)
         more = np.sqrt((length + np.abs(along)) / (2 * length))
         less = np.abs(across) / (2 * length * more)
@@ -206,6 +208,8 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     sought = np.full_like(q, np.nan)
     for _ in range(MOST_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
+        # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with phi the angle of (dx, dz) to the
+        # axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)
         dx, dz = across - (x + fraction * x_rate), along - (z + fraction * z_rate)
         sine, cosine = _half_angles(dx, dz)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -34,7 +34,7 @@ STEEPEST = 1.6  # growth of real textures relative to the simulated one, for sma
 PLAIN, TEXTURED = 0.5, 0.8
 # Factor for fractions below 1: excessive blur harms, insufficient blur has little effect
 CAUTION = 0.9
-# of the smallest fraction, relative to simulated noise: no fraction explains the image
+# Residual of the smallest fraction, relative to simulated noise: no fraction explains the image
 MAX_RESIDUAL = 2.5
 MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
 MIN_SHARE = 0.25  # below it the image is returned unchanged

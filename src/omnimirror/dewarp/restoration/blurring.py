@@ -49,6 +49,7 @@ class BlurSize(NamedTuple):
         """Widening of a pixel by the blur: side of the square of equal area, minus that of the
         pixel.
         """
+        # Pixel (side 1) and blur add in quadrature in both directions; the side is the root of the area
         widened: Array = ((1 + self.tangential**2) * (1 + self.sagittal**2)) ** 0.25 - 1
         return widened
 

@@ -34,7 +34,7 @@ Values = NDArray[np.float32]
 # only, except for the maximum brightness, which was chosen for lamps among leaves and windows in a
 # photograph.
 REGULARITY = 1.5  # weight relative to the noise, without blur and texture
-# of :func:`fit`: the residual is then unexplained by the blur rather than a cost of the variation
+# Weight of :func:`fit`: the residual is then unexplained by the blur rather than a cost of the variation
 FIT_REGULARITY = 0.5
 BLUR_PX = 0.7  # widening of pixels that halves it
 TEXTURE = 2.0  # differences that halve it, relative to the noise

@@ -29,7 +29,7 @@ SHADES = (1.0, (0.344136**2 + 1.772**2) / 3, (1.402**2 + 0.714136**2) / 3)
 FINE = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= BLOCK  # coefficients of fine detail
 # Fraction and number of the blocks whose fine detail measures noise
 PLAINEST, LEAST_PLAIN = 0.05, 10
-# of noise, 0 to 255; decrease of the log-likelihood that excludes a value
+# Candidate noise levels, 0 to 255; decrease of the log-likelihood that excludes a level
 DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0
 FOLDED = 2.0  # subsampled chroma loses fine detail and gains as much by aliasing
 HELD = 2.0  # ratio of the detail of chroma before subsampling and upsampling to the remaining detail
@@ -230,7 +230,7 @@ def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
         power, width = np.unravel_index((likelihood + of_power[:, None]).argmax(), likelihood.shape)
         law = WIDTHS[width] * FREQUENCY ** -POWERS[power]
         total += _error_of_zeros(group.mean(axis=0), len(group), law, table).mean() * len(group)
-        # a mean of four has 1/4 of the power; the Laplace variance is twice the squared width
+        # A mean of four has 1/4 of the power; the Laplace variance is twice the squared width
         of_finer = ((WIDTHS[width] * FINER ** -POWERS[power]) ** 2).sum() / (2 * BLOCK) ** 2
         finer += FOLDED * 4 * 2 * of_finer * len(group)
     return float(total / len(zero)), float(finer / len(zero))

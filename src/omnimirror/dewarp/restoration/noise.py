@@ -120,7 +120,7 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
             like_noise = SURVIVING**2 * _white(colours, inside, True)
             left = min(like_noise, most_noise(values, coding, inside) / 255**2)
             found = error_of(values, coding, inside) / 255**2 + left
-            # if most of the apparent noise is texture, the remainder may be texture, too
+            # If most of the apparent noise is texture, the remainder may be texture, too
             visible = left * (left / max(like_noise, LEAST_NOISE**2)) ** 2
             variance = max(found, LEAST_OF_CODED**2)
             return _even(variance, inside.shape, "JPEG")._replace(missing_share=(found - visible) / variance)
@@ -176,7 +176,7 @@ def _of_light(light: Light, inside: Mask) -> Noise:
         weighed = np.stack([np.ones_like(at), at], axis=-1) / np.maximum(found, 1e-12)[:, None]
         (even, growing), _ = nnls(weighed, np.ones_like(at))
     spread = np.sqrt(even + growing * bright)
-    # of the square root
+    # Standard deviation of the square root
     deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))
     clipped = np.clip(deviation, LEAST_NOISE, MOST_NOISE)
     return Noise(float(np.sqrt((clipped[inside] ** 2).mean())), clipped.astype(np.float32), "linear")

@@ -96,7 +96,7 @@ def round_blur_of(
             def sizes(radius: Array) -> BlurSize:
                 found = blur_sizes(camera, radius, object_distance_mm)
                 if focus_mm is not None:
-                    # focusing changes the image scale: compared at equal fractions of the rim
+                    # Focusing changes the image scale: compared at equal fractions of the rim
                     # radius
                     focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
                     scale = focused.rim_radius_px / camera.rim_radius_px

@@ -222,6 +222,8 @@ class _Quadratic:
         self._tile, self._fine = tile, fine
         steepness = np.exp(_log_steepness(fine))
         self._stiffness = np.asarray(costs / steepness, np.float32)
+        # With s = sqrt(A u^2), ds = A (u du) / s. The negative gradient is u A^T((y - s) / s) minus the
+        # variation term; the Gauss-Newton second derivative is u A^T(s^-2 A (u d)) plus its smoothness
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
         counted = (seen < SATURATED) | (level < seen)
         slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), without the factors A and u

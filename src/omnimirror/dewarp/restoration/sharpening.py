@@ -156,7 +156,7 @@ class Restorer:
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
     def decide(self, image: Picture, noise: float | Noise | None = None) -> Decision:
-        """Return the fraction of the known blur that an image contains, as far as it is detectable.
+        """Return the detectable fraction of the known blur in an image.
 
         The image is unchanged if its edges overshoot, or if it is sharper than 0.25 of the known
         blur.

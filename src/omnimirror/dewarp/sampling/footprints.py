@@ -146,6 +146,7 @@ def squared_sides_of_circles(radii: NDArray[np.float64], angles: NDArray[np.floa
     >>> squared_sides_of_circles(np.array([100.0, 102.0]), np.array([0.0, 0.1])).round(2)
     array([[[103.95,   4.  ]]], dtype=float32)
     """
+    # Chord between adjacent columns: 2 r sin(dphi / 2); distance between adjacent rows: dr
     chords, steps = 2 * np.sin(_to_next(angles) / 2), _to_next(radii)
     across = _longest(radii)[:, None] * _longest(chords)
     return np.stack([across, np.broadcast_to(_longest(steps)[:, None], across.shape)], axis=-1).astype(np.float32)

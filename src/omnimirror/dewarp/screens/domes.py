@@ -121,6 +121,7 @@ class Dome(PolarScreen):
         """Return unit vectors (..., 3); NaN outside the circle."""
         x, y, radius = self._from_middle(u, v)
         edge = min(self.size) / 2
+        # Equidistant projection: radius proportional to omega; sin(omega) / radius is regular at the pole
         per_pixel = np.radians(self.omega_max_deg) / edge
         omega = radius * per_pixel
         vectors = self._vectors(x, y, omega, np.sinc(omega / np.pi) * per_pixel)
@@ -192,6 +193,8 @@ class LittlePlanet(PolarScreen):
         """Return unit vectors (..., 3)."""
         x, y, radius = self._from_middle(u, v)
         per_pixel = np.tan(np.radians(self.hfov_deg / 4)) / (self.size[0] / 2)
+        # Stereographic projection: radius proportional to tan(omega / 2), and with t = tan(omega / 2)
+        # sin(omega) = 2 t / (1 + t^2), cos(omega) = (1 - t^2) / (1 + t^2)
         half_tangent = radius * per_pixel  # tan(omega / 2)
         return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
 

@@ -165,6 +165,7 @@ class Cylinder(Panorama):
     def tilts_at(self, v: ArrayLike) -> Array:
         """Return the tilt of rows (...), radians."""
         if self.rows == "height":
+            # Height on the wall at unit distance: tan(tilt)
             lowest, highest = np.tan(np.radians([self.tilt_min_deg, self.tilt_max_deg]))
             return np.arctan(self._linear(v, lowest, highest))
         return np.radians(self._linear(v, self.tilt_min_deg, self.tilt_max_deg))

@@ -28,7 +28,7 @@ from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 Array = NDArray[np.float64]
 
 ROWS_AT_ONCE = 64  # of an environment, between progress reports
-# of the rim radius: maximum distance of ray origins from the box around the mirror grid
+# Relative to the rim radius: maximum distance of ray origins from the box around the mirror grid
 BESIDE = 0.02
 
 

@@ -264,7 +264,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
-    # edges of a real lens vignette rays through its aperture; chief rays represent all of them
+    # Edges of a real lens vignette rays through its aperture; chief rays represent all of them
     clipped = plan.blur and not sensor.lens.IS_THIN
     weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)

@@ -149,7 +149,7 @@ def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
     x = np.linspace(0.0, mirror.rim_radius_mm, NODES)
     profile = mirror.profile(x)
     z = profile[0]
-    # conic: c (x^2 + (1 + k) z^2) = 2 z
+    # Conic: c (x^2 + (1 + k) z^2) = 2 z
     (c, ck), *_ = np.linalg.lstsq(np.stack([x**2, z**2], axis=-1), 2 * z, rcond=None)
     conic = float(ck / c - 1) if c > 0 else -1.0
     with np.errstate(invalid="ignore"):

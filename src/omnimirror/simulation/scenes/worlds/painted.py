@@ -68,7 +68,7 @@ class Surroundings:
         """Return distances (n,) of rays to the first surface; infinite without intersection."""
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         length = np.linalg.norm(towards, axis=1)
-        # of unit directions, for full single precision
+        # Unit directions preserve full single precision
         distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(float)
         return distance
 

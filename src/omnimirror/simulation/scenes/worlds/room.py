@@ -234,7 +234,7 @@ class _Painted:
         self._sizes = np.array([p.shape[:2] for p in pictures])
         self._starts = np.concatenate([[0], np.cumsum(self._sizes.prod(axis=1))])[:-1]
         self._pictures = pictures
-        # column and row of a point p are A p + b; columns count from the left, rows from the top
+        # Column and row of a point p are A p + b; columns count from the left, rows from the top
         scale = self._sizes[:, ::-1] / np.array([(f.width_mm, f.height_mm) for f in faces])
         axes = np.array([(f.right, -f.up) for f in faces]) * scale[..., None]
         top_left = np.array([f.point(0.0, f.height_mm) for f in faces])
