@@ -16,7 +16,7 @@ from ..base.parameters import Parameter
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
 MOST_ELECTRONS = 1e9  # 1000 times the capacity of real pixels
-DARK_DEVIATIONS = 5  # of the read noise, from the black level to 0
+DARK_DEVIATIONS = 5  # read-noise deviations from 0 to the black level
 BEYOND = 20  # values this many deviations above white are always white
 
 

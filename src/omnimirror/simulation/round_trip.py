@@ -150,7 +150,7 @@ def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) 
 def _truth(scene: Scene) -> NDArray[np.float32]:
     """Render the wall with a pinhole at the sensor, 4 x 4 rays per pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # in parts: three million rays take 0.5 GB
+    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # processed in parts: three million rays take 0.5 GB
     parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 

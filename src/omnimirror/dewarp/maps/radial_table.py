@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
 ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case
 SLACK = 1e-9  # radians; the rim itself is inside the field
-CLOSE = 1e-7  # in sin(Omega/2): the remaining error of a Newton step is about its square
+CLOSE = 1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
 GAP = 0.1  # below any jump of the sine between two directions that differ by 360 deg
 MOST_STEPS = 100  # bisection alone requires 25
 
@@ -183,8 +183,9 @@ def _half_angles(across: Array, along: Array) -> tuple[Array, Array]:
     The angle is between -90 and 270 deg; beyond 180 deg the sine is mirrored to remain monotonic.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        # With W = Omega: sin^2(W/2) = (1 - cos W) / 2, cos^2(W/2) = (1 + cos W) / 2: the larger one is computed directly,
-        # the smaller one from sin W = 2 sin(W/2) cos(W/2), which avoids the difference 1 - |cos W|
+        # Half-angle formulas: sin^2(W/2) = (1 - cos W) / 2, cos^2(W/2) = (1 + cos W) / 2. The larger
+        # one is computed directly, the smaller one from sin W = 2 sin(W/2) cos(W/2), which avoids
+        # the cancellation in 1 - |cos W|.
         length = np.hypot(across, along)
         more = np.sqrt((length + np.abs(along)) / (2 * length))
         less = np.abs(across) / (2 * length * more)
@@ -208,8 +209,8 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     sought = np.full_like(q, np.nan)
     for _ in range(MOST_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
-        # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with phi the angle of (dx, dz) to the
-        # axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)
+        # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with the angle phi of (dx, dz)
+        # to the axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)
         dx, dz = across - (x + fraction * x_rate), along - (z + fraction * z_rate)
         sine, cosine = _half_angles(dx, dz)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -324,7 +324,7 @@ def _sink(output: str, turn: Turning, told: Told, source: VideoReader | None, li
     is_for_any = source is None or "://" in output
     if is_for_any and "pixel_format" not in encoding and (lost := losses(turn.pixel_format, Kind())):
         listener.note(f"{output}: {lost}; --pixel-format names another choice")
-    if is_for_any:  # in the range that players assume
+    if is_for_any:  # use the range assumed by players
         encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 TOP = 0.8  # fraction from which the residual up to the full blur is compared first
 EFFORT = Effort(coarse_rounds=3, rounds=0, steps=6)
-MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # of the expected growth; the noise of coded images is less certain
-SLACK = 0.004  # of the logarithm of the residual, between consecutive fractions
+MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # relative to the expected growth; the noise of coded images is less certain
+SLACK = 0.004  # tolerance of the log residual between consecutive fractions
 STEEPER = 0.015  # excess growth of real textures over that of noise, near the full blur
 STEEPEST = 1.6  # growth of real textures relative to the simulated one, for small fractions
 # Residual of the smallest fraction, from that of noise (0) to that of the simulated texture (1)
@@ -38,9 +38,9 @@ CAUTION = 0.9
 MAX_RESIDUAL = 2.5
 MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
 MIN_SHARE = 0.25  # below it the image is returned unchanged
-MIN_BLUR_PX = 4.0  # in both directions, required for a limit
-NOISE = 0.01  # of the simulated images
-LEVEL, CONTRAST = 0.6, 0.2  # of the simulated texture, in the square root of light
+MIN_BLUR_PX = 4.0  # minimum blur in both directions for a limit
+NOISE = 0.01  # noise of the simulated images
+LEVEL, CONTRAST = 0.6, 0.2  # simulated texture, square root of light
 SATURATED_PX = 15  # side of the squares around saturated pixels that are excluded
 
 

@@ -44,7 +44,7 @@ GROWTH, UNSEEN_SHARE = 0.075, 0.85
 EXPLAINED = 1.0  # residual of the smallest fraction in units of the noise: no undetected texture
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
 LEAST_NOISE = np.float32(0.007)  # the error of the known blur; lower noise would expose this error instead
-BANDS = 5  # of the radius
+BANDS = 5  # radial bands
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half width, relative to the image; edge region that is excluded
 
 

@@ -20,7 +20,7 @@ from ...io.pictures.jpeg import BLOCK, JpegCoding
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-GROUPS = 6  # of blocks
+GROUPS = 6  # number of groups of blocks
 MOSTLY_ZERO = 0.97  # fraction from which a frequency is less informative than the others
 POWERS, WIDTHS = np.linspace(0.5, 3, 11), np.geomspace(0.02, 400, 60)
 SHARED = 0.1  # weight of all groups together in the power of each

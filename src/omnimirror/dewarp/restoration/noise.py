@@ -34,7 +34,7 @@ LEVELS, PLAINEST_OF_LEVEL, LEAST_BLOCKS = 8, 0.1, 20
 RAMP = np.broadcast_to((np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK))  # slope 1, normalised
 PLANE_FREEDOM, FINE_FREEDOM = BLOCK**2 - 3, int(FINE.sum())
 SITES = 1.15  # noise ratio of the 2 x 2 colour-filter sites: measured or interpolated
-VISIBLE_OF_CODED = 0.25  # of the standard deviation due to coding
+VISIBLE_OF_CODED = 0.25  # visible fraction of the standard deviation due to coding
 SURVIVING = 0.8  # ratio of the noise that survives coding in uniform blocks to that in all blocks
 
 

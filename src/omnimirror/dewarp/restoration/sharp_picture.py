@@ -226,7 +226,7 @@ class _Quadratic:
         # variation term; the Gauss-Newton second derivative is u A^T(s^-2 A (u d)) plus its smoothness
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
         counted = (seen < SATURATED) | (level < seen)
-        slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), without the factors A and u
+        slope = (counted / level).astype(np.float32)  # derivative of sqrt(A u^2), without the factors A and u
         self._slope2 = slope**2
         self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
         self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]  # see Blur.concentration

@@ -12,7 +12,7 @@ from ...base.errors import InvalidParameter
 from ...io.pictures.images import FULL
 from ..contracts import Border, Image
 
-LARGEST_VALUE = 1e30  # of a colour
+LARGEST_VALUE = 1e30  # maximum magnitude of a colour
 
 
 def check_border(border: Border) -> None:

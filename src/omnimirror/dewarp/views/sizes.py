@@ -33,7 +33,7 @@ without additional detail above about 1.
 ROWS_EXAMINED = 65
 
 
-LARGEST_RATIO = 1e6  # of the sides of an image
+LARGEST_RATIO = 1e6  # maximum aspect of an image
 
 
 @checked

@@ -27,7 +27,7 @@ from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
 
-ROWS_AT_ONCE = 64  # of an environment, between progress reports
+ROWS_AT_ONCE = 64  # rows of an environment between progress reports
 # Relative to the rim radius: maximum distance of ray origins from the box around the mirror grid
 BESIDE = 0.02
 

@@ -99,7 +99,7 @@ def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
 
 
 TERMS = 8
-MARGIN = np.radians(2.0)  # of the angle of incidence, for rays through the edge of the aperture
+MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
 def steepest_incidence(sensor: Sensor) -> float:

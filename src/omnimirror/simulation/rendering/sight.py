@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 Fates = NDArray[np.uint8]
 
 LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels
-LINES = 64  # from the vertex to the rim
+LINES = 64  # lines from the vertex to the rim
 
 
 class Followed(NamedTuple):

@@ -19,7 +19,7 @@ from .canvas import CLEAR, EMISSION, SENT, Canvas
 
 Array = NDArray[np.float64]
 
-GRID_MM = 100.0  # of the light on a face: shadows are softer than this
+GRID_MM = 100.0  # grid spacing of the light on a face: shadows are softer than this
 SOURCE_MM = 400.0  # patch size of lamps and windows
 LIFT_MM = 1.0  # offset of sample points from the face, which avoids self-shadowing
 DAYLIGHT = 2.0 * hex_colour("#e8f1fb")

@@ -109,7 +109,7 @@ def _compass(canvas: Canvas, x: float, y: float) -> None:
 
 
 def _ceiling(canvas: Canvas) -> None:
-    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # from the front, as seen by a viewer facing up
+    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # ordered from the front, as seen by a viewer facing up
         canvas.rectangle(1550, middle - 150, 3450, middle + 150, STEEL)
         canvas.rectangle(1580, middle - 120, 3420, middle + 120, LAMP)
 

@@ -10,7 +10,7 @@ from ....base.colour import Light, hex_colour
 Array = NDArray[np.float64]
 
 ZENITH, HAZE = hex_colour("#4f86c6"), hex_colour("#e6edf2")
-SOFTNESS_DEG = 0.15  # of the ridges against the sky
+SOFTNESS_DEG = 0.15  # edge width of the ridges
 
 RIDGES = (
     ("#8fa6b8", 7.0, ((1.6, 5, 0.4), (0.9, 13, 1.9), (0.3, 41, 0.0))),

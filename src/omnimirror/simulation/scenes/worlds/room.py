@@ -107,7 +107,7 @@ class Room:
         painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
-        hits = meet(ROOM, SOLIDS, origins, towards)  # in NumPy, boxes are intersected faster than surfaces
+        hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are faster than surfaces in NumPy
         light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
         outside = np.flatnonzero(clear)
         light[outside] += clear[outside, None] * landscape_light(towards[outside])

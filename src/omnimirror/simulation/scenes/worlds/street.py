@@ -23,7 +23,7 @@ from .streetside import CARS, GROUND_MM, HOUSES, LANTERNS, TREES, House, paint_c
 
 TEXEL = Parameter("mm", 4.0, 200.0, "fineness of what is painted")
 NEAR_MM = 15_000.0  # beyond twice this distance the texel size is doubled
-GRID_MM = 250.0  # of light and shadows
+GRID_MM = 250.0  # grid spacing of light and shadows
 SUN = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
 ROAD = Box((-45_000.0, -8_000.0, GROUND_MM - 1.0), (60_000.0, 8_000.0, GROUND_MM))
 FIELDS = Box((-400_000.0, -400_000.0, GROUND_MM - 30.0), (400_000.0, 400_000.0, GROUND_MM - 20.0))

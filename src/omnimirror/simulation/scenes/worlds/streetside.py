@@ -10,7 +10,7 @@ from ..boxes import Box, Face
 from ..canvas import Canvas, Paint
 
 GROUND_MM = -1600.0
-FRONT_MM = 7_600.0  # of the houses, from the middle of the road
+FRONT_MM = 7_600.0  # distance of the houses from the middle of the road
 KERB_MM = 4_200.0
 STOREY_MM = 3_200.0
 
