@@ -1,4 +1,4 @@
-"""Straightening pictures: screens say where to look, cameras where that is in the picture."""
+"""Dewarping of images: screens define the targets of output pixels, cameras project them."""
 
 from . import screens, views
 from .colours import ColourDewarper

@@ -1,4 +1,4 @@
-"""What a camera sees, as far as views need to know: its elevations and its resolution."""
+"""Field of view and mean resolution of a camera, as required by views."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from .screens import Pole
 
 Array = NDArray[np.float64]
 
-SAMPLES = 20_000  # directions all over the sphere, and pixels all over the picture
-ANNULUS_SLACK_PX = 1e-3  # the rim itself is seen
-EDGE_SAMPLES = 1440  # points along the rim and along each side of the picture
+SAMPLES = 20_000  # directions on the sphere, and pixels of the image
+ANNULUS_SLACK_PX = 1e-3  # the rim itself is inside the field
+EDGE_SAMPLES = 1440  # points along the rim and along each side of the image
 
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """What a camera sees, as far as views need to know."""
+    """Field of view and mean resolution of a camera."""
 
     tilt_min_deg: float
-    """Lowest elevation seen."""
+    """Minimum elevation in the field."""
     tilt_max_deg: float
-    """Highest elevation seen."""
+    """Maximum elevation in the field."""
     pixels_per_degree: float
-    """Square root of the mean number of source pixels per square degree seen."""
+    """Square root of the mean number of source pixels per square degree of the field."""
     pole: Pole
-    """What the camera's axis of symmetry, or else the mean of its directions, is nearer to."""
+    """Pole nearest to the camera's axis of symmetry, or to its mean direction without such an axis.
+    """
 
 
 def field_of(camera: Camera) -> FieldOfView:
-    """The camera's elevations, mean resolution and pole.
+    """Return the elevation range, mean resolution and pole of a camera.
 
-    Elevations are exact for a camera that is symmetric about a vertical axis and reaches its full field
-    inside the picture; otherwise they come from the pixels along the rim, along the edge of the
-    picture and all over it, and are good to about the distance of these.
+    Elevations are exact for a camera that is symmetric about a vertical axis and images its full
+    field; otherwise they are sampled at pixels along the rim, along the image boundary and on a
+    regular grid, with an accuracy of about the sample spacing.
 
     Parameters
     ----------
@@ -50,16 +51,16 @@ def field_of(camera: Camera) -> FieldOfView:
     Returns
     -------
     FieldOfView
-        Elevations in deg, the mean resolution, and the pole that is nearer.
+        Elevations in deg, mean resolution and nearest pole.
 
     Raises
     ------
     OutsideField
-        If no pixel sees anything.
+        If no pixel images the scene.
 
     Examples
     --------
-    The paper's mean resolution, .0448 square degrees per pixel, for a rim at 500 px:
+    The mean resolution in the paper, 0.0448 square degrees per pixel, for a rim at 500 px:
 
     >>> import omnimirror as om
     >>> field = field_of(om.load_sensor("paper-spherical"))
@@ -83,7 +84,9 @@ def field_of(camera: Camera) -> FieldOfView:
 
 
 def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
-    """Of a camera about a vertical axis whose picture holds its whole field: counted, without a ray; None of others."""
+    """Return the field of a camera with a vertical axis that images its full field, without
+    tracing; None for others.
+    """
     symmetry = camera.symmetry
     if symmetry is None or not is_vertical(symmetry):
         return None
@@ -95,7 +98,7 @@ def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
     radius = np.hypot(*(pixels - symmetry.centre_px).T)
     seen = (radius >= inner - EDGE_SLACK) & (radius <= outer + EDGE_SLACK)
     if not seen.any():
-        return None  # a field that lies between the pixels
+        return None  # the field is smaller than the spacing of the sampled pixels
     omega = np.arccos(np.clip(_directions_all_over() @ symmetry.axis, -1, 1))
     width, height = camera.image_size
     resolution = _resolution(seen.mean() * width * height, (omega >= ends[0]) & (omega <= ends[1]))
@@ -104,13 +107,16 @@ def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
 
 
 def _resolution(pixels_seen: float, directions_seen: Mask) -> float:
-    """Square root of the pixels to a square degree, of so many, and of directions all over the sphere."""
+    """Return the resolution (px/deg) from the number of pixels and the fraction of directions in
+    the field.
+    """
     square_degrees = max(directions_seen.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
     return float(np.sqrt(pixels_seen / square_degrees))
 
 
 def pole_of(camera: Camera) -> Pole:
-    """The pole that the camera's axis of symmetry, or else the mean of its directions, is nearer to.
+    """Return the pole nearest to the camera's axis of symmetry, or to its mean direction without
+    such an axis.
 
     Parameters
     ----------
@@ -128,7 +134,7 @@ def pole_of(camera: Camera) -> Pole:
 
 
 def _pole(camera: Camera, directions: Array) -> Pole:
-    """The same, the camera's directions (n, 3) all over its picture given; NaN where it sees nothing."""
+    """Return the pole for given directions (n, 3) of image pixels; NaN outside the field."""
     symmetry = camera.symmetry
     return _towards(float(np.nanmean(directions[:, 2])) if symmetry is None else symmetry.axis[2])
 
@@ -138,12 +144,12 @@ def _towards(up: float) -> Pole:
 
 
 def is_vertical(symmetry: AxialSymmetry) -> bool:
-    """Whether the axis points straight up or down."""
+    """Return True if the axis is vertical."""
     return bool(np.hypot(*symmetry.axis[:2]) < 1e-12)
 
 
 def annulus_of(camera: Camera) -> Annulus | None:
-    """The part of the picture that the field of a symmetric camera fills; None for other cameras."""
+    """Return the image annulus filled by the field of a symmetric camera; None for other cameras."""
     return None if camera.symmetry is None else _annulus_seen(camera)  # type: ignore[arg-type]  # asks for Hashable
 
 
@@ -157,7 +163,7 @@ def _annulus_seen(camera: Camera) -> Annulus:
 
 
 def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
-    """Lowest and highest elevation (deg) of the camera's field, some of its directions (n, 3) given."""
+    """Return the minimum and maximum elevation (deg) of the field from directions (n, 3) inside it."""
     symmetry = camera.symmetry
     edge = [camera.backproject(_pixels_along_the_edge(camera.image_size)).directions]
     if symmetry is not None:
@@ -178,7 +184,7 @@ def _sorted_degrees(angles: Array) -> tuple[float, float]:
 
 
 def _circle(axis: Array, omega: float) -> Array:
-    """Unit vectors (EDGE_SAMPLES, 3) at the angle omega from an axis."""
+    """Return unit vectors (EDGE_SAMPLES, 3) at the angle omega (radians) from an axis."""
     helper = np.eye(3)[np.argmin(abs(axis))]
     e1 = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     e2 = np.cross(axis, e1)
@@ -188,7 +194,7 @@ def _circle(axis: Array, omega: float) -> Array:
 
 
 def _directions_all_over() -> Array:
-    """Unit vectors (SAMPLES, 3), each for the same part of the sphere (a Fibonacci lattice)."""
+    """Return unit vectors (SAMPLES, 3) uniform on the sphere (Fibonacci lattice)."""
     i = np.arange(SAMPLES) + 0.5
     z = 1 - 2 * i / SAMPLES
     phi = i * np.pi * (1 + 5**0.5)
@@ -197,7 +203,7 @@ def _directions_all_over() -> Array:
 
 
 def _pixels_all_over(size: tuple[int, int]) -> Array:
-    """Pixels (about SAMPLES, 2) in a regular grid."""
+    """Return pixels (about SAMPLES, 2) on a regular grid."""
     width, height = size
     step = np.sqrt(width * height / SAMPLES)
     columns, rows = max(1, round(width / step)), max(1, round(height / step))
@@ -207,7 +213,7 @@ def _pixels_all_over(size: tuple[int, int]) -> Array:
 
 
 def _pixels_along_the_edge(size: tuple[int, int]) -> Array:
-    """Points (4 EDGE_SAMPLES, 2) along the outline of the picture."""
+    """Return points (4 EDGE_SAMPLES, 2) along the image boundary."""
     right, bottom = size[0] - 0.5, size[1] - 0.5
     u, v = np.linspace(-0.5, right, EDGE_SAMPLES), np.linspace(-0.5, bottom, EDGE_SAMPLES)
     sides = [(u, np.full_like(u, -0.5)), (u, np.full_like(u, bottom)), (np.full_like(v, -0.5), v)]

@@ -1,4 +1,4 @@
-"""Colour pictures whose colours lie apart: each straightened as its own light was seen."""
+"""Correction of lateral colour: each colour channel is dewarped with its own camera model."""
 
 from __future__ import annotations
 
@@ -23,22 +23,24 @@ GREEN = 1
 
 @dataclass(frozen=True)
 class ColourDewarper:
-    """Straightens colour pictures each of whose colours was seen by a camera of its own.
+    """Dewarper for colour images with one camera model per colour channel.
 
-    Glass refracts blue light more than red: behind a lens or a cover of one material colours part towards the rim, and
-    lie on each other again where each is straightened by its own camera. It takes two to three times as long.
+    Glass refracts blue light more than red light: a lens or a cover of one material causes lateral
+    colour that increases towards the rim. Dewarping each channel with its own camera removes it.
+    Processing takes two to three times as long.
 
     Parameters
     ----------
     cameras : (red, green, blue)
-        What took each colour, of one image size: a sensor at three wavelengths, or three calibrations.
+        Camera of each colour channel, with a common image size: a sensor at three wavelengths, or
+        three calibrations.
     view, interpolation, viewpoint, border, keep_map
-        As for :class:`omnimirror.Dewarper`.
+        As in :class:`omnimirror.Dewarper`.
 
     Raises
     ------
     InvalidParameter
-        For other than three cameras, or of different sizes; and as a :class:`omnimirror.Dewarper`.
+        If there are not three cameras of one image size, and as in :class:`omnimirror.Dewarper`.
 
     Examples
     --------
@@ -75,31 +77,31 @@ class ColourDewarper:
 
     @property
     def camera(self) -> Camera:
-        """That of green light, which stands for all."""
+        """Camera of the green channel, used as the reference."""
         return self.cameras[GREEN]
 
     @property
     def valid(self) -> Mask:
-        """(height, width), False outside the field of green light."""
+        """Mask (height, width), False outside the field of the green channel."""
         return self._colours[GREEN].valid
 
     def __call__(self, image: Image, transparent: bool = False, out: Image | None = None) -> Image:
-        """The straightened picture, of the same depth.
+        """Return the dewarped image with the same bit depth.
 
         Parameters
         ----------
         image : (h, w, 3) or (h, w, 4) array, uint8, uint16 or float32
-            A colour picture of the cameras' ``image_size``; its alpha goes with green.
+            Colour image of the cameras' ``image_size``; alpha is dewarped with the green channel.
         transparent
-            Whether to add an alpha channel, 0 outside the field. A picture that comes with an alpha of its
-            own has the border's there.
+            Add an alpha channel, 0 outside the field. An existing alpha channel has the border
+            value there.
         out
-            A picture of the view's size, with the channels and the depth of the result, to be filled and returned.
+            Output array of the view's size with the channels and data type of the result.
 
         Raises
         ------
         InvalidParameter
-            For a picture without colours, of another size than the cameras', or an ``out`` of another than the view's.
+            If the image has no colours or the wrong size, or ``out`` does not match the view.
         """
         check_picture(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:

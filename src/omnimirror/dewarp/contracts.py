@@ -1,8 +1,9 @@
-"""What the rooms of this floor tell each other: pictures, where to look in them, how to sample there.
+"""Interfaces shared by the packages for dewarping: images, source coordinates and sampling.
 
-A screen says what each pixel of a view looks at (:mod:`~omnimirror.dewarp.screens`), a camera where in its picture
-that is. The answer is a :class:`Map`; a :class:`Sampler` takes the picture's values there. A map says itself how it is
-sampled: nobody asks what kind it is.
+A screen defines the target of each output pixel (:mod:`~omnimirror.dewarp.screens`) and a camera
+projects the target to source coordinates. The result is a :class:`Map`, and a :class:`Sampler`
+interpolates the image at its coordinates. Each map implements its own sampling; callers do not
+depend on its type.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ from ..base.native import backend
 from ..base.numerics.lazy import cached_property
 
 Image: TypeAlias = NDArray[Any]
-"""(h, w) or (h, w, c), c from 1 to 4, of uint8, uint16 or float32, with any strides. Colours are RGB or RGBA."""
+"""Array (h, w) or (h, w, c), c from 1 to 4, of uint8, uint16 or float32, with any strides. Colours
+are RGB or RGBA.
+"""
 Pixels: TypeAlias = NDArray[np.float32] | NDArray[np.float64]
-"""(rows, columns, 2): places (u, v) in a picture, px, whole numbers at pixel centres; NaN is outside."""
+"""Source coordinates (rows, columns, 2) as (u, v), px, with integers at pixel centres; NaN outside.
+"""
 Border: TypeAlias = float | Sequence[float]
-"""The value outside the picture: of all channels, or of each."""
+"""Value outside the image, for all channels or for each channel."""
 Interpolation: TypeAlias = Literal["auto", "nearest", "linear", "cubic", "area"]
 Kernel: TypeAlias = Literal["nearest", "linear", "cubic"]
 
@@ -30,11 +34,11 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("auto", "nearest", "linear", "cubic
 KERNELS: dict[Interpolation, Kernel] = {
     "auto": "cubic", "nearest": "nearest", "linear": "linear", "cubic": "cubic", "area": "cubic",
 }  # fmt: skip
-"""The interpolation kernel of the single samples that each is made of."""
+"""Kernel of the individual samples for each interpolation."""
 
 
 class Annulus(NamedTuple):
-    """What is seen of a picture lies between two distances from a point of it, px."""
+    """Annulus of the image that contains the field, px."""
 
     u: float
     v: float
@@ -42,99 +46,104 @@ class Annulus(NamedTuple):
     outer: float
 
     def halved(self, offset: tuple[float, float]) -> Annulus:
-        """The same in planes of half the size; see :meth:`Map.halved`."""
+        """Return the annulus in half-resolution planes; see :meth:`Map.halved`."""
         return Annulus((self.u - offset[0]) / 2, (self.v - offset[1]) / 2, self.inner / 2, self.outer / 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """How many samples the pixels of each cell of a view are made of; see :mod:`.sampling.footprints`."""
+    """Number of samples per pixel in each cell of a view; see :mod:`.sampling.footprints`."""
 
     taps: NDArray[np.uint8]
-    """(cell rows, cell columns, 2): across and down, 1 to 128."""
+    """Samples (cell rows, cell columns, 2), across and down, 1 to 128."""
     step: int
     """Side of a cell, output px."""
     sharp_px: float
-    """A side of s px is shortened by the factor 1 - (sharp / s)^8, and to nothing up to sharp."""
+    """Sharpness parameter: a side of s px is shortened by the factor 1 - (sharp / s)^8, and to 0
+    for s <= sharp.
+    """
     annulus: Annulus | None = None
-    """Samples outside it do not count. Where it is None, a pixel at the end of the field is not averaged towards
-    it: half a pixel farther there may be nothing."""
+    """Annulus outside which samples are ignored. If None, pixels at the field boundary are not
+    averaged across it, because the field may end within half a pixel.
+    """
 
     @cached_property
     def are_everywhere(self) -> bool:
-        """Whether no pixel is a single sample."""
+        """True if no pixel is a single sample."""
         return not (self.taps == 1).all(axis=-1).any()
 
     @cached_property
     def compiled(self) -> object:
-        """The same as the compiled kernels take it."""
+        """Arguments for the compiled kernels."""
         return backend.kernels.Averages(self.taps, self.step, self.sharp_px, self.annulus)
 
 
 @dataclass(frozen=True, eq=False)
 class RemapJob:
-    """One picture in, one out, as samplers need them: checked, channels on an axis, pixels that adjoin."""
+    """Arguments of a sampler: validated input and output with a channel axis and contiguous pixels."""
 
     source: Image
-    """(h, w, c)."""
+    """Input image (h, w, c)."""
     target: Image
-    """(rows, columns, c) of the same depth, to be filled."""
+    """Output image (rows, columns, c) of the same data type."""
     kernel: Kernel
     border: tuple[float, ...]
-    """One value for each channel."""
+    """One value per channel."""
     averages: Averages | None
-    """What is averaged; None where each pixel is one sample."""
+    """Averaging parameters; None if each pixel is a single sample."""
 
     @property
     def how(self) -> tuple[int, tuple[float, ...], object]:
-        """The last arguments of the compiled samplers."""
+        """Trailing arguments of the compiled samplers."""
         averages = None if self.averages is None else self.averages.compiled
         return ("nearest", "linear", "cubic").index(self.kernel), self.border, averages
 
 
 class Map(Protocol):
-    """Where each pixel of a view lies in the pictures of one camera."""
+    """Map from the pixels of a view to the source coordinates of one camera."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the view, px."""
+        """Size (width, height) of the view, px."""
         ...
 
     @property
     def source_size(self) -> tuple[int, int]:
-        """(width, height) of the pictures, px."""
+        """Size (width, height) of the source images, px."""
         ...
 
     def pixels(self) -> Pixels:
-        """All places (height, width, 2)."""
+        """Return source coordinates (height, width, 2)."""
         ...
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
-        """What an interpolation averages; None where that is nothing."""
+        """Return the averaging parameters of an interpolation; None if it does not average."""
         ...
 
     def sample_compiled(self, job: RemapJob) -> None:
-        """Fill the job's target by the kernel made for such maps; only where kernels are compiled."""
+        """Fill the output of the job with the compiled kernel of this map type."""
         ...
 
     def halved(self, in_picture: tuple[float, float], in_view: tuple[float, float]) -> Map:
-        """The map from a view of half the size to a picture of half the size, halves rounded up.
+        """Return the map from a half-resolution view to a half-resolution image, sizes rounded up.
 
-        Their samples lie right of and below the first of each 2 x 2 pixels, by offsets (x, y) from 0 to 1 px: those
-        of the picture ``in_picture``, those of the view ``in_view``. At the end of the field a sample counts if at
-        least two of its four pixels do.
+        Samples are offset from the first pixel of each 2 x 2 block by (x, y) from 0 to 1 px:
+        ``in_picture`` in the image, ``in_view`` in the view. At the field boundary a sample is
+        valid if at least two of its four pixels are.
         """
         ...
 
 
 class Sampler(Protocol):
-    """Takes a picture's values where a map says: compiled, or by OpenCV; to the same rule, see :mod:`.sampling`."""
+    """Interface of the samplers, compiled or OpenCV, with a common definition; see
+    :mod:`.sampling`.
+    """
 
     @property
     def longest_side_px(self) -> int:
-        """Of the largest picture that it takes."""
+        """Maximum side of an image, px."""
         ...
 
     def sample(self, job: RemapJob, where: Map) -> None:
-        """Fill the job's target."""
+        """Fill the output of the job."""
         ...

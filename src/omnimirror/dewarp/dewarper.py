@@ -1,4 +1,4 @@
-"""From a camera and a screen to a straightened picture."""
+"""Dewarping of images for a camera and a screen."""
 
 from __future__ import annotations
 
@@ -39,40 +39,41 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Dewarper:
-    """Straightens pictures of a camera: made once for a view, called for every picture.
+    """Dewarper for the images of one camera: created once for a view, called for every image.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     view
-        A screen, such as those of :mod:`omnimirror.screens`, or a mosaic of several.
+        Screen, such as those of :mod:`omnimirror.screens`, or a mosaic of several screens.
     interpolation
-        ``"auto"``: cubic where the view magnifies, and where it shrinks the picture the mean of as many cubic
-        samples as it takes, so that nothing aliases. ``"nearest"``, ``"linear"`` and ``"cubic"``: one
-        sample for every pixel. ``"area"``: the mean over all that a pixel covers, everywhere.
+        ``"auto"``: cubic for magnified pixels, and the mean of several cubic samples for minified
+        pixels to avoid aliasing. ``"nearest"``, ``"linear"`` and ``"cubic"``: one sample per pixel.
+        ``"area"``: mean over the footprint of every pixel.
     viewpoint
-        How screens at a finite distance are seen. ``"exact"``: each point by its own reflection.
-        ``"single"``: all from one viewpoint on the axis, as in the paper, the one whose largest error at
-        the screen's distance is least. A number: from that height over the mirror vertex, mm. Distant
-        screens are the same in all three, and before a camera with one viewpoint the first two are.
+        Viewpoint for screens at a finite distance. ``"exact"``: true reflection of each point.
+        ``"single"``: single viewpoint on the axis as in the paper, with the minimum maximum error
+        at the distance of the screen. A number: height (mm) of a single viewpoint over the mirror
+        vertex. The choice has no effect on distant screens; ``"exact"`` and ``"single"`` are equal
+        for a single-viewpoint camera.
     border
-        The colour outside the field, in the picture's own values: a number for all its channels, or one for
-        each. Of frames as in :meth:`planes`, a grey level or (y, u, v).
+        Colour outside the field in image values: a number for all channels, or one for each
+        channel. For frames as in :meth:`planes`: a grey level or (y, u, v).
     keep_map
-        Whether a map of all pixels is made before the first picture, which takes as long as some ten pictures and
-        makes each of them up to 1.7 times as quick: for a view that stays over many. Pictures with and without
-        differ by rounding; of one dewarper, the first is like all others.
+        Compute a map of all pixels before the first image. This takes as long as about ten images
+        and accelerates each image by up to 1.7 times, for a view of many images. Results with and
+        without it differ by rounding; those of one dewarper are consistent.
 
-    It can be pickled and copied; what it prepared is then made again.
+    Instances can be pickled and copied; cached maps are recomputed.
 
     Raises
     ------
     InvalidParameter
-        For an unknown interpolation or viewpoint, for a picture of another size or kind than the camera's,
-        or one that has no such values as the border's.
+        If an interpolation or viewpoint is unknown, an image does not match the camera, or the
+        border is not a valid image value.
     OutsideField
-        At the first use, if the view sees nothing of the camera's field.
+        At the first use, if the view does not intersect the field of the camera.
 
     Examples
     --------
@@ -83,7 +84,7 @@ class Dewarper:
     >>> panorama.shape, panorama[0, 0], panorama[100, 0]  # nothing is seen of the sky above 45 deg
     ((180, 360, 3), array([0, 0, 0], dtype=uint8), array([200, 200, 200], dtype=uint8))
 
-    A wall 30 cm ahead, and how far off it would be if the mirror had a single viewpoint:
+    A wall at 30 cm, and the error of a single-viewpoint model:
 
     >>> wall = om.screens.Plane((640, 480), distance_mm=300.0)
     >>> exact, single = (om.Dewarper(sensor, wall, viewpoint=v).coordinates() for v in ("exact", "single"))
@@ -103,7 +104,8 @@ class Dewarper:
 
     def __post_init__(self) -> None:
         instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
-        has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")  # so has the name of a file
+        # A string has the same attribute
+        has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
             raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
@@ -113,22 +115,23 @@ class Dewarper:
         check_border(self.border)
 
     def __call__(self, image: Image, transparent: bool = False, out: Image | None = None) -> Image:
-        """The straightened picture, of the same depth.
+        """Return the dewarped image with the same bit depth.
 
         Parameters
         ----------
         image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array, uint8, uint16 or float32
-            A picture of the camera's ``image_size``.
+            Image of the camera's ``image_size``.
         transparent
-            Whether to add an alpha channel, 0 outside the field. A picture that comes with an alpha of its
-            own has the border's there.
+            Add an alpha channel, 0 outside the field. An existing alpha channel has the border
+            value there.
         out
-            A picture of the view's size, with the channels and the depth of the result, to be filled and returned.
+            Output array of the view's size with the channels and data type of the result.
 
         Raises
         ------
         InvalidParameter
-            For a picture of another size or kind than the camera's, or an ``out`` of another than the view's.
+            If an image does not match the camera in size or type, or ``out`` does not match the
+            view.
         """
         check_picture(image, self.camera.image_size)
         instance("transparent", transparent, bool, "True or False")
@@ -150,36 +153,39 @@ class Dewarper:
         full_range: bool = False,
         bits: int = 8,
     ) -> Planes:
-        """The straightened frame of a video, plane by plane as it is coded, without any conversion.
+        """Return the dewarped video frame, plane by plane in its coded format, without conversion.
 
         Parameters
         ----------
         parts : (y, u, v), (y, uv) as in NV12 and P010, or (y, u, v, opacity)
-            Luma of the camera's ``image_size``; colours of half of it, rounded up, (h, w) or (h, w, 2), or in three
-            planes of half the width (4:2:2), or of all of it (4:4:4). Opacity as luma; outside the field it is 0,
-            unless the border is a colour. uint8 or uint16, with any strides.
+            Luma of the camera's ``image_size``; chroma of half the size, rounded up, (h, w) or
+            (h, w, 2), or in three planes of half the width (4:2:2) or of full size (4:4:4). Opacity
+            has the size of luma; outside the field it is 0 unless the border is a colour. uint8 or
+            uint16, with any strides.
         out : planes as of the view, optional
-            Planes (h, w) of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
+            Output planes (h, w) of the view, such as those of a frame to be encoded; same
+            arrangement as ``parts``.
         siting
-            Where colour samples lie: ``"left"`` as in H.264 and MPEG-2, ``"center"`` as in JPEG and MPEG-1,
-            or ``"topleft"``.
+            Position of chroma samples: ``"left"`` as in H.264 and MPEG-2, ``"center"`` as in JPEG
+            and MPEG-1, or ``"topleft"``.
         to_siting
-            Where they lie in the result; there too where not given.
+            Position of chroma samples in the result; by default the same.
         full_range
-            Whether luma counts from 0, or from 16 (in 8 bits). A ``border`` that is a number is a grey level that
-            counts from 0 either way.
+            True for full-range luma, from 0; False for limited range, from 16 (in 8 bits). A
+            ``border`` given as a number is a full-range grey level in both cases.
         bits
-            Of values in uint16: 10 for yuv420p10, 16 for P010, whose values stand in the upper bits.
+            Bit depth of uint16 values: 10 for yuv420p10, 16 for P010, which stores values in the
+            upper bits.
 
         Returns
         -------
         planes
-            Arrays (h, w) of the view, arranged as ``parts``.
+            Arrays (h, w) of the view with the arrangement of ``parts``.
 
         Raises
         ------
         InvalidParameter
-            For planes that are no frame of the camera's.
+            If the planes are not a frame of the camera.
 
         Examples
         --------
@@ -205,15 +211,15 @@ class Dewarper:
 
     @checked
     def coordinates(self, exact: bool = False) -> Array:
-        """Source pixels (height, width, 2) as (u, v); NaN outside the field.
+        """Return source pixels (height, width, 2) as (u, v); NaN outside the field.
 
-        Most are interpolated between exact ones, to within .005 px in pictures of 1000 px (.01 px at 4096);
-        ``exact`` projects every pixel by itself, many times slower.
+        Most coordinates are interpolated between exact ones, within 0.005 px in images of 1000 px
+        (0.01 px at 4096); ``exact`` projects every pixel individually, which is many times slower.
 
         Parameters
         ----------
         exact
-            Project every pixel by itself.
+            Project every pixel individually.
 
         Returns
         -------
@@ -223,7 +229,7 @@ class Dewarper:
         Raises
         ------
         OutsideField
-            The view sees nothing of the camera's field.
+            If the view does not intersect the field of the camera.
         """
         pixels = source_pixels(self.camera, self.view, self.viewpoint, exact)
         if np.isnan(pixels[..., 0]).all():
@@ -239,23 +245,28 @@ class Dewarper:
 
     @property
     def valid(self) -> Mask:
-        """(height, width), False outside the field: seen of a picture of ones, an eighth of a map in memory."""
+        """Mask (height, width), False outside the field; sampled from an image of ones, which takes
+        1/8 of the memory of a map.
+        """
         width, height = self.camera.image_size
         return remap(np.ones((height, width), np.uint8), self._map, "nearest").view(np.bool_)
 
     @cached_property
     def _map(self) -> Map:
-        """Where to sample, the same for all pictures: all pixels' places if asked for, or if there is nothing else."""
+        """Map for all images: the pixel map if requested or if no other map applies."""
         return self._pixel_map if self.keep_map or self._quick_map is None else self._quick_map
 
     @cached_property
     def _quick_map(self) -> Map | None:
-        """What is made much sooner than a map of all pixels, and sampled nearly as fast; None where there is none."""
+        """Map that is much faster to create than a pixel map and nearly as fast to sample; None if
+        there is none.
+        """
         if not isinstance(self.view, Screen):
             return None
         if is_separable(self.camera, self.view):
             polar = polar_map_of(self.camera, self.view, self.viewpoint)
-            # Where it does not seem to, only a map of all pixels tells whether anything is seen.
+            # A polar map without visible pixels is inconclusive: only a pixel map determines
+            # visibility.
             return replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
         lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
         if not lattice.shows_something():
@@ -272,7 +283,7 @@ class Dewarper:
         return PixelMap(self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles)
 
     def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
-        """Of colours in 4:2:0, sited so in the source and in the view."""
+        """Return the map of 4:2:0 chroma for the siting of the source and of the view."""
         if sitings not in self._chroma_maps:
             in_picture, in_view = (SITINGS[siting] for siting in sitings)
             self._chroma_maps[sitings] = self._map.halved(in_picture, in_view)

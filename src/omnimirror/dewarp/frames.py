@@ -1,4 +1,4 @@
-"""Frames of videos straightened as they are coded."""
+"""Dewarping of video frames in their coded format."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ from .yuv.planes import Siting
 def dewarp_frame(
     dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None
 ) -> av.VideoFrame:
-    """A frame's view: its planes straightened into those of a new frame, with its time and colour coding.
+    """Dewarp a video frame to a new frame with the same timestamp and colour coding.
 
     Parameters
     ----------
     dewarp
-        The camera and the view.
+        Dewarper for the camera and the view.
     frame
-        Of any pixel format; one that is not planar YUV or NV12 is converted first, to planes that hold as much.
+        Frame of any pixel format; formats other than planar YUV and NV12 are first converted to
+        planes without loss of depth.
     siting, to_siting
-        Where colours lie in it, and in the result; see :meth:`Dewarper.planes`. Readers and sinks of
-        :mod:`omnimirror.io` tell theirs.
+        Position of chroma samples in the frame and in the result; see :meth:`Dewarper.planes`.
+        Readers and sinks of :mod:`omnimirror.io` report theirs.
 
     Returns
     -------
-    A frame of pixel format nv12 where the given one is, and otherwise planar YUV of the same depth, with colours of the
-    same resolution, and with transparency if there was any: outside the field all of it, unless the border is a colour.
+    Frame of pixel format nv12 for nv12 input, otherwise planar YUV of the same depth and chroma
+    resolution, with transparency if present: transparent outside the field unless the border is a
+    colour.
 
     Raises
     ------
     InvalidParameter
-        The frame is not of the camera's size.
+        If the frame does not have the size of the camera.
 
     Examples
     --------

@@ -1,7 +1,8 @@
-"""From where a screen is seen: by the true reflection of each of its points, or from one viewpoint.
+"""Viewpoint of a screen: true reflection for each of its points, or a single viewpoint.
 
-A mirror sees every point from a place of its own. The paper's virtual projector stands in a single
-viewpoint V0 instead (its section 4.2): harmless for distant things, some pixels wrong for near ones.
+A mirror has a different viewpoint for every point. The virtual projector of the paper has a single
+viewpoint V0 instead (section 4.2): exact for distant objects, with errors of some pixels for nearby
+objects.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from .screens import Screen
 Array = NDArray[np.float64]
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 
-PLACES = 16  # rows, and columns, of a screen at which its distance is measured
-AZIMUTHS, ANGLES = 8, 257  # of the rays on which a single viewpoint is judged; the picture may cut off some azimuths
-PRECISION = 1e-7  # of the range in which it is sought
-SIDEWAYS = 1e-6  # sine of the angle from the axis below which a ray does not tell where it meets the axis
+PLACES = 16  # sampled rows and columns of a screen for its distance
+AZIMUTHS, ANGLES = 8, 257  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
+PRECISION = 1e-7  # relative to the search range
+SIDEWAYS = 1e-6  # minimum sine of the angle from the axis for an intersection with the axis
 
 
 def check_viewpoint(viewpoint: Viewpoint) -> None:
-    """Refuse what is neither a word that is known nor a height."""
+    """Raise an error unless the viewpoint is a known name or a height."""
     if isinstance(viewpoint, str):
         if viewpoint in ("exact", "single"):
             return
@@ -38,7 +39,7 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
 
 
 def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
-    """The camera's projection of a screen's targets (n, 3)."""
+    """Return the projection of screen targets (n, 3) by a camera."""
     centre = centre_of_projection(camera, screen, viewpoint)
     if centre is None:
         return camera.project
@@ -46,9 +47,9 @@ def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Calla
 
 
 def centre_of_projection(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Array | None:
-    """The place (3,) mm from which all of a screen is seen; None where each point is seen from a place of its own."""
+    """Return the common viewpoint (3,) mm of a screen; None if each point has its own viewpoint."""
     if screen.is_distant:
-        return np.zeros(3)  # from infinitely far away all viewpoints are one
+        return np.zeros(3)  # at infinity all viewpoints are equivalent
     if viewpoint == "exact":
         return None
     if viewpoint == "single":
@@ -57,7 +58,7 @@ def centre_of_projection(camera: Camera, screen: Screen, viewpoint: Viewpoint) -
 
 
 def place_on_axis(camera: Camera, height_mm: float) -> Array:
-    """World point (3,) mm on the camera's axis, at a height over the mirror vertex.
+    """Return the world point (3,) mm on the camera axis at a height over the mirror vertex.
 
     Raises
     ------
@@ -70,12 +71,12 @@ def place_on_axis(camera: Camera, height_mm: float) -> Array:
         raise InvalidParameter(
             f"viewpoint = {height_mm:g} mm is nowhere: the camera is not symmetric about an axis; 'exact' is valid"
         )
-    place: Array = -height_mm * camera.symmetry.axis  # the axis is the direction seen at field angle 0
+    place: Array = -height_mm * camera.symmetry.axis  # the axis is the direction at field angle 0
     return place
 
 
 def middle_distance(screen: Screen) -> float:
-    """Median distance (mm) of a screen's points from the mirror vertex.
+    """Return the median distance (mm) of the points of a screen from the mirror vertex.
 
     >>> from omnimirror.dewarp.screens import Sphere
     >>> round(middle_distance(Sphere((40, 20), distance_mm=300.0)), 9)
@@ -90,23 +91,24 @@ def middle_distance(screen: Screen) -> float:
 
 
 def single_viewpoint(camera: Camera, distance_mm: float) -> float:
-    """Height V0 (mm over the mirror vertex) of the viewpoint whose largest error in the picture is least.
+    """Return the height V0 (mm over the mirror vertex) of the viewpoint with the smallest maximum
+    image error.
 
-    The paper's choice: for things at a distance from where they are reflected, over the whole field. It
-    belongs to camera and distance, so that it stays where it is when a view moves. The error is counted
-    where the picture shows it; the paper's Eq. 23 multiplies the angle with dh/dOmega instead, which at
-    7 mirror radii is 5 % too little at the rim.
+    This is the choice of the paper: for objects at a distance from their reflection points, over
+    the whole field. It depends on the camera and the distance and is unchanged when a view moves.
+    The error is evaluated in the image; Eq. 23 of the paper multiplies the angle by dh/dOmega
+    instead, which is 5 % too small at the rim for 7 mirror radii.
 
     Raises
     ------
     OutsideField
-        If the camera sees nothing.
+        If no pixel of the camera images the scene.
     InvalidParameter
-        If its viewpoints lie about no axis.
+        If its viewpoints are not symmetric about an axis.
 
     Examples
     --------
-    At 7 mirror radii from the paper's sphere (Fig. 15), in mirror radii:
+    For 7 mirror radii from the sphere of the paper (Fig. 15), in mirror radii:
 
     >>> import omnimirror as om
     >>> round(single_viewpoint(om.load_sensor("paper-spherical"), 7 * 43.9) / 43.9, 3)
@@ -134,7 +136,9 @@ def single_viewpoint(camera: Camera, distance_mm: float) -> float:
 
 
 def _pixels_of_the_field(camera: Camera) -> Array:
-    """Pixels (n, 2) from the centre to the rim; without an axis, the corners and the middle of the picture."""
+    """Return pixels (n, 2) from the centre to the rim; without an axis, the corners and the centre
+    of the image.
+    """
     s = camera.symmetry
     if s is None:
         width, height = camera.image_size
@@ -147,10 +151,10 @@ def _pixels_of_the_field(camera: Camera) -> Array:
 
 
 def _seen_in(camera: Camera, apparent: Array, true: Array) -> Array:
-    """Pixels (n, 2) of apparent directions (n, 3).
+    """Return pixels (n, 2) of apparent directions (n, 3).
 
-    Those beyond the edge of the field are turned to the other side of the true direction, where their
-    error is of the same size: left out, they would make viewpoints look good that push the edge out.
+    Directions outside the field are mirrored at the true direction, which preserves the magnitude
+    of the error: without them, viewpoints that move the edge out of the field would be preferred.
     """
     pixels, seen = camera.project_directions(apparent)
     unit = apparent[~seen] / np.linalg.norm(apparent[~seen], axis=1, keepdims=True)
@@ -160,7 +164,9 @@ def _seen_in(camera: Camera, apparent: Array, true: Array) -> Array:
 
 
 def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array:
-    """Heights (k,) mm over the vertex at which rays (n, 3) pass the camera's axis; (1,) for a single viewpoint."""
+    """Return heights (k,) mm over the vertex of the intersections of rays (n, 3) with the camera
+    axis; (1,) for a single viewpoint.
+    """
     if np.ptp(origins, axis=0).max() == 0 and not origins[0].any():
         return np.zeros(1)
     if camera.symmetry is None:
@@ -170,6 +176,8 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     tilted = np.linalg.norm(sideways, axis=1) > SIDEWAYS
     if not tilted.any():
         return np.zeros(1)
+    # Closest approach to the axis: the component s of the ray across the axis satisfies
+    # (o + t s) . s = 0, therefore t = -(o . s) / (s . s)
     steps = -(origins * sideways).sum(axis=1)[tilted] / (sideways**2).sum(axis=1)[tilted]
     heights: Array = (origins @ up)[tilted] + steps * along[tilted]
     return heights

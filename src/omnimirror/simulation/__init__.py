@@ -1,1 +1,1 @@
-"""What a sensor would see: scenes, and the pictures that a camera takes of them."""
+"""Simulation: scenes, and rendering of camera images."""

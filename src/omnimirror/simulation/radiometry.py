@@ -1,4 +1,4 @@
-"""How much light comes: what the mirror returns, what the lens dims, what the housing in the light sends out itself."""
+"""Radiometry: mirror reflectivity, lens vignetting and light from the housing."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Radiometry:
-    """How the mirror and the lens dim the light, and how grey what stands in it is; by default nothing is dimmed.
+    """Reflectivity of the mirror, vignetting of the lens, and grey level of obstructions; by
+    default without losses.
 
-    What stands in the light is the sensor's own :class:`~omnimirror.optics.housing.Housing`.
+    Obstructions are defined by the :class:`~omnimirror.optics.housing.Housing` of the sensor.
 
     Parameters
     ----------
     grey
-        Light that camera, rod and rim send out, linear, white at 1.
+        Light emitted by camera, rod and rim, linear, white at 1.
     reflectivity
-        Share of the light that the mirror returns: a number, a metal's index ``n + 1j k`` or its name, which
-        follow Fresnel's formulas (:func:`omnimirror.optics.mirrors.reflectivity.reflectance`), or three of them, for
-        red, green and blue.
+        Reflectivity of the mirror: a number, the complex index ``n + 1j k`` of a metal or its name,
+        with Fresnel's equations (:func:`omnimirror.optics.mirrors.reflectivity.reflectance`), or
+        three of them, for red, green and blue.
     vignetting
-        1: the natural one of a lens, with the fourth power of the cosine; 0: none.
+        1: natural vignetting with the fourth power of the cosine; 0: none.
     sees_past
-        Whether the camera sees the world beside the mirror; else it is black there.
+        True if the camera images the world past the mirror; otherwise it is black there.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is out of range.
 
     Examples
     --------
@@ -62,7 +63,7 @@ class Radiometry:
             reflectance(0.0, each)
 
     def returned(self, gamma: Array) -> Array:
-        """Share of the light that the mirror returns; of one colour.
+        """Return the reflectivity of the mirror for one colour.
 
         Parameters
         ----------
@@ -77,12 +78,12 @@ class Radiometry:
         return reflectance(gamma, self.reflectivity)
 
     def of_colours(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
-        """The same as red, green and blue light meet it.
+        """Return the radiometry for red, green and blue light.
 
         Returns
         -------
         tuple of three Radiometry
-            None where all colours are alike.
+            None if all colours are equal.
         """
         if not isinstance(self.reflectivity, tuple):
             return None
@@ -91,7 +92,9 @@ class Radiometry:
 
 
 def camera_front(place: Array) -> Array:
-    """How light (n,) a camera's front is at places (n, 2) in radii of its lens's front ring; as in the kernels."""
+    """Return the grey level (n,) of the camera front at points (n, 2) in radii of its front ring,
+    as in the kernels.
+    """
     x, y = place.T
     with np.errstate(invalid="ignore"):
         q = np.hypot(x, y)

@@ -1,4 +1,4 @@
-"""There and back: a wall of the room simulated, straightened, and compared with what a pinhole sees of it."""
+"""Round trip: a simulated wall of the room is dewarped and compared with a pinhole image."""
 
 from __future__ import annotations
 
@@ -25,35 +25,36 @@ Array = NDArray[np.float64]
 
 SIZE = (600, 300)
 WALL_MM = 800.0
-"""From the sensor to the wall ahead, on which OMNIMIRROR is written."""
+"""Distance from the sensor to the wall ahead with the word OMNIMIRROR."""
 POSE = Pose(x_mm=3400.0 - WALL_MM, y_mm=-200.0, z_mm=300.0)
 VIEW = Plane(SIZE, hfov_deg=80.0, distance_mm=WALL_MM, offset_mm=(0.0, 0.0, 430.0))
 ELSEWHERE_MM = 10.0
-"""Fineness of what the view does not show; the whole room as fine as its wall would take 1.7 GB to paint."""
+"""Texel size outside the view; painting the whole room as finely as its wall would take 1.7 GB."""
 ROWS = 30
 STRIPS = 4
 SMOOTHING_PX, STEPS = 4.0, 6
-LETTERS = slice(72, 252)  # rows of the view where there is something to measure a shift by
+LETTERS = slice(72, 252)  # rows of the view with features for measuring shifts
 
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """How near a straightened picture comes to the truth: decibels in sRGB, and shifts in source pixels.
+    """Deviation of dewarped images from the reference: decibels in sRGB, and shifts in source
+    pixels.
 
     Attributes
     ----------
     exact_db
-        A sharp picture, straightened by the true reflection: what is left is sampling.
+        Sharp image, dewarped with the true reflection: the residual is due to sampling.
     finer_db
-        The same with pixels of half the size: how much of it is.
+        Same with pixels of half the size, which isolates the sampling error.
     blurred_db
-        The picture through the whole aperture: what focus costs; NaN for a sensor of two mirrors.
+        Image with the whole aperture, including defocus; NaN for a sensor with two mirrors.
     single_db
-        The sharp one straightened as if the mirror had one viewpoint, the best for that distance.
+        Sharp image dewarped with a single-viewpoint model, optimised for that distance.
     exact_px, single_px : (strips,)
-        By how much strips of the picture are found shifted across the image's radius.
+        Measured shifts of image strips along the image radius.
     predicted_px : (strips,)
-        By how much the single viewpoint shifts them (Eq. 23, the paper's Fig. 15).
+        Predicted shifts by the single-viewpoint model (Eq. 23, Fig. 15 of the paper).
     """
 
     exact_db: float
@@ -66,34 +67,35 @@ class RoundTrip:
 
     @property
     def blur_share(self) -> float:
-        """Share of the blurred picture's mean square error that the blur has added, 0 to 1."""
+        """Fraction of the mean squared error of the blurred image that is due to blur, 0 to 1."""
         return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
 
 
 @checked
 def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
-    """Simulate the room's wall 800 mm ahead, straighten it in four ways, and compare each with a pinhole's picture.
+    """Simulate the wall of the room at 800 mm, dewarp it with four methods, and compare each with a
+    pinhole image.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Sensor, such as returned by :func:`omnimirror.load_sensor`.
     samples
         Rays per pixel.
     texel_mm
-        Fineness of the wall, mm.
+        Texel size of the wall, mm.
 
     Returns
     -------
     RoundTrip
-        Decibels of each way, shifts in px, and the one that Eq. 23 predicts.
+        Decibels of each method, shifts in px, and the prediction of Eq. 23.
 
     Raises
     ------
     InvalidParameter
         If the mirror is decentred or tilted, and has no field angles.
     OutsideField
-        If the sensor does not see all of the wall's letters.
+        If the field does not contain all letters on the wall.
 
     Examples
     --------
@@ -114,7 +116,7 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     sharp = _picture(sensor, room, samples)
     straight, guessed = exact(sharp), single(sharp)
     blurred_db = np.nan
-    if sensor.secondary is None:  # no rays of the aperture are traced by way of a second mirror
+    if sensor.secondary is None:  # aperture rays via a second mirror are not traced
         blurred_db = _decibels(exact(_picture(sensor, room, samples, blur=True)), truth)
     u, v = sensor.imager.centre
     halved = replace(
@@ -138,7 +140,7 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
 
 
 def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) -> NDArray[np.float32]:
-    """sRGB, converted in place, some rows at a time."""
+    """Render an sRGB image, converted in place in bands of rows."""
     picture = expose(sensor, scene, samples=samples, blur=blur)
     for rows in np.array_split(picture, max(1, len(picture) // ROWS)):
         rows[:] = srgb_from_linear(rows)
@@ -146,9 +148,9 @@ def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) 
 
 
 def _truth(scene: Scene) -> NDArray[np.float32]:
-    """What a pinhole in the sensor's place sees of the wall, four rays by four a pixel."""
+    """Render the wall with a pinhole at the sensor, 4 x 4 rays per pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # a part at a time: three million rays take half a gigabyte
+    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # processed in parts: three million rays take 0.5 GB
     parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 
@@ -163,14 +165,16 @@ def _strips() -> list[slice]:
 
 
 def _middle(dewarp: Dewarper, sensor: Sensor) -> Array:
-    """Image radius (rows,), px, of the middle column, by the true reflection."""
+    """Return the image radius (rows,), px, of the middle column by the true reflection."""
     return sensor.radius_from_centre_px(dewarp.coordinates()[:, SIZE[0] // 2])
 
 
 def _shifts(picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor) -> Array:
-    """Shift (strips,) of a picture against the truth, downwards, by least squares over the middle third; source px.
+    """Return the downward shift (strips,) of an image relative to the reference by least squares;
+    source px.
 
-    Both are smoothed first, and the truth is shifted by what was found until nothing is left to find.
+    Only the middle third is used. Both images are smoothed first, and the reference is shifted by
+    the estimate until convergence.
     """
     import cv2
 
@@ -189,13 +193,14 @@ def _shifts(picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dew
 
 
 def _predicted(sensor: Sensor, exact: Dewarper, viewpoint_mm: float) -> Array:
-    """Shifts (strips,) in px by Eq. 23, whose sign is that of rows, which count downwards."""
+    """Return shifts (strips,) in px by Eq. 23, with the sign of rows, which increase downwards."""
     radius = _middle(exact, sensor)
     rays = sensor.meridian.trace(sensor.x_from_height_px(radius))
     targets = VIEW.targets(0, SIZE[1])[:, SIZE[0] // 2]
     origins = sensor.backproject(exact.coordinates()[:, SIZE[0] // 2]).origins
     angle = viewpoint_angle_error(rays, viewpoint_mm, np.linalg.norm(targets - origins, axis=1))
-    # a place of the view takes what lies at a smaller field angle: lower, if the camera looks up, and so all moves up
+    # A view position samples a smaller field angle: lower for an upward camera, which moves the
+    # image up
     down = -1.0 if sensor.axis[2] < 0 else 1.0
     error = down * angle * sensor.image_height_rate_px(rays)
     return np.array([float(error[rows].mean()) for rows in _strips()])

@@ -1,4 +1,4 @@
-"""Transparent tubes and domes around a sensor: what is seen through them, dimmed, bent, and with a ghost."""
+"""Transparent tubes and domes around a sensor: refraction, transmission losses and ghosts."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ from ..optics.sensor import Sensor
 from ..optics.tracing.walls import Passage, passage
 from .scenes.contract import Array, Scene
 
-GHOSTS = 2  # ghosts of ghosts of ghosts are less than a thousandth
-START_MM = 1e-4  # a ray starts on what is this near: single precision
-LIFT_MM = 1e-6  # by which a ray starts off the surface that it leaves
+GHOSTS = 2  # higher-order ghosts have less than 0.001 of the light
+START_MM = 1e-4  # tolerance of a ray origin on a surface: single precision
+LIFT_MM = 1e-6  # offset of a ray origin from the surface that it leaves
 
 
 def meets_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
-    """Which rays (n, 3), (n, 3) from inside end at what is opaque about a shell, before they come to its wall.
+    """Return the mask of rays (n, 3), (n, 3) from inside that end at opaque parts of a shell before
+    its wall.
 
-    Those are the discs that close it at heights; about a window, all but its opening.
+    Opaque parts are the discs that close it at heights; for a window, all except its opening.
     """
     if isinstance(shell, FlatWindow):
         return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
-        meets |= (points[:, 2] - height) * np.sign(height) > -START_MM  # thrown back in the very corner
+        # Reflected exactly in the corner
+        meets |= (points[:, 2] - height) * np.sign(height) > -START_MM
     return meets
 
 
@@ -44,7 +46,7 @@ def _meets_disc(points: Array, directions: Array, height: float, radius: float) 
 
 
 class _Ghosts(NamedTuple):
-    """What a wall throws back."""
+    """Rays reflected by a wall."""
 
     points: Array
     directions: Array
@@ -53,22 +55,22 @@ class _Ghosts(NamedTuple):
 
 @dataclass(frozen=True)
 class ThroughShell:
-    """A scene as a sensor sees it from inside a tube or a dome.
+    """Scene seen by a sensor through a tube or a dome.
 
-    Rays are bent at both sides of the wall by Snell's law and dimmed by Fresnel's. What the wall throws back is the
-    ghost: where it meets the mirror it is reflected once more, where it meets the mirror's back or a lid it ends,
-    and else it passes the wall and shows another part of the scene, or is thrown back once more. Of ghosts the mirror
-    swallows nothing. Lids are black.
+    Rays are refracted at both sides of the wall by Snell's law and attenuated by Fresnel's
+    equations. The light reflected by the wall is the ghost: at the mirror it is reflected again, at
+    the back of the mirror or a lid it ends, and otherwise it passes the wall to another part of the
+    scene, or is reflected again. Ghosts have no absorption at the mirror. Lids are black.
 
     Parameters
     ----------
     scene
     shell : Tube or Dome
-        Its sizes are known.
+        Shell with known dimensions.
     sensor
-        That stands inside; rays start from its mirror.
+        Sensor inside; rays start from its mirror.
     lids_mm
-        Heights over the mirror's vertex (away from the lens) of opaque discs that close it.
+        Heights over the mirror vertex (away from the lens) of opaque discs that close it.
 
     Examples
     --------
@@ -87,7 +89,7 @@ class ThroughShell:
     lids_mm: tuple[float, ...] = ()
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) of rays (n, 3) of the sensor's world frame that start inside.
+        """Return linear RGB (n, 3) of rays (n, 3) of the sensor world frame that start inside.
 
         Raises
         ------
@@ -109,7 +111,7 @@ class ThroughShell:
         return light.astype(np.float32)
 
     def _ghosts(self, passage: Passage) -> _Ghosts:
-        """Where what was thrown back goes next."""
+        """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
         points, directions = passage.met + LIFT_MM * passage.thrown_back, passage.thrown_back
         again = mirror.trace(points, directions)
@@ -122,7 +124,7 @@ class ThroughShell:
 
 
 def seen_through(camera: Camera, scene: Scene) -> Scene:
-    """The scene as a camera sees it through the tube or the dome of its housing, or as it is where there is none."""
+    """Return the scene through the tube or dome of the housing of a camera; unchanged without one."""
     if not isinstance(camera, Sensor) or camera.housing.shell is None:
         return scene
     standing = camera.obstructions

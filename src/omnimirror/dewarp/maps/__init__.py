@@ -1,1 +1,1 @@
-"""Where each pixel of a view lies in the picture."""
+"""Maps from the pixels of a view to source coordinates."""

@@ -1,4 +1,4 @@
-"""From a view to the pixels of the picture that it shows."""
+"""Source coordinates of the pixels of a view."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from .refine import lattice_map
 
 Array = NDArray[np.float64]
 
-STRIP_PX = 1 << 17  # output pixels worked on at a time: their rays stay in the cache
+STRIP_PX = 1 << 17  # output pixels per strip: their rays fit into the cache
 
 
 def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False) -> Array:
-    """Source pixels (height, width, 2) of a view as (u, v); NaN outside the field and between a mosaic's views.
+    """Return source pixels (height, width, 2) of a view as (u, v); NaN outside the field and
+    between views of a mosaic.
 
-    With ``exact`` every pixel is projected by itself; otherwise most are interpolated, to some thousandths
-    of a pixel.
+    With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
+    errors of some 0.001 px.
     """
     of_screen = exact_pixels if exact else screen_pixels
     if isinstance(view, Screen):
@@ -38,14 +39,14 @@ def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", ex
 
 
 def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
-    """Source pixels (height, width, 2) of a screen, the quickest way."""
+    """Return source pixels (height, width, 2) of a screen with the fastest method."""
     if is_separable(camera, screen):
         return polar_map_of(camera, screen, viewpoint).pixels()
     return lattice_map_of(camera, screen, viewpoint).pixels().astype(np.float64)
 
 
 def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> LatticeMap:
-    """The lattice map of a screen."""
+    """Return the lattice map of a screen."""
     table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     if table is None:
         return lattice_map(
@@ -66,7 +67,9 @@ def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact
 
 
 def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
-    """Source pixels (height, width, 2) of any camera and screen, each projected by itself, in strips of rows."""
+    """Return source pixels (height, width, 2) of a screen, projected individually in strips of
+    rows.
+    """
     width, height = screen.size
     pixels = np.empty((height, width, 2))
     step = max(1, STRIP_PX // width)
@@ -79,28 +82,32 @@ def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
 def rows_of_pixels(
     camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
 ) -> Array:
-    """Source pixels (rows, width, 2) of some rows of a screen, each projected by itself."""
+    """Return source pixels (rows, width, 2) of some rows of a screen, projected individually."""
     return _projected(camera, screen, viewpoint, screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row)))
 
 
 def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Array) -> Array:
-    """Source pixels (.., 2) of a screen's targets (.., 3); a camera is asked for rows of them, as its contract says."""
+    """Return source pixels (..., 2) of screen targets (..., 3), flattened to the (n, 3) of the
+    camera interface.
+    """
     pixels = projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels
     return pixels.reshape(*targets.shape[:-1], 2)
 
 
-# -- panoramas about the camera's own axis ---------------------------------------------------------
+# -- panoramas about the camera axis ---------------------------------------------------------------
 
 
 def is_separable(camera: Camera, screen: Screen) -> bool:
-    """Whether rows are circles in the picture: a panorama about the camera's vertical axis."""
+    """Return True if rows are circles in the image: a panorama about the vertical axis of the
+    camera.
+    """
     if not isinstance(screen, Panorama) or camera.symmetry is None or not is_vertical(camera.symmetry):
         return False
     return screen.is_distant or not any(screen.offset_mm[:2])
 
 
 def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> PolarMap:
-    """The polar map of a separable screen."""
+    """Return the polar map of a separable screen."""
     symmetry = camera.symmetry
     assert isinstance(screen, Panorama)
     assert symmetry is not None
@@ -109,7 +116,8 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     if screen.is_distant:
         return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
     centre = centre_of_projection(camera, screen, viewpoint)
-    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
+    # One column is sufficient by symmetry
+    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))
     points -= 0.0 if centre is None else centre
     table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     assert table is not None
@@ -118,7 +126,7 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
 
 
 def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:
-    """Image radii (n,) in px of tilts (n,) in radians; NaN outside the field."""
+    """Return image radii (n,) in px for tilts (n,) in radians; NaN outside the field."""
     omega: Array = np.pi / 2 - symmetry.axis[2] * tilts
     radii = np.full_like(omega, np.nan)
     seen = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)

@@ -1,8 +1,9 @@
-"""Places in planes of half the size, as 4:2:0 codes colours, from those of the whole picture.
+"""Source coordinates of half-resolution planes (4:2:0 chroma) from those of the full image.
 
-Such a plane has one sample for 2 x 2 pixels. Column i of it lies over column ``2 i + x``, row j over ``2 j + y``, where
-(x, y) is the offset of its samples; so what a sample of the view shows is found at ``(place of the view there - offset
-of the picture's samples) / 2``. The map is taken between its pixels: nothing is projected again.
+Such a plane has one sample per 2 x 2 pixels. Its column i is at column ``2 i + x`` and its row j at
+row ``2 j + y`` of the full image, with the sample offset (x, y). The source coordinate of a sample
+is therefore ``(source coordinate at the view position - image offset) / 2``. The map is
+interpolated between its pixels, without further projections.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from ...cameras.camera import inside_image
 Floats = NDArray[Any]
 Offset = tuple[float, float]
 
-SEEN = 2  # of the 4 pixels must show the scene for their sample to count
+SEEN = 2  # minimum number of the 4 pixels inside the field for a valid sample
 
 
 def half(size: tuple[int, int]) -> tuple[int, int]:
-    """Size of a plane of half the size.
+    """Return the size of a half-resolution plane.
 
     >>> half((63, 48))
     (32, 24)
@@ -36,19 +37,20 @@ def halved_pixels(
     source_size: tuple[int, int],
     labels: NDArray[np.int32] | None = None,
 ) -> Floats:
-    """Places (.., ceil h/2, ceil w/2, 2) in planes of half the size from those of the whole (.., h, w, 2).
+    """Return coordinates (..., ceil h/2, ceil w/2, 2) in half-resolution planes from full
+    coordinates (..., h, w, 2).
 
-    Linear between pixels, which is wrong by an eighth of what the map bends from one output pixel to the
-    next. At the end of the field a sample counts if at least two of its four pixels do.
+    Interpolation between pixels is linear, with an error of 1/8 of the second difference of the
+    map. At the field boundary a sample is valid if at least two of its four pixels are.
 
     Parameters
     ----------
     in_picture, in_view
-        Offsets (x, y) of samples, px; see :meth:`~omnimirror.dewarp.contracts.Map.halved`.
+        Sample offsets (x, y), px; see :meth:`~omnimirror.dewarp.contracts.Map.halved`.
     source_size
-        (width, height) of the whole picture.
+        Size (width, height) of the full image.
     labels : (h, w), optional
-        Different numbers where one must not interpolate between.
+        Region labels; no interpolation between pixels of different labels.
 
     Examples
     --------
@@ -67,13 +69,16 @@ def halved_pixels(
         of_block = _blocks(labels[..., None])[..., 0]
         mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
         at[mixed] = blocks[mixed][:, 0, 0]
-    # A point on the first or last half pixel of the whole image may lie outside the plane of half the size.
+    # A point on the outermost half pixel of the full image may be outside the half-resolution
+    # plane.
     halved: Floats = np.clip((at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5)
     return halved.astype(pixels.dtype, copy=False)
 
 
 def _blocks(values: Floats) -> Floats:
-    """Squares of 2 x 2 values (.., h/2, w/2, 2, 2, n) of (.., h, w, n); odd sides go on as they end."""
+    """Return blocks of 2 x 2 values (..., h/2, w/2, 2, 2, n) of (..., h, w, n); odd sides are
+    extrapolated linearly.
+    """
     for axis in (-3, -2):
         count = values.shape[axis]
         if count % 2:
@@ -85,7 +90,7 @@ def _blocks(values: Floats) -> Floats:
 
 
 def pairs(values: Floats) -> Floats:
-    """Pairs (n/2, 2) of values (n,); an odd number goes on as it ends."""
+    """Return pairs (n/2, 2) of values (n,); an odd number is extrapolated linearly."""
     if len(values) % 2:
         values = np.append(values, 2 * values[-1] - values[max(len(values) - 2, 0)])
     return values.reshape(-1, 2)

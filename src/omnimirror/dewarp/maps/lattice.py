@@ -1,4 +1,4 @@
-"""A lattice map: places at every so many pixels of the view, and bicubic interpolation between."""
+"""Lattice map: source coordinates on a regular lattice of view pixels with bicubic interpolation."""
 
 from __future__ import annotations
 
@@ -19,39 +19,42 @@ FINEST_STEP = 4
 
 @dataclass(frozen=True, eq=False)
 class LatticeMap:
-    """Places at every ``step``-th output pixel, between which they are interpolated by Lagrange's cubics.
+    """Map with nodes at every ``step``-th output pixel and cubic Lagrange interpolation between
+    them.
 
-    With 16 pixels between nodes, a perspective view is met to some thousandths of a pixel. See
+    With a node spacing of 16 pixels, the error in a perspective view is some 0.001 px. See
     :class:`~omnimirror.dewarp.contracts.Map`.
     """
 
     nodes: NDArray[np.float32]
-    """(2, rows, columns): u and v at output pixels (-step, -step), (0, -step), .. up to one beyond the cell of
-    the last pixel."""
+    """Coordinates u and v (2, rows, columns) at output pixels (-step, -step), (0, -step), ... up to
+    one node beyond the cell of the last pixel.
+    """
     size: tuple[int, int]
-    """(width, height) of the view."""
+    """Size (width, height) of the view."""
     source_size: tuple[int, int]
-    """(width, height) of the pictures."""
+    """Size (width, height) of the source images."""
     step: int
-    """4, 8, 16, 32 or 64."""
+    """Node spacing: 4, 8, 16, 32 or 64."""
     cells: NDArray[np.int32]
-    """(cell rows, cell columns): -1 where to interpolate, else the index of a patch."""
+    """Index (cell rows, cell columns) of the patch of a cell; -1 for interpolated cells."""
     patches: NDArray[np.float32]
-    """(n, step, step, 2): the places of cells that must not be interpolated."""
+    """Coordinates (n, step, step, 2) of cells that are not interpolated."""
     shift: tuple[float, float] = (0.0, 0.0)
-    """How far right of and below the nodes' lattice the output's pixels lie, less than 1 px."""
+    """Offset of the output pixels from the node lattice, right and down, below 1 px."""
     annulus: Annulus | None = None
-    """Where in the pictures something is seen, for averages at the end of the field."""
+    """Image region inside the field, for averages at the field boundary."""
 
     def pixels(self) -> NDArray[np.float32]:
-        """All places (height, width, 2); NaN outside."""
+        """Return coordinates (height, width, 2); NaN outside."""
         return self._pixels
 
     @cached_property
     def _pixels(self) -> NDArray[np.float32]:
         down, across = self.cells.shape
         outside = np.isnan(self.nodes).any(axis=0)
-        nodes = np.where(outside, np.float32(0), self.nodes)  # or one would spoil its whole row and column
+        # NaN would spread over its whole row and column
+        nodes = np.where(outside, np.float32(0), self.nodes)
         (right, below), step = self._weights, self.step
         lines = sum(nodes[:, :, i : i + across, None] * w for i, w in enumerate(right)).reshape(2, -1, 1, across * step)
         full = sum(lines[:, i : i + down] * w[:, None] for i, w in enumerate(below))
@@ -65,11 +68,11 @@ class LatticeMap:
         return pixels
 
     def shows_something(self) -> bool:
-        """Whether anything of the picture is seen."""
+        """Return True if part of the view is inside the field."""
         return not ((self.cells >= 0).all() and np.isnan(self.patches).all())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
-        """What an interpolation averages; None where that is nothing."""
+        """Return the averaging parameters of an interpolation; None if it does not average."""
         return self._footprints.averages(interpolation) if interpolation in RULES else None
 
     @cached_property
@@ -78,20 +81,22 @@ class LatticeMap:
         return Footprints(squares, self.step, self.annulus)
 
     def sample_compiled(self, job: RemapJob) -> None:
-        """From the nodes."""
+        """Sample with the lattice kernel."""
         u, v = self.nodes
         lattice = u, v, *self._weights, self.cells, self.patches
         backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.how)
 
     @cached_property
     def _weights(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Of the nodes, across and down."""
+        """Node weights, across and down."""
         return node_weights(self.step, self.shift[0]), node_weights(self.step, self.shift[1])
 
-    # -- of half the size ----------------------------------------------------------------------------
+    # -- half resolution -----------------------------------------------------------------------------
 
     def halved(self, in_picture: Offset, in_view: Offset) -> Map:
-        """The same lattice at half the step, read between its pixels; where the picture may end, pixel by pixel."""
+        """Return the same lattice at half the step, evaluated between its pixels; patched at the
+        image boundary.
+        """
         if self.step == FINEST_STEP:
             return PixelMap.of(self, self.annulus).halved(in_picture, in_view)
         nodes = (self.nodes - np.array(in_picture)[:, None, None]) / 2
@@ -108,7 +113,7 @@ class LatticeMap:
         )
 
     def _patched_at_ends(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Cells and patches, with more of these where a node lies outside the picture."""
+        """Return cells and patches, with additional patches for nodes outside the image."""
         (u, v), (width, height) = self.nodes, self.source_size
         beyond = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
         if not beyond.any():
@@ -123,7 +128,9 @@ class LatticeMap:
 
 
 def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
-    """Lagrange's cubic weights (4, step) of the nodes at -1, 0, 1 and 2, at every 1/step from shift/step on."""
+    """Return cubic Lagrange weights (4, step) of the nodes at -1, 0, 1 and 2, every 1/step from
+    shift/step.
+    """
     t = (np.arange(step) + shift) / step
     outer = t * (t - 1) / 6
     inner = (t + 1) * (t - 2) / 2

@@ -1,4 +1,4 @@
-"""A map of pixels: one place in the picture for each pixel of the view."""
+"""Pixel map: one source coordinate for each pixel of the view."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .halving import Offset, half, halved_pixels
 
 
 class Rectangle(NamedTuple):
-    """A view's place in a mosaic, px."""
+    """Rectangle of a view in a mosaic, px."""
 
     left: int
     top: int
@@ -26,28 +26,30 @@ class Rectangle(NamedTuple):
 
 
 class PixelMap:
-    """Places of all pixels, for one picture or for many; see :class:`~omnimirror.dewarp.contracts.Map`.
+    """Map with coordinates of all pixels; see :class:`~omnimirror.dewarp.contracts.Map`.
 
-    The compiled samplers take the first picture with the places as they are, since a moving view has no
-    second one; then they pack them into 6 bytes a pixel (8 for deep pictures) and are about twice as fast.
+    The compiled samplers use unpacked coordinates for the first image, because a moving view has no
+    second one; then they pack them to 6 bytes per pixel (8 for 16-bit and float images), which is
+    about twice as fast.
 
     Parameters
     ----------
     pixels : (rows, columns, 2), float32 or float64, px
-        (u, v), integers at pixel centres; NaN is outside. Kept, and not to be changed any more.
+        Coordinates (u, v), integers at pixel centres; NaN outside. The array is kept and must not
+        be modified.
     source_size : (width, height)
-        Of the pictures.
+        Size of the source images.
     annulus
-        Where in the pictures something is seen, for averages at the end of the field.
+        Image region inside the field, for averages at the field boundary.
     views
-        Where the views of a mosaic are, between which nothing is interpolated.
+        Rectangles of the views of a mosaic; no interpolation between views.
     averages
-        Of how many samples values are made; found from the places where not given.
+        Number of samples per value; derived from the coordinates by default.
 
     Raises
     ------
     InvalidParameter
-        For places of another shape or type.
+        If the coordinates have another shape or type.
     """
 
     def __init__(
@@ -69,21 +71,21 @@ class PixelMap:
 
     @classmethod
     def of(cls, other: Map, annulus: Annulus | None = None) -> PixelMap:
-        """For the same pictures as another map's, and quicker from the third one on."""
+        """Return the pixel map of another map, faster from the third image on."""
         pixels = other.pixels().astype(np.float32, copy=False)
         return cls(pixels, other.source_size, annulus, averages=other.averages)
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the view."""
+        """Size (width, height) of the view."""
         return self._pixels.shape[1], self._pixels.shape[0]
 
     def pixels(self) -> Pixels:
-        """All places (height, width, 2)."""
+        """Return source coordinates (height, width, 2)."""
         return self._pixels
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
-        """What an interpolation averages; None where that is nothing."""
+        """Return the averaging parameters of an interpolation; None if it does not average."""
         if interpolation not in RULES:
             return None
         return self._averages(interpolation) if self._averages else self._footprints.averages(interpolation)
@@ -93,8 +95,8 @@ class PixelMap:
         return Footprints(squared_sides_of_pixels(self._pixels), CELL_PX, self._annulus)
 
     def sample_compiled(self, job: RemapJob) -> None:
-        """By places as they are, or packed."""
-        # Where all values are averages, a packed map of single samples is of no use.
+        """Sample with unpacked or packed coordinates."""
+        # If all values are averages, a packed map of single samples is not used.
         can_pack = job.averages is None or not job.averages.are_everywhere
         if not (self._is_used and can_pack):
             self._is_used = True
@@ -114,13 +116,15 @@ class PixelMap:
         return self._packed[kind]
 
     def halved(self, in_picture: Offset, in_view: Offset) -> PixelMap:
-        """See :meth:`~omnimirror.dewarp.contracts.Map.halved`."""
+        """Return the half-resolution map; see :meth:`~omnimirror.dewarp.contracts.Map.halved`."""
         pixels = halved_pixels(self._pixels, in_picture, in_view, self.source_size, self._labels())
         annulus = self._annulus and self._annulus.halved(in_picture)
         return PixelMap(pixels.astype(np.float32, copy=False), half(self.source_size), annulus)
 
     def _labels(self) -> NDArray[np.int32] | None:
-        """Which view of a mosaic each pixel shows, (h, w), 0 for none; None where there is but one."""
+        """Return the view index (h, w) of each pixel of a mosaic, 0 for none; None for a single
+        view.
+        """
         if not self._views:
             return None
         labels: NDArray[Any] = np.zeros(self._pixels.shape[:2], np.int32)

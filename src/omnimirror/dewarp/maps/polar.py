@@ -1,4 +1,4 @@
-"""A polar map: panoramas about the camera's own axis, whose rows are circles in the picture."""
+"""Polar map: panoramas about the camera axis, whose rows are circles in the image."""
 
 from __future__ import annotations
 
@@ -18,31 +18,34 @@ from .pixels import PixelMap
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-EVERY_COLUMN = 16  # of so many one tells whether anything is seen
+EVERY_COLUMN = 16  # column spacing of the visibility check
 
 
 @dataclass(frozen=True, eq=False)
 class PolarMap:
-    """Places ``centre + radii[row] (cos, sin)(angles[column])``; see :class:`~omnimirror.dewarp.contracts.Map`."""
+    """Map with coordinates ``centre + radii[row] (cos, sin)(angles[column])``; see
+    :class:`~omnimirror.dewarp.contracts.Map`.
+    """
 
     centre: tuple[float, float]
-    """(u, v) px."""
+    """Centre (u, v), px."""
     radii: Array
-    """(rows,) px; NaN outside the field."""
+    """Radii (rows,), px; NaN outside the field."""
     angles: Array
-    """(columns,) radians from right towards down in the picture; without jumps from one column to the next."""
+    """Angles (columns,), radians from right towards down in the image, continuous between columns.
+    """
     source_size: tuple[int, int]
-    """(width, height) of the pictures."""
+    """Size (width, height) of the source images."""
     annulus: Annulus | None = None
-    """Where in the pictures something is seen, for averages at the end of the field."""
+    """Image region inside the field, for averages at the field boundary."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the view."""
+        """Size (width, height) of the view."""
         return len(self.angles), len(self.radii)
 
     def pixels(self) -> Array:
-        """All places (rows, columns, 2); NaN outside the picture."""
+        """Return coordinates (rows, columns, 2); NaN outside the image."""
         return self._pixels
 
     @cached_property
@@ -58,18 +61,18 @@ class PolarMap:
 
     @property
     def _lies_within(self) -> bool:
-        """Whether no circle comes nearer to the picture's edge than the centres of its outermost pixels."""
+        """True if all circles are inside the rectangle of the outermost pixel centres."""
         reach = np.nanmax(self.radii, initial=0.0)
         return all(reach <= c <= length - 1 - reach for c, length in zip(self.centre, self.source_size, strict=True))
 
     def shows_something(self) -> bool:
-        """Whether something of the picture is seen; False also where only a closer look would tell."""
+        """Return True if part of the image is visible; False also for undecided cases."""
         if self._lies_within:
             return bool(np.isfinite(self.radii).any())
         return bool(np.isfinite(self._of_columns(self.angles[::EVERY_COLUMN])).any())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
-        """What an interpolation averages; None where that is nothing."""
+        """Return the averaging parameters of an interpolation; None if it does not average."""
         return self._footprints.averages(interpolation) if interpolation in RULES else None
 
     @cached_property
@@ -77,7 +80,7 @@ class PolarMap:
         return Footprints(squared_sides_of_circles(self.radii, self.angles), CELL_PX, self.annulus)
 
     def sample_compiled(self, job: RemapJob) -> None:
-        """From radii and directions."""
+        """Sample with the polar kernel."""
         x, y = self.centre
         backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.how)
 
@@ -88,7 +91,9 @@ class PolarMap:
         return radii, cosines, sines
 
     def halved(self, in_picture: Offset, in_view: Offset) -> Map:
-        """Circles between those of the whole picture, where that shows all of them; at its end one of two is enough."""
+        """Return the map with interpolated circles; at the field boundary one of two rows is
+        sufficient.
+        """
         annulus = self.annulus and self.annulus.halved(in_picture)
         if not self._lies_within:
             return PixelMap(self._pixels, self.source_size, self.annulus).halved(in_picture, in_view)

@@ -1,8 +1,10 @@
-"""The projection of a camera symmetric about an axis, from tables: no trigonometry and nothing of the mirror's own.
+"""Tabulated projection of axially symmetric cameras, without trigonometric functions and
+independent of the mirror.
 
-Built once per camera, the tables are indexed by ``sin(Omega/2)``, which square roots give from a direction
-(``cos Omega`` would have a kink on the axis). One holds the image radius, with which a direction becomes a pixel
-by one product; the other where the rays start, with which the ray that meets a near point is found by Newton's rule.
+The tables are built once per camera and indexed by ``sin(Omega/2)``, which follows from a direction
+by square roots (``cos Omega`` would have a singular slope on the axis). One table contains the
+image radius, which converts a direction to a pixel by one product; the other contains the ray
+origins, which determine the ray to a point at a finite distance by Newton's method.
 """
 
 from __future__ import annotations
@@ -21,51 +23,57 @@ from ...cameras.frames import turned
 
 Array = NDArray[np.float64]
 
-ENTRIES = 1 << 15  # linear interpolation between so many errs by 1e-6 px at 1000 px of radius
-ORIGINS = 1 << 14  # of places on the mirror: next to it, where it matters most, some 1e-5 px
-SLACK = 1e-9  # radians; the rim itself is seen
-CLOSE = 1e-7  # of sin(Omega/2): a Newton step this small leaves an error of about its square
-GAP = 0.1  # less than any jump of a sine between two directions that differ by 360 degrees
-MOST_STEPS = 100  # bisection alone needs 25
+ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
+ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case
+SLACK = 1e-9  # radians; the rim itself is inside the field
+CLOSE = 1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
+GAP = 0.1  # below any jump of the sine between two directions that differ by 360 deg
+MOST_STEPS = 100  # bisection alone requires 25
 
 
 class Tables(NamedTuple):
-    """What is known of a camera at even steps of sin(Omega/2)."""
+    """Tables of a camera at equal steps of sin(Omega/2)."""
 
     first: float
     last: float
-    """Its ends."""
+    """Range of sin(Omega/2)."""
     radii: Array
-    """(n,) px, of the image."""
+    """Image radii (n,), px."""
     origins: Array
-    """(m, 2) mm, from the axis and along it, of the rays; (0, 2) where all start at the world's origin."""
+    """Ray origins (m, 2), mm, across and along the axis; (0, 2) if all rays start at the world
+    origin.
+    """
     viewpoint: float
-    """About where along the axis near things are seen from, mm: where the ray in the middle passes it."""
+    """Approximate viewpoint on the axis, mm: intersection of the middle ray with the axis."""
 
 
 @dataclass(frozen=True)
 class RadialTable:
-    """Pixels of points and directions for a camera with an axis of symmetry."""
+    """Projection of points and directions for a camera with an axis of symmetry."""
 
     symmetry: AxialSymmetry
     image_size: tuple[int, int]
 
     def pixels(self, targets: Array, are_points: bool = False) -> Array:
-        """Pixels (..., 2) of directions (..., 3) of any length, or of points in mm; NaN outside field or picture."""
+        """Return pixels (..., 2) of directions (..., 3) of any length, or of points in mm; NaN
+        outside the field or image.
+        """
         return self._project(targets, are_points, None)
 
     def pixels_and_excess(self, targets: Array, are_points: bool = False) -> tuple[Array, Array]:
-        """Pixels (..., 2), and about how far (...) px the targets lie outside field or picture: not above 0 within.
+        """Return pixels (..., 2) and the approximate distance (...) px outside the field or image:
+        <= 0 inside.
 
-        NaN where there is no telling.
+        The distance is NaN if unknown.
         """
         excess = np.empty(targets.shape[:-1])
         return self._project(targets, are_points, excess), excess
 
     def radii_px(self, across: Array, along: Array, are_points: bool) -> Array:
-        """Image radii (n,) px of directions, or of points in mm, given by their distances from the axis and along it.
+        """Return image radii (n,) px of directions, or points in mm, given across and along the
+        axis.
 
-        NaN outside the field; whether the picture reaches so far does not matter.
+        Radii outside the field are NaN; the image boundary is ignored.
         """
         radii, seen = self._radii_of(self._half_sines(across, along, are_points))
         radii[~seen] = np.nan
@@ -94,13 +102,13 @@ class RadialTable:
         return pixels
 
     def _project_here(self, targets: Array, are_points: bool, excess: Array | None) -> Array:
-        """What the compiled module does, several times slower."""
+        """Compute the projection in NumPy, several times slower than the compiled module."""
         (x, y), (width, height) = self.symmetry.centre_px, self.image_size
-        with np.errstate(invalid="ignore"):  # what is not finite is not seen
+        with np.errstate(invalid="ignore"):  # non-finite targets are not visible
             along, right, down = np.moveaxis(turned(targets, self._frame.T), -1, 0)
         across = np.hypot(right, down)
         radii, seen = self._radii_of(self._half_sines(across, along, are_points))
-        off_axis = across > 0  # on the axis any azimuth is as good
+        off_axis = across > 0  # the azimuth is arbitrary on the axis
         positive = np.maximum(radii, 0)
         scale = positive / np.where(off_axis, across, 1.0)
         u, v = x + np.where(off_axis, scale * right, positive), y + np.where(off_axis, scale * down, 0.0)
@@ -119,7 +127,9 @@ class RadialTable:
         return _half_angles(across, along)[0]
 
     def _radii_of(self, half_sines: Array) -> tuple[Array, Mask]:
-        """Image radii (px), which go on in a straight line beyond the field, and where the field is."""
+        """Return image radii (px), extrapolated linearly outside the field, and the mask of the
+        field.
+        """
         first, last, radii, *_ = self._tables
         low, rise, fraction = _cells(radii, half_sines, self._tables)
         radius: Array = low + fraction * rise
@@ -127,7 +137,9 @@ class RadialTable:
 
 
 def tables_of(symmetry: AxialSymmetry, entries: int = ENTRIES, origins: int = ORIGINS) -> Tables:
-    """The tables of a camera; with 2048 entries, as graphics cards take them, radii err by some 3e-4 px at 1000 px."""
+    """Return the tables of a camera; with 2048 entries, as on GPUs, radius errors are some 3e-4 px
+    at 1000 px.
+    """
     first, last = (float(np.sin(omega / 2)) for omega in (symmetry.omega_min, symmetry.omega_max))
 
     def angles(count: int) -> Array:
@@ -146,16 +158,18 @@ def tables_of(symmetry: AxialSymmetry, entries: int = ENTRIES, origins: int = OR
 
 @lru_cache(maxsize=32)
 def radial_table(camera: Camera) -> RadialTable | None:
-    """The table of a camera, found once: a view that moves asks in every frame. None without an axis of symmetry."""
+    """Return the cached table of a camera, as moving views need it in every frame; None without an
+    axis of symmetry.
+    """
     symmetry = camera.symmetry
     return None if symmetry is None else RadialTable(symmetry, camera.image_size)
 
 
-# -- the formulas, as in native/src/sampling/axial_kernel.hpp -----------------------------------------------
+# -- formulas, identical to native/src/sampling/axial_kernel.hpp --------------------------------------------
 
 
 def _cells(table: Array, half_sines: Array, tables: Tables) -> tuple[Array, Array, Array]:
-    """Of each cell of a table its first value and its rise, and the place in it."""
+    """Return the first value and the difference of each table cell, and the fraction within it."""
     position = (half_sines - tables.first) * ((len(table) - 1) / (tables.last - tables.first))
     cell = np.nan_to_num(position).clip(0, len(table) - 2).astype(int)
     low: Array = table[cell]
@@ -163,11 +177,15 @@ def _cells(table: Array, half_sines: Array, tables: Tables) -> tuple[Array, Arra
 
 
 def _half_angles(across: Array, along: Array) -> tuple[Array, Array]:
-    """Sine and cosine of half the angle between the axis and directions, without cancellation anywhere.
+    """Return sine and cosine of half the angle between the axis and directions, without
+    cancellation.
 
-    The angle lies between -90 and 270 degrees; past 180 the sine, which would fall again, is mirrored.
+    The angle is between -90 and 270 deg; beyond 180 deg the sine is mirrored to remain monotonic.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
+        # Half-angle formulas: sin^2(W/2) = (1 - cos W) / 2, cos^2(W/2) = (1 + cos W) / 2. The larger
+        # one is computed directly, the smaller one from sin W = 2 sin(W/2) cos(W/2), which avoids
+        # the cancellation in 1 - |cos W|.
         length = np.hypot(across, along)
         more = np.sqrt((length + np.abs(along)) / (2 * length))
         less = np.abs(across) / (2 * length * more)
@@ -177,10 +195,12 @@ def _half_angles(across: Array, along: Array) -> tuple[Array, Array]:
 
 
 def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
-    """Sine of half the field angle under which points are seen; beyond the ends, or NaN, where they are not.
+    """Return the sine of half the field angle of points; outside the range, or NaN, for invisible
+    points.
 
-    Solves ``q = sin(phi(q)/2)``, phi the direction to the point from where the ray of q starts, by Newton's rule
-    within a bracket that only shrinks. The difference grows at any root, so that the root is unique.
+    Solves ``q = sin(phi(q)/2)``, with the direction phi from the origin of ray q to the point, by
+    Newton's method within a shrinking bracket. The difference increases at any root; the root is
+    therefore unique.
     """
     first, last, _, origins, viewpoint = tables
     per = (len(origins) - 1) / (last - first)
@@ -189,6 +209,8 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     sought = np.full_like(q, np.nan)
     for _ in range(MOST_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
+        # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with the angle phi of (dx, dz)
+        # to the axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)
         dx, dz = across - (x + fraction * x_rate), along - (z + fraction * z_rate)
         sine, cosine = _half_angles(dx, dz)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -198,7 +220,8 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
         inside = (newton >= low) & (newton <= high)
         following = np.clip(np.where(inside, newton, (low + high) / 2), first, last)
         beyond = ((miss > 0) & (q <= first)) | ((miss < 0) & (q >= last))
-        # A gap that bisection closed in on is no root: it is of a point inside the mirror, or in its shadow.
+        # A discontinuity isolated by bisection is not a root: the point is inside the mirror or in
+        # its shadow.
         sought = np.where(beyond, q - miss, np.where(np.abs(miss) < GAP, newton, np.nan))
         moved, q = np.abs(following - q).max(initial=0.0), following
         if moved <= CLOSE:

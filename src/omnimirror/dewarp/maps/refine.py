@@ -1,10 +1,10 @@
-"""Source coordinates of a whole view from exact ones on a coarse lattice, refined where it must be.
+"""Source coordinates of a view, interpolated from an exact coarse lattice with local refinement.
 
-Source coordinates vary slowly over a view, so most pixels can be interpolated between exact nodes some
-16 pixels apart (four-point Lagrange, whose error falls with the fourth power of the step). A node in the
-middle of each cell tells whether that is good enough, together with the fourth differences of the nodes in
-each direction, since two errors of opposite sign cancel in the middle; cells where it is not, and cells next
-to the end of the field, are computed pixel by pixel.
+Source coordinates vary slowly over a view, and most pixels are interpolated between exact nodes
+some 16 pixels apart (four-point Lagrange, with an error proportional to the fourth power of the
+step). The interpolation is tested at a node in the middle of each cell and with the fourth
+differences of the nodes in each direction, because two errors of opposite sign cancel in the
+middle. Cells that fail, and cells at the field boundary, are computed pixel by pixel.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ from .lattice import LatticeMap
 
 Array = NDArray[np.float64]
 Exact = Callable[[Array, Array], Array]
-"""Source pixels (..., 2) of view pixels u and v, which are broadcast; NaN outside the field."""
+"""Function that returns source pixels (..., 2) of broadcast view pixels u and v; NaN outside the
+field.
+"""
 WithExcess = Callable[[Array, Array], tuple[Array, Array]]
-"""The same, and about how far (...) px the view pixels look outside the field: not above 0 within, NaN if unknown."""
+"""Function that also returns the approximate distance (...) px outside the field: <= 0 inside, NaN
+if unknown.
+"""
 
 STEPS = (16, 8)
-TOLERANCE_PX = 0.001  # at the middle of a cell, where the error of the interpolation is largest
-CELLS = 6  # across and down at least: of fewer, neighbouring nodes of a wide view may lie on opposite sides of it
-FEW = 0.1  # of the cells: so many may be computed pixel by pixel before a finer lattice is cheaper
+TOLERANCE_PX = 0.001  # at the middle of a cell, the maximum of the interpolation error
+CELLS = 6  # minimum number across and down; below it, adjacent nodes of a wide view may be on opposite sides
+FEW = 0.1  # maximum fraction of cells computed pixel by pixel before a finer lattice is faster
 
 
 def lattice_map(
@@ -37,18 +41,19 @@ def lattice_map(
     tolerance: float = TOLERANCE_PX,
     with_excess: WithExcess | None = None,
 ) -> LatticeMap:
-    """The lattice map of a view, ready to be sampled.
+    """Return the lattice map of a view.
 
     Parameters
     ----------
     exact
-        The projection of single pixels of the view; also asked a little beyond its edges.
+        Projection of individual pixels of the view; also evaluated slightly beyond its edges.
     size, source_size : (width, height), px
-        Of the view, and of the pictures.
+        Size of the view and of the source images.
     tolerance : px
-        Largest error allowed at the middle of a cell.
+        Maximum error at the middle of a cell.
     with_excess
-        Spares the computing of cells that lie wholly outside the field.
+        Projection with the distance outside the field; avoids computing cells entirely outside the
+        field.
 
     Examples
     --------
@@ -81,7 +86,7 @@ def _pixel_by_pixel(exact: Exact, size: tuple[int, int], source_size: tuple[int,
 
 
 def _patches(exact: Exact, where: Mask, step: int) -> NDArray[np.float32]:
-    """Source pixels (n, step, step, 2) of the cells in a mask (down, across), row after row."""
+    """Return source pixels (n, step, step, 2) of the cells in a mask (down, across), row by row."""
     rows, columns = np.nonzero(where)
     steps = np.arange(step, dtype=np.float64)
     pixels = exact(step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None])
@@ -93,11 +98,13 @@ def _without_excess(pixels: Array) -> tuple[Array, Array]:
 
 
 class _Lattice:
-    """Nodes every ``step`` pixels, one more than needed on each side, and the middles of the cells between them.
+    """Nodes every ``step`` pixels with a margin of one node on each side, and the middles of their
+    cells.
 
-    A cell is ``unsure`` where one of the 16 nodes that its interpolation uses, or its middle, is outside
-    the field: the field may end in it. It is ``empty`` where its corners and its middle are so far outside, compared
-    with how much the nodes around differ, that the field cannot reach into it.
+    A cell is ``unsure`` if its middle or one of the 16 nodes of its interpolation is outside the
+    field, because the field boundary may intersect it. It is ``empty`` if its corners and its
+    middle are so far outside, relative to the variation between the surrounding nodes, that the
+    field cannot reach it.
     """
 
     def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
@@ -111,14 +118,16 @@ class _Lattice:
         self.unsure: Mask = outside_within
         self.empty: Mask = np.zeros_like(outside_within)
         if outside.any():
-            self.nodes[outside] = 0.0  # NaN would spread in the sampler
+            self.nodes[outside] = 0.0  # the sampler would spread NaN
             self.unsure = outside_within | _in_windows(np.logical_or, outside)
             change = _in_windows(np.maximum, excess) - _in_windows(np.minimum, excess)  # over three cells
             nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
             self.empty = nearest > change / 2
 
     def rough(self, tolerance: float) -> Mask:
-        """Cells (down, across) that the interpolation misses: their middle, or somewhere between two nodes."""
+        """Return cells (down, across) with interpolation errors above the tolerance, at the middle
+        or between nodes.
+        """
         miss = np.abs(_half_way(_half_way(self.nodes).swapaxes(0, 1)).swapaxes(0, 1) - self.middles)
         down, across = (_bend(self.nodes, self.outside), _bend(self.nodes.swapaxes(0, 1), self.outside.T).T)
         rough: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
@@ -126,39 +135,42 @@ class _Lattice:
         return rough
 
     def patched(self, exact: Exact, rough: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Which cells must not be interpolated, and their places, worked out pixel by pixel; as a map takes them."""
+        """Return the cell indices and patches of cells that are computed pixel by pixel."""
         patched = (rough | self.unsure) & ~self.empty
         cells = np.full(rough.shape, -1, np.int32)
         patches = np.empty((0, self.step, self.step, 2), np.float32)
         if patched.any():
             patches = _patches(exact, patched, self.step)
             cells[patched] = np.arange(len(patches))
-        if self.empty.any():  # one patch for all of them
+        if self.empty.any():  # one shared patch
             cells[self.empty] = len(patches)
             patches = np.concatenate([patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))])
         return cells, patches
 
     def nodes_of_kernels(self) -> NDArray[np.float32]:
-        """(2, rows, columns): u and v."""
+        """Return u and v (2, rows, columns)."""
         return np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
 
 
 def _half_way(nodes: Array) -> Array:
-    """Lagrange's cubic half way between the inner two of every 4 rows: (n, ...) to (n - 3, ...)."""
+    """Return the cubic Lagrange midpoint of the inner two of every 4 rows: (n, ...) to
+    (n - 3, ...).
+    """
     middle: Array = (9 * (nodes[1:-2] + nodes[2:-1]) - nodes[:-3] - nodes[3:]) / 16
     return middle
 
 
 def _bend(nodes: Array, outside: Mask) -> Array:
-    """About the error (px) of the interpolation down the columns (n, m), in the cells (n - 3, m - 3) between them.
+    """Estimate the interpolation error (px) along columns (n, m) in the cells (n - 3, m - 3).
 
-    Half way between two of four nodes it is 3/128 of their fourth difference, of those next to the cell the larger;
-    NaN where all of these reach outside.
+    At the midpoint, the error is 3/128 of the fourth difference. The larger difference next to the
+    cell is used; NaN if all differences extend outside.
     """
     if len(nodes) < 5:
         return np.zeros((len(nodes) - 3, nodes.shape[1] - 3))
     differences = np.abs(nodes[:-4] - 4 * nodes[1:-3] + 6 * nodes[2:-2] - 4 * nodes[3:-1] + nodes[4:])
-    fourth = 3 / 128 * np.maximum(differences[..., 0], differences[..., 1])  # a maximum over an axis of 2 is slow
+    # A maximum over an axis of length 2 is slow
+    fourth = 3 / 128 * np.maximum(differences[..., 0], differences[..., 1])
     if outside.any():
         fourth[np.logical_or.reduce([outside[i : len(outside) - 4 + i] for i in range(5)])] = np.nan
     padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
@@ -168,7 +180,9 @@ def _bend(nodes: Array, outside: Mask) -> Array:
 
 
 def _in_windows(combine: np.ufunc, values: NDArray[Any], side: int = 4) -> NDArray[Any]:
-    """Every ``side`` x ``side`` values (n, m) combined to one, (n - side + 1, m - side + 1)."""
+    """Reduce every ``side`` x ``side`` window of values (n, m) to one value,
+    (n - side + 1, m - side + 1).
+    """
     for _ in range(2):
         values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T
     return values

@@ -1,4 +1,4 @@
-"""Files straightened: pictures, folders of them, videos, cameras and streams, from their source to what is written."""
+"""Dewarping of files: images, folders, videos, cameras and streams, from source to output."""
 
 from .border import BorderColour
 from .pictures import Straightened

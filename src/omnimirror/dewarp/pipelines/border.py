@@ -1,4 +1,4 @@
-"""The colour outside the field, as it is asked for before a picture tells its depth and channels."""
+"""Colour outside the field, specified before the depth and channels of the image are known."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VALID = "valid are a grey level, R,G,B and #rrggbb"
 
 @dataclass(frozen=True)
 class BorderColour:
-    """A grey, or red, green and blue, in the picture's own values or as on web pages.
+    """Grey level or RGB colour, in image values or as a hexadecimal colour.
 
     >>> BorderColour.of("#204080").of_picture(np.zeros((1, 1, 3), np.uint8)), BorderColour.of(7).values
     ((32.0, 64.0, 128.0), (7.0,))
@@ -31,11 +31,12 @@ class BorderColour:
     text: str
     values: tuple[float, ...]
     is_hex: bool
-    """Whether values count to 255 whatever the picture's do."""
+    """True for values from 0 to 255, independent of the data type of the image."""
 
     @classmethod
     def of(cls, border: AskedBorder) -> BorderColour:
-        """From a grey level, (red, green, blue), or text: ``"16"``, ``"255,128,0"`` or ``"#rrggbb"``.
+        """Create a colour from a grey level, (red, green, blue), or text: ``"16"``, ``"255,128,0"``
+        or ``"#rrggbb"``.
 
         >>> [BorderColour.of(b).values for b in ("16", "255,128,0", "#ff8000", (1, 2, 3))]
         [(16.0,), (255.0, 128.0, 0.0), (255.0, 128.0, 0.0), (1.0, 2.0, 3.0)]
@@ -43,7 +44,7 @@ class BorderColour:
         Raises
         ------
         InvalidParameter
-            It is no colour.
+            If it is not a colour.
         """
         if isinstance(border, BorderColour):
             return border
@@ -63,12 +64,12 @@ class BorderColour:
         return cls(text, values, False)
 
     def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
-        """One value per channel of a picture, grey, RGB or RGBA, opaque.
+        """Return one value per channel of a grey, RGB or RGBA image, opaque.
 
         Raises
         ------
         InvalidParameter
-            If the picture has no such colour.
+            If it is not a colour of the image.
         """
         values = self._scaled(image.dtype.name)
         full = FULL[image.dtype.name]
@@ -86,12 +87,12 @@ class BorderColour:
         return colour if channels == 3 else (*colour, float(full))
 
     def of_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
-        """y, u and v as a video frame's colours are coded.
+        """Return y, u and v in the colour coding of a video frame.
 
         Raises
         ------
         InvalidParameter
-            If it is no colour of 8 bits.
+            If it is not an 8-bit colour.
         """
         from ...io.video.frames import coded_colour
 
@@ -102,7 +103,7 @@ class BorderColour:
             return self.values
         if depth == "uint16":
             return tuple(257.0 * value for value in self.values)
-        from ...base.colour import hex_colour  # pictures of floats hold linear light
+        from ...base.colour import hex_colour  # floating-point images contain linear light
 
         return tuple(float(light) for light in hex_colour(self.text))
 

@@ -1,4 +1,6 @@
-"""Pictures made such that a file of a kind holds them: whole numbers are sRGB, floats linear light."""
+"""Conversion of images to the depths and channels of a file format: integers are sRGB, floats
+linear light.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ Image = NDArray[Any]
 
 
 def depth_for(depth: str, kind: PictureFormat) -> str:
-    """The depth that a file of a kind holds nearest to another; of whole numbers for light the finest.
+    """Return the nearest depth supported by a file format; for linear light stored as integers, the
+    largest one.
 
     >>> from omnimirror.io.pictures.images import format_of
     >>> depth_for("uint16", format_of("a.jpg")), depth_for("float32", format_of("a.png"))
@@ -24,10 +27,10 @@ def depth_for(depth: str, kind: PictureFormat) -> str:
 
 
 def as_held(image: Image, kind: PictureFormat) -> Image:
-    """The picture in a depth and with channels that a file of a kind holds.
+    """Convert an image to a depth and channels supported by a file format.
 
-    16 bits become 8 by rounding; light of floats becomes sRGB, where what is brighter than white is white, and the
-    other way round. A grey picture becomes one in colour where the file holds no other. An alpha stays linear.
+    16 bits are rounded to 8; floating-point light is converted to sRGB, clipped at white, and vice
+    versa. A grey image becomes RGB if the format supports no grey images. Alpha is linear.
 
     >>> from omnimirror.io.pictures.images import format_of
     >>> as_held(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))

@@ -1,4 +1,4 @@
-"""Folders of pictures straightened, as the command does."""
+"""Dewarping of image folders, as by the command ``omnimirror dewarp``."""
 
 from __future__ import annotations
 
@@ -36,53 +36,56 @@ def dewarp_pictures(
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Straightened:
-    """Straighten pictures into a folder, side by side, as ``omnimirror dewarp`` does.
+    """Dewarp images to a folder in parallel, as ``omnimirror dewarp`` does.
 
-    Each keeps its name, its depth as far as the file holds it, and what it carries (EXIF, colour profile). Panoramas
-    say of themselves what viewers need.
+    Each image keeps its name, its depth if the format supports it, and its metadata
+    (EXIF, colour profile). Panoramas contain GPano metadata for viewers.
 
     Parameters
     ----------
     sources
         Files, folders and patterns such as ``"raw/*.jpg"``.
     folder
-        Where the straightened pictures go.
+        Output folder.
     camera
-        Which took them; or a function of a picture's (width, height) in px that gives it.
+        Camera, or a function that returns it for an image size (width, height) in px.
     view
-        A screen of :mod:`omnimirror.screens`; or a function of the camera, such as those of :mod:`omnimirror.views`.
+        Screen of :mod:`omnimirror.screens`, or a function of the camera, such as those of
+        :mod:`omnimirror.views`.
     interpolation, viewpoint
-        As for :class:`omnimirror.Dewarper`.
+        As in :class:`omnimirror.Dewarper`.
     border
-        The colour outside the field: a grey level or (red, green, blue) in the picture's values, or ``"#rrggbb"``.
+        Colour outside the field: a grey level or (red, green, blue) in image values, or
+        ``"#rrggbb"``.
     transparent
-        Whether the picture is transparent outside the field; by default where the file can be.
+        Transparency outside the field; by default if the file format supports it.
     restoration
-        How pictures are sharpened first; not at all by default.
+        Deblurring before dewarping; none by default.
     keep_lean
-        Draw the view as the camera leans, not level.
+        Draw the view relative to the tilted camera, without levelling.
     stored_orientation
-        Take pixels as stored, without the orientation in their EXIF data.
+        Use pixels as stored, ignoring the orientation in the EXIF data.
     wavelengths_nm
-        Of red, green and blue light, where each is to be straightened as a sensor's lens and cover refract it.
+        Wavelengths of red, green and blue light for the correction of lateral colour by the lens
+        and cover of a sensor.
     skip_existing
-        Leave out what has been written already.
+        Skip images whose output exists.
     threads
-        How many pictures are worked on at once; by default as many as there are processor cores.
+        Number of images processed in parallel; by default the number of processor cores.
     progress
-        Told how many are done, and of how many.
+        Callback with the number of finished images and the total.
 
     Returns
     -------
     Straightened
-        Which were done; those that failed, each with its sentence.
+        Completed images, and failed ones with their error messages.
 
     Raises
     ------
     InvalidParameter
-        The folder is a file, or a colour is none.
+        If the folder is a file, or a colour is invalid.
     MediaError
-        A source is no file, or two would become one.
+        If a source is not a file, or two sources have the same output.
 
     Examples
     --------

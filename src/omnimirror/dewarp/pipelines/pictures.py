@@ -1,7 +1,7 @@
-"""Pictures straightened from file to file, one or many side by side.
+"""Dewarping of image files, individually or in parallel.
 
-What only some need, sensors and what takes the blur out of their pictures, is imported where it is used: a mirror ball
-is straightened in half of the time that importing it takes.
+Sensors and deblurring are imported on demand: their import takes as long as dewarping a mirror-ball
+image.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Straightened:
-    """What became of many pictures."""
+    """Result of dewarping several images."""
 
     results: Results
-    """Which were done, which failed and why, which were not begun."""
+    """Completed, failed (with reasons) and unprocessed images."""
     was_there: int = 0
-    """How many had been written already."""
+    """Number of skipped images with existing output."""
     left_out: Counter[str] = field(default_factory=Counter)
-    """What pictures carried that their files cannot hold, and of how many."""
+    """Metadata that the output formats cannot store, with the number of images."""
     oriented: Counter[str] = field(default_factory=Counter)
-    """Orientations other than that of the stored pixels, in words, and of how many images."""
+    """Orientations other than that of the stored pixels, in words, with the number of images."""
 
 
 class PictureStraightener:
-    """Straightens pictures from file to file; those of one size share their map."""
+    """Dewarper of image files; images of one size share their map."""
 
     def __init__(
         self,
@@ -65,12 +65,12 @@ class PictureStraightener:
         self.dewarper = cache(self._dewarper)
         self.inside = cache(self._inside)
         self.restorer = cache(self._restorer)
-        self.alone = Lock()  # it needs a lot of memory
+        self.alone = Lock()  # needs much memory
         self.left_out: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
     def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
-        """What straightens pictures of a size, and what its panoramas say of themselves."""
+        """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
         stands = self.how.camera_of(size)
         camera = self.how.drawing(stands)
         view = self.how.view_of(camera)
@@ -81,7 +81,7 @@ class PictureStraightener:
         return ColourDewarper(self._colours(camera), *how), panorama
 
     def _colours(self, camera: Camera) -> tuple[Sensor, Sensor, Sensor]:
-        """The camera in red, green and blue light."""
+        """Return the camera for red, green and blue light."""
         from ...analysis.wavelength import at_wavelength
         from ...optics.sensor import Sensor
 
@@ -95,7 +95,7 @@ class PictureStraightener:
         return red, green, blue
 
     def _inside(self, size: Size, border: Border) -> str:
-        """How much of the view lies inside the field of pictures of a size: the same for all of them."""
+        """Return a description of the fraction of the view inside the field for images of one size."""
         return _percent(self.dewarper(size, border)[0])
 
     def _restorer(self, camera: Camera, exposure: Exposure) -> Restorer:
@@ -103,13 +103,13 @@ class PictureStraightener:
         return self.restoration.restorer(camera, exposure)
 
     def _restored(self, picture: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
-        """The picture without its blur, and what was found."""
+        """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
         with self.alone:
             return self.restoration.restored(picture, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
 
     def __call__(self, source: Path, output: Path) -> str:
-        """Read, straighten and write one picture; what was done, in a sentence."""
+        """Read, dewarp and write one image; return a summary sentence."""
         if is_same_file(output, source):
             raise InvalidParameter(f"{output} is the picture to straighten; write to another name")
         kind = format_of(output)
@@ -120,7 +120,7 @@ class PictureStraightener:
         is_stored = self.how.stored_orientation
         picture, carried = read_picture(source, stored_orientation=is_stored)
         border = self.how.border.of_picture(picture) if self.how.border else 0
-        same = (picture.shape[1], picture.shape[0]), border  # for all such pictures
+        same = (picture.shape[1], picture.shape[0]), border  # identical for all such images
         dewarp, panorama = self.dewarper(*same)
         _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
         check_size(output, dewarp.view.size)
@@ -153,7 +153,9 @@ class PictureStraightener:
         threads: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Straightened:
-        """Pictures, folders and patterns into a folder, side by side; those that fail are named, the others done."""
+        """Dewarp images, folders and patterns to a folder in parallel; failures are reported and do
+        not stop the others.
+        """
         if folder.exists() and not folder.is_dir():
             raise InvalidParameter(f"{folder} is a file, and several pictures need a folder")
         if not folder.is_dir() and folder.suffix.lower() in (*PICTURES, *VIDEOS):
@@ -167,7 +169,9 @@ class PictureStraightener:
 
 
 def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:
-    """Name the option if an image has the camera's size in its other orientation only."""
+    """Raise an error that names the option if an image matches the camera only in its other
+    orientation.
+    """
     if orientation in QUARTER_TURNS and size != tuple(of_camera) == size[::-1]:
         remedy = "leave out --stored-orientation (stored_orientation=True in Python)" if is_stored else STORED
         raise InvalidParameter(
@@ -177,7 +181,7 @@ def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored:
 
 
 def _change_of_depth(had: str, has: str) -> str:
-    """What was lost or found on the way into a file of another depth."""
+    """Return a description of the loss or conversion caused by a change of depth."""
     words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "light"}
     return "" if had == has else f", {words[had]} written as {words[has]}"
 

@@ -1,4 +1,4 @@
-"""How pictures and videos are to be straightened, before their size is known."""
+"""Requests for dewarping images and videos of any size."""
 
 from __future__ import annotations
 
@@ -27,22 +27,26 @@ PipeFormat: TypeAlias = Literal["y4m", "rawvideo"]
 
 @dataclass(frozen=True)
 class Straightening:
-    """How pictures of any size are straightened.
+    """Request for dewarping images of any size.
 
     Parameters
     ----------
     camera
-        Which took them; or a function of the picture's (width, height) in px that gives it, as for a mirror ball.
+        Camera, or a function that returns it for an image size (width, height) in px, as for a
+        mirror ball.
     view
-        A screen; or a function that gives one for a camera, such as those of :mod:`omnimirror.views`.
+        Screen, or a function that returns one for a camera, such as those of
+        :mod:`omnimirror.views`.
     interpolation, viewpoint
-        As for :class:`omnimirror.Dewarper`.
+        As in :class:`omnimirror.Dewarper`.
     border
-        The colour outside the field; black where not given.
+        Colour outside the field; black by default.
     keep_lean
-        Draw the view as the camera leans, not level; a panorama says by how much, for viewers to level it.
+        Draw the view relative to the tilted camera, without levelling; panoramas store the tilt for
+        viewers.
     stored_orientation
-        Take pixels as stored, without the orientation in EXIF data or in the display matrix of a video.
+        Use pixels as stored, ignoring the orientation in EXIF data or in the display matrix of a
+        video.
     """
 
     camera: Camera | Callable[[Size], Camera]
@@ -54,24 +58,26 @@ class Straightening:
     stored_orientation: bool = False
 
     def camera_of(self, size: Size) -> Camera:
-        """The camera of pictures of a size (width, height), standing as it really does."""
+        """Return the camera for images of a size (width, height), with its actual tilt."""
         found = self.camera if isinstance(self.camera, Camera) else self.camera(size)
         return instance("the camera of the pictures", found, Camera, "a camera")
 
     def drawing(self, camera: Camera) -> Camera:
-        """The camera that draws the view: plumb, however it really leans, where the lean is kept."""
+        """Return the camera for drawing the view: without tilt if the view is not levelled."""
         return plumb(camera) if self.keep_lean else camera
 
     def view_of(self, camera: Camera) -> View:
-        """The view that the camera draws."""
+        """Return the view drawn by a camera."""
         return self.view(camera) if callable(self.view) else self.view
 
     def dewarper(self, camera: Camera, view: View, border: Border, keep_map: bool = False) -> Dewarper:
-        """What straightens the pictures of a camera that draws the view."""
+        """Return the dewarper for the images of a camera that draws the view."""
         return Dewarper(camera, view, self.interpolation, self.viewpoint, border, keep_map)
 
     def panorama_of(self, camera: Camera, view: View) -> GPano | None:
-        """What viewers of panoramas must know of the view; None for one that is no distant panorama linear in tilt."""
+        """Return the GPano metadata of the view; None unless it is a distant panorama linear in
+        tilt.
+        """
         if not isinstance(view, Cylinder | Sphere) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
             return None
         mount = _mount_of(camera) if self.keep_lean else None
@@ -81,24 +87,25 @@ class Straightening:
 
 @dataclass(frozen=True)
 class Recording:
-    """What is taken of a video, and how it is written.
+    """Selection of a video and output settings.
 
     Parameters
     ----------
     start_s, duration_s
-        What is taken, seconds; all of it by default.
+        Start and duration of the selection, seconds; all by default.
     frame_rate
-        Of numbered pictures, frames a second; 25 by default.
+        Frame rate of numbered images, frames per second; 25 by default.
     codec, crf, pixel_format
-        As for :class:`omnimirror.io.video.writer.VideoWriter`; by the file's suffix and the source by default.
+        As in :class:`omnimirror.io.video.writer.VideoWriter`; by default from the file suffix and
+        the source.
     pipe_format
-        What ``-`` writes: ``"y4m"`` or ``"rawvideo"``.
+        Format written to ``-``: ``"y4m"`` or ``"rawvideo"``.
     keyframes
-        A CSV or TOML file of pan, tilt, roll, field and distance over time.
+        CSV or TOML file with pan, tilt, roll, field and distance over time.
     preview
-        Show the view in a window, too.
+        Also show the view in a window.
     skip_existing
-        Of numbered pictures to write: leave out those that are there already.
+        Skip existing numbered images of the output.
 
     Examples
     --------
@@ -122,19 +129,19 @@ class Recording:
         check_fields(self)
 
     def encoding(self) -> dict[str, Any]:
-        """How files and streams are encoded, where it was said.
+        """Return the specified encoder settings of files and streams.
 
         Returns
         -------
         dict
-            Keywords of the writer.
+            Keyword arguments of the writer.
         """
         names = ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 def is_video(source: str) -> bool:
-    """Whether a source is a video file, a camera or a stream, going by its name.
+    """Return True if the name of a source is that of a video file, a camera or a stream.
 
     >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg", "١٢٣")]
     [True, True, True, True, False, False, False]
@@ -144,12 +151,12 @@ def is_video(source: str) -> bool:
 
 
 def plumb(camera: C) -> C:
-    """The camera as it would stand without a lean.
+    """Return the camera without its tilt.
 
     Raises
     ------
     InvalidParameter
-        It has no mount that could lean.
+        If it has no mount that could be tilted.
     """
     if (mount := _mount_of(camera)) is None:
         raise InvalidParameter("this camera has no mount, so nothing is known of how it leans")

@@ -1,4 +1,4 @@
-"""How pictures are sharpened before they are straightened."""
+"""Deblurring of images before dewarping."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ MAX_FOCUS_MM = 1e7
 
 @dataclass(frozen=True)
 class Restoration:
-    """How pictures are sharpened before they are straightened.
+    """Deblurring of images before dewarping.
 
     Parameters
     ----------
     noise
-        Standard deviation as a share of full scale; estimated from each picture by default.
+        Standard deviation as a fraction of full scale; estimated from each image by default.
     object_distance_mm
-        From the mirror to what is seen; infinite by default.
+        Object distance from the mirror; infinite by default.
     blur_px
-        Blur diameter or (tangential, sagittal) ones, or a CSV file of them over the field; the sensor's by default.
+        Blur diameter, or (tangential, sagittal) diameters, or a CSV file of diameters over the
+        field; that of the sensor by default.
 
     Examples
     --------
@@ -51,24 +52,24 @@ class Restoration:
         check_fields(self)
 
     def restorer(self, camera: Camera, exposure: Exposure = NO_EXPOSURE) -> Restorer:
-        """Return what sharpens the images of a camera.
+        """Return the restorer for the images of a camera.
 
         Parameters
         ----------
         camera
             A sensor, or a calibrated camera.
         exposure
-            Settings of the lens from EXIF. Where they differ from those of the sensor they reduce its blur.
+            Lens settings from EXIF. If they differ from those of the sensor, they reduce its blur.
 
         Returns
         -------
         Restorer
-            Called with a picture and its noise.
+            Restorer, called with an image and its noise.
 
         Raises
         ------
         InvalidParameter
-            Nothing is known of the camera's blur, or it is told twice.
+            If the blur of the camera is unknown, or specified twice.
         """
         if self.blur_px is None and not isinstance(camera, Sensor):
             raise InvalidParameter("to restore, the lens and the mirror must be known (a sensor), or the blur told")
@@ -83,21 +84,21 @@ class Restoration:
         return Restorer(camera, distance, f_number=f_number, focus_distance_mm=focus)
 
     def restored(self, picture: Image, source: Path, restorer: Restorer) -> tuple[Image, str]:
-        """A picture without its blur, and what was found, in words that go on.
+        """Return the deblurred image and a description of its blur and noise.
 
         Parameters
         ----------
         picture : (h, w) or (h, w, c) array
-            As it was read.
+            Image as read from the file.
         source
-            Its file, of which a JPEG tells of its noise.
+            Source file; for JPEG files it determines the coding noise.
         restorer
-            Of its camera.
+            Restorer of the camera.
 
         Returns
         -------
         (h, w) or (h, w, c) array, str
-            The sharpened picture; at what noise, and of how much of the blur.
+            Deblurred image; description of the noise and of the removed fraction of the blur.
         """
         told = self.noise
         noise = restorer.estimate_noise(picture, source) if told is None else told_noise(told, picture.shape)
@@ -116,7 +117,9 @@ def _differs(value: float | None, known: float, tolerance: float) -> bool:
 
 
 def _focus(sensor: Sensor, exposure: Exposure) -> float | None:
-    """Return the focus distance (mm) of an exposure where it differs from the sensor's and the lens can have it."""
+    """Return the focus distance (mm) of an exposure if it differs from that of the sensor and the
+    lens supports it.
+    """
     focus = exposure.focus_distance_mm
     if focus is None or not _differs(focus, sensor.lens.focus_distance_mm, FOCUS_TOLERANCE):
         return None
@@ -124,7 +127,9 @@ def _focus(sensor: Sensor, exposure: Exposure) -> float | None:
 
 
 def _exposure_words(restorer: Restorer) -> str:
-    """Return a phrase that reports how EXIF changes the blur of the sensor; empty where it agrees."""
+    """Return a phrase that reports the effect of EXIF settings on the blur of the sensor; empty if
+    there is none.
+    """
     words = ""
     if restorer.f_number is not None:
         assert isinstance(restorer.camera, Sensor)

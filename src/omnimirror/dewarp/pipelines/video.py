@@ -1,4 +1,4 @@
-"""Videos, cameras and streams straightened: from one source to any number of outputs."""
+"""Dewarping of videos, cameras and streams: one source and any number of outputs."""
 
 from __future__ import annotations
 
@@ -44,23 +44,23 @@ UNKNOWN_RATE = Fraction(25)
 
 @dataclass(frozen=True)
 class StraightenedVideo:
-    """What became of a video."""
+    """Result of dewarping a video."""
 
     view: View
     outcome: processing.Outcome
-    """How many frames were written, how fast, and whether someone asked to stop."""
+    """Number of frames written, frame rate, and whether the run was cancelled."""
     summary: str = ""
-    """Of a live source: what was received, and what was not."""
+    """For a live source: received and dropped frames."""
 
 
 @dataclass(frozen=True)
 class Listener:
-    """Who is told of the work."""
+    """Callbacks for messages and progress."""
 
     note: Callable[[str], None] = lambda sentence: None
-    """Told in a sentence of what is lost or in doubt."""
+    """Called with a sentence about losses and doubts."""
     progress: Callable[[FrameProgress], None] = lambda progress: None
-    """Told a few times a second how far it is."""
+    """Called a few times per second with the progress."""
 
 
 SILENT = Listener()
@@ -81,42 +81,43 @@ def dewarp_video(
     recording: Recording | None = None,
     listener: Listener | None = None,
 ) -> StraightenedVideo:
-    """Straighten a video, as ``omnimirror dewarp`` does: depth, colours, sound and timing stay as they are.
+    """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
 
     Parameters
     ----------
     source
-        A video file, numbered pictures (``f%04d.png``), a camera or stream, or ``-`` for standard input.
+        Video file, numbered images (``f%04d.png``), camera, stream, or ``-`` for standard input.
     outputs
         Files, addresses (``udp://..``), virtual cameras (``/dev/video9``) and ``-`` for a pipe.
     camera
-        Which took it; or a function of the picture's (width, height) in px that gives it.
+        Camera, or a function that returns it for an image size (width, height) in px.
     view
-        A screen of :mod:`omnimirror.screens`; or a function of the camera, such as those of :mod:`omnimirror.views`.
+        Screen of :mod:`omnimirror.screens`, or a function of the camera, such as those of
+        :mod:`omnimirror.views`.
     interpolation, viewpoint
-        As for :class:`omnimirror.Dewarper`.
+        As in :class:`omnimirror.Dewarper`.
     border
-        The colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
+        Colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
     keep_lean
-        Draw the view as the camera leans, not level.
+        Draw the view relative to the tilted camera, without levelling.
     stored_orientation
-        Take frames as stored, without the rotation in the display matrix of the video.
+        Use frames as stored, ignoring the rotation in the display matrix of the video.
     recording
-        What is taken of the video, and how it is written.
+        Selection of the video and output settings.
     listener
-        Told of losses and progress; nobody by default.
+        Callbacks for losses and progress; none by default.
 
     Returns
     -------
     StraightenedVideo
-        The view and how many frames were written.
+        View and number of frames written.
 
     Raises
     ------
     InvalidParameter
-        Outputs or options do not fit together.
+        If outputs or options are incompatible.
     MediaError
-        The source cannot be read, or an output not be written.
+        If the source cannot be read or an output cannot be written.
 
     Examples
     --------
@@ -146,7 +147,7 @@ def straighten_video(
     recording: Recording,
     listener: Listener | None = None,
 ) -> StraightenedVideo:
-    """The same, asked for as a whole."""
+    """Dewarp a video as specified by a request."""
     _check_outputs(source, outputs, recording)
     listener = listener or SILENT
     if is_live(source):
@@ -198,7 +199,9 @@ def _straighten_live(
 
 
 def _tell_of_others(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
-    """Say what an earlier, longer run left of numbered pictures: who reads them by their pattern would go on to it."""
+    """Report numbered images left by an earlier, longer run: readers of the pattern would continue
+    with them.
+    """
     for output in outputs:
         if recording.skip_existing or not (_is_file(output) and is_of_pictures(output)):
             continue
@@ -213,7 +216,7 @@ def _is_file(output: str) -> bool:
 
 
 def _is_film(output: str) -> bool:
-    """A file with frames and sound, not numbered pictures."""
+    """Return True for a file with frames and sound, not numbered images."""
     return _is_file(output) and not is_of_pictures(output)
 
 
@@ -222,7 +225,7 @@ def _is_virtual_camera(output: str) -> bool:
 
 
 def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
-    """Refuse outputs that are in each other's way, and options that belong to none of them."""
+    """Raise an error for conflicting outputs and for options that apply to none of them."""
     if twice := [output for output in outputs if outputs.count(output) > 1]:
         raise InvalidParameter(f"{twice[0]} is to be written twice; give each output once")
     for output in outputs:
@@ -246,7 +249,7 @@ def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) ->
 
 
 class Turning:
-    """The view over time: it stands still, or moves with keyframes."""
+    """View over time: static, or with keyframes."""
 
     border: Border
 
@@ -268,8 +271,10 @@ class Turning:
         return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
-        """The straightened frame of a time, its colour samples where those who read it take them to lie."""
-        if self.colour is not None:  # the first frame tells how colours are coded
+        """Return the dewarped frame at a time, with the chroma siting assumed by readers of the
+        output.
+        """
+        if self.colour is not None:  # the first frame determines the colour coding
             self.border, self.colour = self.colour.of_frame(frame), None
             self.still = self._dewarper(self.view)
         if self.keyframes is None:
@@ -279,7 +284,7 @@ class Turning:
 
 
 class Told(NamedTuple):
-    """What a source tells of all of its frames."""
+    """Properties common to all frames of a source."""
 
     rate: Fraction
     colour: Colour
@@ -287,7 +292,7 @@ class Told(NamedTuple):
 
 
 def _sinks(outputs: Sequence[str], turn: Turning, told: Told, source: VideoReader | None, listener: Listener) -> Sink:
-    """All outputs as one; those that were opened are given up if one cannot be."""
+    """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
@@ -315,11 +320,11 @@ def _sink(output: str, turn: Turning, told: Told, source: VideoReader | None, li
             output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing
         )  # fmt: skip
     encoding: dict[str, Any] = recording.encoding()
-    # Streams, and files of what is live, are for any player, unless a pixel format was asked for.
+    # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
     if is_for_any and "pixel_format" not in encoding and (lost := losses(turn.pixel_format, Kind())):
         listener.note(f"{output}: {lost}; --pixel-format names another choice")
-    if is_for_any:  # in the range that players take for granted
+    if is_for_any:  # use the range assumed by players
         encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
@@ -333,7 +338,7 @@ def _sink(output: str, turn: Turning, told: Told, source: VideoReader | None, li
 def _run(
     items: Iterable[Item], sink: Sink, turn: Turning, total: int | None, listener: Listener, ahead: int = 4
 ) -> processing.Outcome:
-    """Straighten every frame."""
+    """Dewarp all frames."""
     return processing.process(
         items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, ahead=ahead,
         progress=listener.progress,
@@ -341,7 +346,7 @@ def _run(
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
-    """Frames of a live source for so long, by their own times."""
+    """Yield frames of a live source for a duration by their timestamps."""
     start = None
     for frame in frames:
         start = frame.time if start is None else start

@@ -1,1 +1,1 @@
-"""Pictures sharpened by what is known of their blur and noise."""
+"""Deblurring of images with known blur and noise."""

@@ -1,9 +1,10 @@
-"""Upper limit of the share of a known blur that an image can contain.
+"""Upper limit of the fraction of a known blur that an image can contain.
 
-A sharp image that is blurred by a share of the known blur is explained, on the pixel grid and with little
-regularisation, for every share up to that of the image. Beyond it the residual grows faster. How fast it grows below is
-a property of the blur: it is simulated once for each camera, for noise alone and for a texture whose amplitudes fall as
-the frequency. A measured growth beyond both is blur that the image does not contain.
+A sharp image blurred by a fraction of the known blur is explained, on the pixel grid and with weak
+regularisation, by every fraction up to that of the image. Beyond it the residual grows faster. The
+growth below it is a property of the blur: it is simulated once per camera, for pure noise and for a
+texture whose amplitudes are inversely proportional to the frequency. A measured growth above both
+indicates blur that the image does not contain.
 """
 
 from __future__ import annotations
@@ -23,37 +24,41 @@ Values = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-TOP = 0.8  # share from which the residual up to the whole blur is compared first
+TOP = 0.8  # fraction from which the residual up to the full blur is compared first
 EFFORT = Effort(coarse_rounds=3, rounds=0, steps=6)
-MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # of the expected growth; the noise of coded images is known less well
-SLACK = 0.004  # of the logarithm of the residual, from one share to the next
-STEEPER = 0.015  # by which that of real textures grows more than that of noise, near the whole blur
-STEEPEST = 1.6  # growth of real textures over that of the simulated one, for small shares
-PLAIN, TEXTURED = 0.5, 0.8  # residual of the least share, from that of noise (0) to that of the simulated texture (1)
-CAUTION = 0.9  # times a share below 1: too much blur harms, too little hardly does
-MAX_RESIDUAL = 2.5  # of the least share, times the simulated one of noise: no share explains the image
-MAX_RESIDUAL_OF_ALL = 3.0  # the same of the whole blur: the image is far sharper
-MIN_SHARE = 0.25  # below it the image stays as it is
-MIN_BLUR_PX = 4.0  # in both directions, for a limit to be found
-NOISE = 0.01  # of the simulated images
-LEVEL, CONTRAST = 0.6, 0.2  # of the simulated texture, in the root of light
-SATURATED_PX = 15  # side of the squares about saturated pixels that do not count
+MARGIN, MARGIN_OF_CODED = 1.3, 2.0  # relative to the expected growth; the noise of coded images is less certain
+SLACK = 0.004  # tolerance of the log residual between consecutive fractions
+STEEPER = 0.015  # excess growth of real textures over that of noise, near the full blur
+STEEPEST = 1.6  # growth of real textures relative to the simulated one, for small fractions
+# Residual of the smallest fraction, from that of noise (0) to that of the simulated texture (1)
+PLAIN, TEXTURED = 0.5, 0.8
+# Factor for fractions below 1: excessive blur harms, insufficient blur has little effect
+CAUTION = 0.9
+# Residual of the smallest fraction, relative to simulated noise: no fraction explains the image
+MAX_RESIDUAL = 2.5
+MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
+MIN_SHARE = 0.25  # below it the image is returned unchanged
+MIN_BLUR_PX = 4.0  # minimum blur in both directions for a limit
+NOISE = 0.01  # noise of the simulated images
+LEVEL, CONTRAST = 0.6, 0.2  # simulated texture, square root of light
+SATURATED_PX = 15  # side of the squares around saturated pixels that are excluded
 
 
 class BlurLimit:
-    """Limit of the blur in images of one camera; the simulated growth is prepared once."""
+    """Limit of the blur in images of one camera; the growth is simulated once."""
 
     def __init__(self, known: RoundBlur, strips: list[tuple[slice, slice]], edges: list[NDArray[np.bool_]]) -> None:
         self._known, self._strips, self._counted = known, strips, edges
         self._problems: dict[float, list[BlurProblem]] = {}
 
     def share(self, roots: Values, noise: Noise) -> float:
-        """Return the largest share of the blur that an image is consistent with; 0 where none is.
+        """Return the largest fraction of the blur that is consistent with an image; 0 if there is
+        none.
 
         Parameters
         ----------
         roots : (h, w, 1 or 3)
-            Roots of the light of the image.
+            Square roots of the light of the image.
         noise
             Noise of the image.
         """
@@ -85,7 +90,9 @@ class BlurLimit:
 
     @cached_property
     def _is_blurred_both_ways(self) -> bool:
-        """Whether blur spans pixels in both directions anywhere: else most that it cannot explain is aliased."""
+        """True if the blur extends over pixels in both directions anywhere; otherwise most of the
+        residual is aliasing.
+        """
         for problem in self._problems_of(1.0):
             smaller = np.minimum(problem.sizes.tangential, problem.sizes.sagittal)[problem.known_pixels]
             if smaller.max(initial=0) >= MIN_BLUR_PX:
@@ -94,7 +101,7 @@ class BlurLimit:
 
     @cached_property
     def _simulated(self) -> tuple[Array, Array]:
-        """Residuals (shares,) of noise alone and of a blurred texture."""
+        """Residuals (fractions,) of pure noise and of a blurred texture."""
         rng = np.random.default_rng(7)
         found = []
         for contrast in (0.0, CONTRAST):
@@ -110,7 +117,7 @@ class BlurLimit:
         return found[0], found[1]
 
     def _residual(self, share: float, parts: list[tuple[Values, Noise]]) -> float:
-        """Return the root of the mean square of the residual over the noise; 0 where no pixel counts."""
+        """Return the RMS residual relative to the noise; 0 without valid pixels."""
         squares, count = 0.0, 0
         for (roots, noise), problem, counted in zip(parts, self._problems_of(share), self._counted, strict=True):
             if not problem.known_pixels.any():
@@ -132,7 +139,9 @@ class BlurLimit:
 
 
 def _texture(shape: tuple[int, ...], rng: np.random.Generator) -> Values:
-    """Return noise (h, w) of deviation 1 whose amplitudes fall as the frequency."""
+    """Return noise (h, w) of standard deviation 1 with amplitudes inversely proportional to the
+    frequency.
+    """
     height, width = shape
     frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None])
     frequency[0, 0] = np.inf

@@ -1,16 +1,18 @@
-"""How much of its known blur a picture shows.
+"""Estimation of the fraction of a known blur that an image contains.
 
-Told too little blur, restoring gains less; told too much, it harms. Too much shows: what a sharp picture leaves
-unexplained grows evenly with the blur that is taken out, up to that of the picture, and faster beyond. So a few shares
-of the blur are tried, on two strips through the axis and with few steps.
+If the assumed blur is too small, restoration gains less; if it is too large, it harms. The latter
+is detectable: the residual of the sharp image grows uniformly with the removed blur up to that of
+the image, and faster beyond it. Several fractions of the blur are therefore tested on two strips
+through the axis with few steps.
 
-Large blur on few pixels, which show little of its shape, leaves over more at some radii as if it were told too large:
-the bend counts that half of the radii have, once the mean of all says that there is one. And where all shares are too
-large, it grows evenly again, but much.
+Large blur on few pixels, which resolve little of its shape, leaves larger residuals at some radii
+as if it were too large: the median bend over the radii is used if the mean over all radii indicates
+one. If all tested fractions are too large, the residual grows uniformly again, but strongly.
 
-Where it hardly grows at all and is more than noise, there is little to be seen but noise and texture as faint: such a
-picture would not show that its blur was told too large, gains little by the right one, and is harmed by more. There
-less is taken out. A plain picture does not show it either, but what is left is its noise: no texture could be harmed.
+If the residual hardly grows and exceeds the noise, the image contains little more than noise and
+equally faint texture. Such an image would not reveal an excessive blur, gains little from the
+correct blur and is harmed by more; less is removed. A uniform image does not reveal it either, but
+its residual is its noise, and no texture could be harmed.
 """
 
 from __future__ import annotations
@@ -29,21 +31,27 @@ Values = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SHARES = (0.6, 0.7, 0.8, 0.9)
-BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of that of the least share
-BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
-SPREAD = 0.018  # of both second differences together, where neither is plain: the bend goes over all shares
+# Second difference of the residual, relative to that of the smallest fraction
+BEND, BEND_OF_CODED = 0.012, 0.02
+BEND_AGAIN = 0.02  # a second reduction requires a larger bend
+# Sum of both second differences if neither is significant: the bend extends over all fractions
+SPREAD = 0.018
 LEAST_SHARE = 0.3
-MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4  # times what the least share of large blur leaves over, by the most: too large
-GROWTH, UNSEEN_SHARE = 0.075, 0.85  # of what is left over, from the least share to the most, under which none is seen
-EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
+# Ratio of the residuals of the largest and smallest fraction of large blur: too large
+MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4
+# Minimum growth of the residual from the smallest to the largest fraction; fraction used below it
+GROWTH, UNSEEN_SHARE = 0.075, 0.85
+EXPLAINED = 1.0  # residual of the smallest fraction in units of the noise: no undetected texture
 FEW = Effort(coarse_rounds=0, rounds=2, steps=4)
-LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
-BANDS = 5  # of the radius
-STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half its width, of the picture; what ends at its edge does not count
+LEAST_NOISE = np.float32(0.007)  # the error of the known blur; lower noise would expose this error instead
+BANDS = 5  # radial bands
+STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 32, 28, 9  # half width, relative to the image; edge region that is excluded
 
 
 class BlurScale:
-    """Finds the share of a known blur that pictures show; what does not depend on the picture is prepared once."""
+    """Estimator of the fraction of a known blur in images; image-independent data are prepared
+    once.
+    """
 
     def __init__(self, known: RoundBlur) -> None:
         self._known = known
@@ -54,26 +62,27 @@ class BlurScale:
         self._prepared: dict[float, list[BlurProblem]] = {}
 
     def shown_share(self, roots: Values, noise: Noise) -> float:
-        """The share of its known blur that a picture shows: 1 unless it is sharper than that, or shows too little.
+        """Return the fraction of the known blur in an image: 1 unless it is sharper or has too
+        little detail.
 
         Parameters
         ----------
         roots : (h, w, 1 or 3)
-            Roots of the light of the picture.
+            Square roots of the light of the image.
         noise
-            Of the picture.
+            Noise of the image.
 
         Notes
         -----
-        Right to a tenth or two where there are edges; blur told up to a fifth too large is not always seen. For a
-        picture full of texture that hides it, 0.85.
+        Accurate to 0.1 to 0.2 for images with edges; a blur given up to 20 % too large is not
+        always detected. 0.85 for an image full of texture that conceals it.
         """
         noise = noise.at_least(LEAST_NOISE)
         limit = self._limit.share(roots, noise)
         return min(limit, self._bent_share(roots, noise)) if limit > 0 else 0.0
 
     def _bent_share(self, roots: Values, noise: Noise) -> float:
-        """Return the share at which the residual of the regularised image bends."""
+        """Return the fraction at the bend of the residual of the regularised image."""
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         share = 1.0
         while share > LEAST_SHARE:
@@ -93,13 +102,15 @@ class BlurScale:
         return share
 
     def _bend(self, grown: Array, limit: float, much: float, *, is_lowered: bool) -> int | None:
-        """Which of the middle shares what is left over, (shares, bands), bends at, if it does."""
+        """Return the index of the middle fraction at the bend of the residual, (fractions, bands);
+        None without bend.
+        """
         mean, most = grown.mean(axis=1), np.median(grown, axis=1)
         if not self._is_large:
             return _bend_of(mean, limit, is_lowered)
         if is_lowered:
             first, second = np.diff(most, 2)
-            is_undone = second < -first / 2  # half of the radii are now these, now those
+            is_undone = second < -first / 2  # the median alternates between radii
             bend = None if is_undone else _bend_of(most, limit, is_lowered)
             return 0 if bend is None and most[-1] > much else bend
         of_mean, of_most = (_bend_of(of, limit, is_lowered) for of in (mean, most))
@@ -112,7 +123,9 @@ class BlurScale:
         return any(problem.is_large_anywhere for problem in self._problems(SHARES[-1]))
 
     def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
-        """Root of the mean square (bands,) of what is left over, over noise, by the radius; 0 where none is seen."""
+        """Return the RMS residual (bands,) relative to the noise for each radius; 0 for bands
+        without pixels.
+        """
         squares, counts = np.zeros(BANDS), np.zeros(BANDS)
         for strip, problem in zip(self._strips, self._problems(share), strict=True):
             if not problem.known_pixels.any():
@@ -127,7 +140,7 @@ class BlurScale:
         return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 
     def _problems(self, share: float) -> list[BlurProblem]:
-        """One for each strip; those that every picture asks for are kept."""
+        """Return one problem per strip; those used for every image are cached."""
         found = self._prepared.get(share)
         if found is None:
             found = [BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips]
@@ -137,15 +150,15 @@ class BlurScale:
 
 
 def _bend_of(grown: Array, limit: float, is_lowered: bool) -> int | None:
-    """Which of the middle shares one value (shares,) for each of them bends at."""
+    """Return the index of the middle fraction at the bend of values (fractions,)."""
     first, second = np.diff(grown, 2)
-    bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
+    bends = np.array([first, second + min(first, 0)])  # a preceding dip is not a bend
     is_spread = is_lowered and min(first, second) > 0 and first + second > SPREAD
     return int(np.argmax(bends)) if bends.max() >= limit or is_spread else None
 
 
 def _strips(known: RoundBlur, half: int) -> list[tuple[slice, slice]]:
-    """Rows and columns of two strips through the axis, across and down."""
+    """Return rows and columns of two strips through the axis, across and down."""
     across, down = known.offsets[0, :, 0], known.offsets[:, 0, 1]
     rows, columns = (np.flatnonzero(np.abs(offsets) <= half) for offsets in (down, across))
     strips = []

@@ -1,8 +1,8 @@
-"""Blur as kernels: from a sharp picture on a fine grid to the pixels of a sensor that is out of focus.
+"""Blur kernels: from a sharp image on a fine grid to the pixels of a defocused sensor.
 
-What a lens with a round aperture makes of a point is an elliptic disk, as long away from the optical axis as the
-tangential blur and across as the sagittal one (Eqs. 34-36 of Ohte and Tsuzuki). So every pixel is the mean of the
-sharp picture over such a disk about it, widened by its own square.
+A lens with a circular aperture images a defocused point to an elliptic disk whose radial axis is
+the tangential blur and whose other axis is the sagittal blur (Eqs. 34-36 of Ohte and Tsuzuki). Each
+pixel is therefore the mean of the sharp image over such a disk, convolved with the pixel area.
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Whole = NDArray[np.int32]
 
-GROUP_PX = 8  # adjoining pixels of a row, which processors blur beside each other
-STEEP_PX = 0.65  # by as much the blur may change along pixels of one kernel, at nine of ten distances from the axis
-TILE_PX = 152  # sides of the parts that are looked for by themselves, at most: a few megabytes, which stay in caches
-RING_PX = 2.0  # the width of rings with one kernel for each direction
-TURNS = 64  # directions, over half a turn: at 10 px of blur its ends are .25 px off at most
-POINTS_PER_PX2 = 16  # on the disk
+GROUP_PX = 8  # adjacent pixels of a row, which are blurred with SIMD instructions
+# Maximum variation of the blur along the pixels of one kernel, at 90 % of the distances from the
+# axis
+STEEP_PX = 0.65
+TILE_PX = 152  # maximum side of independently solved tiles: a few megabytes, which fit into caches
+RING_PX = 2.0  # width of rings with one kernel per direction
+TURNS = 64  # directions over half a turn: the ends of a 10 px blur are within 0.25 px
+POINTS_PER_PX2 = 16  # samples on the disk
 ROUNDED = 1 - 1e-9
 
 
 class BlurSize(NamedTuple):
-    """Blur diameters (n,) in px, without sign."""
+    """Blur diameters (n,) in px, unsigned."""
 
     tangential: Array
     sagittal: Array
@@ -44,51 +46,58 @@ class BlurSize(NamedTuple):
 
     @property
     def widening(self) -> Array:
-        """By how much a pixel grows with the blur: side of the square of its area, less the pixel's own."""
+        """Widening of a pixel by the blur: side of the square of equal area, minus that of the
+        pixel.
+        """
+        # Pixel (side 1) and blur add in quadrature in both directions; the side is the root of the area
         widened: Array = ((1 + self.tangential**2) * (1 + self.sagittal**2)) ** 0.25 - 1
         return widened
 
 
 class Blur(NamedTuple):
-    """The blur of pixels as kernels: the weights with which values of a sharp picture on a finer grid count in each."""
+    """Blur of pixels as kernels: weights of the values of a sharp image on a finer grid."""
 
     size: tuple[int, int]
-    """Width and height of the picture in pixels."""
+    """Size (width, height) of the image in pixels."""
     fineness: int
-    """Pixels of the sharp picture along the side of a pixel."""
+    """Number of fine pixels along the side of a pixel."""
     pixels: Whole
-    """(n,) that are known, ascending: row * width + column."""
+    """Indices (n,) of the known pixels, ascending: row * width + column."""
     kernels: Whole
-    """(h, blocks) which kernel the pixels of a block in a row have, in whole groups; -1 where none is known."""
+    """Kernel indices (h, blocks) of the pixel blocks of each row, in whole groups; -1 for unknown
+    blocks.
+    """
     firsts: Whole
-    """(kernels + 1,) the first weight of each kernel, and the number of all."""
+    """Index (kernels + 1,) of the first weight of each kernel, and the total number."""
     offsets: Whole
-    """(m, 2) rows down and columns right on the fine grid, from the first value of a pixel."""
+    """Offsets (m, 2) in rows down and columns right on the fine grid, from the first value of a
+    pixel.
+    """
     weights: NDArray[np.float32]
-    """(m,), adding up to 1 in every kernel."""
+    """Weights (m,), with sum 1 in every kernel."""
     block_px: int
-    """Adjoining pixels of a row that have one kernel: 1, 2, 4 or 8."""
+    """Number of adjacent pixels in a row with one kernel: 1, 2, 4 or 8."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(h, w) whether a pixel is known."""
+        """Mask (h, w) of known pixels."""
         known = np.zeros(self.size[::-1], bool)
         known.ravel()[self.pixels] = True
         return known
 
     @property
     def reach(self) -> int:
-        """By how many pixels kernels go beyond their own, at most."""
+        """Maximum number of pixels that kernels extend beyond their own pixel."""
         least, most = (int(extreme) // self.fineness for extreme in (self.offsets.min(), self.offsets.max()))
         return max(-least, most, 1)
 
     @property
     def tiles(self) -> Whole:
-        """(n, 2, 4) parts of the picture that are looked for each as a picture of its own.
+        """Tiles (n, 2, 4) of the image that are solved independently.
 
-        The pixels whose sharp values are kept of it, and the known ones that it explains, some of its neighbours' among
-        them: their rows and columns, each from the first to the end. Its values lie as far beyond as kernels reach, in
-        whole groups of columns.
+        Each tile contains the row and column ranges of the pixels whose sharp values are kept, and
+        of the known pixels that it explains, including some of adjacent tiles. Its values extend
+        beyond these by the reach of the kernels, in whole groups of columns.
         """
         known, found = self.known, []
         beyond = whole_groups(self.reach)
@@ -106,17 +115,22 @@ class Blur(NamedTuple):
 
     @property
     def concentration(self) -> NDArray[np.float32]:
-        """(h, w) root of the sum of squares of the weights in each pixel's kernel, over the fineness: about what makes
-        conjugate gradients quickest, between the diagonal of the weights' product with their transpose, which is less,
-        and what that comes to for even pictures. Where no pixel is known, that of the last kernel, which is at the rim.
+        """Root sum square (h, w) of the kernel weights of each pixel, divided by the fineness. It
+        is a near-optimal preconditioner of the conjugate gradients, between the diagonal of the
+        product of the weights with their transpose, which is smaller, and the row sums of this
+        product. Unknown pixels have the value of the last kernel, at the rim.
         """
         of_kernel = np.sqrt(np.add.reduceat(self.weights**2, self.firsts[:-1])) / self.fineness
-        of_block = of_kernel.astype(np.float32)[self.kernels]  # none is the last
+        # The last entry is for unknown blocks
+        of_block = of_kernel.astype(np.float32)[self.kernels]
         return np.ascontiguousarray(np.repeat(of_block, self.block_px, axis=1)[:, : self.size[0]])
 
     def matrix(self) -> csr_matrix:
-        """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; beyond its edge the picture
-        goes on as it ends."""
+        """Return the sparse matrix of the blur.
+
+        ``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; the image is
+        continued with its edge values.
+        """
         from scipy.sparse import csr_matrix
 
         width, height = self.size
@@ -134,7 +148,7 @@ class Blur(NamedTuple):
 
 
 def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf) -> BlurSize:
-    """Blur at distances (n,) px from the optical axis; beyond the rim that of the rim.
+    """Return the blur at distances (n,) px from the optical axis; beyond the rim, that of the rim.
 
     >>> import omnimirror as om
     >>> blur_sizes(om.load_sensor("paper-spherical"), [0.0, 490.0]).sagittal.round(1)
@@ -146,15 +160,15 @@ def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float =
 
 
 def offsets_from_axis(sensor: Sensor) -> Array:
-    """Offsets (rows, columns, 2) px of the pixels from the optical axis, right and down.
+    """Return offsets (rows, columns, 2) px of the pixels from the optical axis, right and down.
 
     Raises
     ------
     InvalidParameter
-        If the mirror is decentred or tilted, or there are two.
+        If the mirror is decentred or tilted, or there are two mirrors.
     """
     sensor.check("restoring and merging pictures", "one mirror")
-    _ = sensor.meridian  # refuses mirrors out of place
+    _ = sensor.meridian  # raises an error for misaligned mirrors
     assert sensor.symmetry is not None
     width, height = sensor.image_size
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))
@@ -163,7 +177,9 @@ def offsets_from_axis(sensor: Sensor) -> Array:
 
 
 def whole_radius_px(sensor: Sensor) -> float:
-    """Distance from the optical axis up to which the mirror fills the aperture: the rim is out of focus, too."""
+    """Return the distance from the optical axis within which the mirror fills the aperture; the rim
+    is defocused, too.
+    """
     mirror, lens = sensor.mirror, sensor.lens
     z = float(mirror.sag(np.array([mirror.rim_radius_mm]))[0]) + sensor.mirror_pose.displacement_mm
     L = z if lens.TELECENTRIC else sensor.mirror_distance_mm + z
@@ -171,18 +187,18 @@ def whole_radius_px(sensor: Sensor) -> float:
 
 
 def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array], BlurSize], fineness: int = 2) -> Blur:
-    """The blur of all pixels whose whole light comes off the mirror.
+    """Return the blur of all pixels that receive all of their light from the mirror.
 
     Parameters
     ----------
     offsets : (h, w, 2)
-        Of the pixels from the axis, px right and down.
+        Offsets of the pixels from the axis, px right and down.
     whole_radius_px
-        Distance from the axis up to which pixels are known.
+        Distance from the axis within which pixels are known.
     sizes
         Blur at distances (n,) px from the axis.
     fineness
-        Pixels of the sharp picture along the side of a pixel.
+        Number of fine pixels along the side of a pixel.
     """
     known = np.hypot(offsets[..., 0], offsets[..., 1]) <= whole_radius_px
     block = _block_px(sizes, whole_radius_px)
@@ -207,7 +223,7 @@ def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array]
 
 
 def _block_px(sizes: Callable[[Array], BlurSize], whole_radius_px: float) -> int:
-    """As many pixels as can have one kernel."""
+    """Return the number of adjacent pixels that can share one kernel."""
     radii = np.arange(max(whole_radius_px, 0) + 2)
     steep = max(float(np.quantile(np.abs(np.diff(size)), 0.9)) for size in sizes(radii))
     block = GROUP_PX
@@ -217,12 +233,12 @@ def _block_px(sizes: Callable[[Array], BlurSize], whole_radius_px: float) -> int
 
 
 def whole_groups(length: int) -> int:
-    """As many pixels as groups have that are no shorter together."""
+    """Return the number of pixels rounded up to whole groups."""
     return -(-length // GROUP_PX) * GROUP_PX
 
 
 def _parts(length: int) -> list[int]:
-    """Where tiles of about one size begin along a side, and the end."""
+    """Return the start of tiles of about equal size along a side, and the end."""
     tiles = -(-length // TILE_PX)
     return [*range(0, length, whole_groups(-(-length // tiles))), length]
 
@@ -234,8 +250,9 @@ def _whole(numbers: NDArray[Any]) -> Whole:
 def _kernels(
     tangential: float, sagittal: float, turns: Array, fineness: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Of a disk turned so far (n,), widened by the pixel: how many offsets each has, offsets (m, 2) down and right on
-    the fine grid, column by column, and weights (m,)."""
+    """Return the kernels of a disk at angles (n,), convolved with the pixel: number of offsets per
+    kernel, offsets (m, 2) down and right on the fine grid, column by column, and weights (m,).
+    """
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
     along, across = (_sunflower(count) * [tangential / 2, sagittal / 2]).T * fineness
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
@@ -261,7 +278,7 @@ def _kernels(
 
 
 def _sunflower(count: int) -> Array:
-    """Points (count, 2) spread evenly over the unit disk (Vogel's spiral)."""
+    """Return points (count, 2) distributed uniformly on the unit disk (Vogel's spiral)."""
     i = np.arange(count)
     radius, angle = np.sqrt((i + 0.5) / count), i * np.pi * (3 - np.sqrt(5))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)

@@ -1,7 +1,9 @@
-"""Focus bracketing: pictures focused at a few distances, merged by radius into one that is sharp all over.
+"""Focus bracketing: images at several focus distances, merged by radius to an image that is sharp
+everywhere.
 
-How blurred each field angle is at each focus follows from its virtual images, so nobody searches pictures for
-sharpness. Where tangential and sagittal image lie far apart no focus serves both: astigmatism sets the limit.
+The blur of each field angle at each focus follows from its virtual images; no sharpness search in
+the images is required. If tangential and sagittal image are far apart, no focus is sharp for both:
+astigmatism is the limit.
 """
 
 from __future__ import annotations
@@ -25,15 +27,16 @@ from .blurring import offsets_from_axis
 Array = NDArray[np.float64]
 
 ANGLES, FOCUSES = 541, 1201
-SLACK = 1.25  # where astigmatism rules, blur may be so many times the least that any focus leaves
-SOFTNESS_PX = 0.25  # of the change from one picture to the next: difference of blur that decides
+# Allowed ratio of the blur to its minimum over all focus distances if astigmatism dominates
+SLACK = 1.25
+SOFTNESS_PX = 0.25  # blur difference of the transition between images
 MOST_PICTURES = 64
 ROUNDED = 1 - 1e-9
 
 
 @dataclass(frozen=True)
 class Bracket:
-    """Where to focus, and what blur is left at n field angles.
+    """Focus distances and the residual blur at n field angles.
 
     Attributes
     ----------
@@ -41,9 +44,9 @@ class Bracket:
         Object distances in focus, near to far.
     omega_deg : (n,)
     blur_px : (n,)
-        Larger of tangential and sagittal blur in the picture that is sharpest there.
+        Larger of tangential and sagittal blur in the sharpest image.
     least_px : (n,)
-        The least that any focus leaves: half the astigmatism, about.
+        Minimum over all focus distances: about half of the astigmatism.
     limit_px
     """
 
@@ -55,33 +58,34 @@ class Bracket:
 
     @property
     def astigmatic(self) -> NDArray[np.bool_]:
-        """Field angles (n,) that no focus brings under the limit with a quarter to spare."""
+        """Field angles (n,) that no focus brings below the limit with a margin of 25 %."""
         return SLACK * self.least_px > self.limit_px
 
 
 def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf) -> Bracket:
-    """The fewest focus distances that keep the worst blur under a limit.
+    """Return the minimum number of focus distances that keep the maximum blur below a limit.
 
-    Where astigmatism does not allow that, with a quarter to spare, blur is kept within a quarter of the least possible.
+    If astigmatism does not permit this with a margin of 25 %, the blur is kept within 25 % of its
+    minimum.
 
     Parameters
     ----------
     sensor
-        Its own focus does not matter.
+        Sensor; its own focus is irrelevant.
     limit_px
-        Largest blur diameter, tangential and sagittal.
+        Maximum blur diameter, tangential and sagittal.
     object_distance_mm
-        From the mirror to the object.
+        Object distance from the mirror.
 
     Returns
     -------
     Bracket
-        Focus distances (k,) in mm, and the blur that they leave.
+        Focus distances (k,) in mm, and the residual blur.
 
     Raises
     ------
     InvalidParameter
-        For a limit out of range, or a decentred or tilted mirror.
+        If the limit is out of range, or the mirror is decentred or tilted.
 
     Examples
     --------
@@ -128,7 +132,7 @@ def _worst(study: FocusStudy, focus_mm: float) -> Array:
 
 
 def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
-    """Focus distances between the nearest and the farthest image, evenly spaced in blur."""
+    """Return focus distances between the nearest and the farthest image, uniformly spaced in blur."""
     L = np.concatenate(study.distances)
     low, high = float(L.min()), float(L.max())
     if sensor.lens.TELECENTRIC:
@@ -140,7 +144,9 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
 
 
 def _stab(serves: NDArray[np.bool_]) -> list[int]:
-    """The fewest rows of (rows, columns) that serve every column, each column being served by neighbouring rows."""
+    """Return the smallest set of rows of (rows, columns) that covers every column, each covered by
+    adjacent rows.
+    """
     last = len(serves) - 1 - np.argmax(serves[::-1], axis=0)
     left = np.ones(serves.shape[1], bool)
     chosen: list[int] = []
@@ -151,7 +157,8 @@ def _stab(serves: NDArray[np.bool_]) -> list[int]:
 
 
 def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
-    """The same sensor focused elsewhere; where its lens focuses by its image distance, its picture grows or shrinks.
+    """Return the sensor at another focus distance; with focusing by image distance, the image scale
+    changes.
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
@@ -169,33 +176,35 @@ def merge_bracket(
     focus_mm: ArrayLike,
     object_distance_mm: float = np.inf,
 ) -> NDArray[Any]:
-    """One picture from several, each radius from those that are sharpest there.
+    """Merge several images into one, using at each radius the sharpest images.
 
     Parameters
     ----------
     sensor
-        As whose picture the result comes out: at its focus, which sets the scale.
+        Sensor of the result: its focus defines the scale.
     pictures : k arrays (h, w) or (h, w, 3)
-        All of the sensor's size, and of one kind.
+        Images of the size of the sensor and of one type.
     focus_mm : (k,)
-        Where the pictures are focused, mm.
+        Focus distances of the images, mm.
     object_distance_mm
-        From the mirror to what is seen.
+        Object distance from the mirror.
 
     Returns
     -------
     (h, w) or (h, w, 3) array
-        Of the same kind.
+        Merged image of the same type.
 
     Raises
     ------
     InvalidParameter
-        If pictures and focuses do not fit together or the sensor, or the mirror is decentred or tilted.
+        If images, focus distances and sensor are inconsistent, or the mirror is decentred or
+        tilted.
 
     Notes
     -----
-    Focusing changes the image distance, and with it the scale: every picture is resampled (bicubic) to the scale
-    of the sensor's own focus. A picture's weight falls off with its blur over that of the sharpest, smoothly.
+    Focusing changes the image distance and therefore the scale: every image is resampled (bicubic)
+    to the scale of the sensor's own focus. The weight of an image decreases smoothly with its blur
+    relative to the sharpest image.
 
     Examples
     --------
@@ -227,7 +236,7 @@ def merge_bracket(
 
 
 def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf) -> Array:
-    """Weights (k, ...) of pictures at distances (...) px from the optical axis; they add up to 1."""
+    """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), "exact", None, 550.0)

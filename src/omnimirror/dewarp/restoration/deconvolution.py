@@ -1,19 +1,20 @@
-"""The sharp picture that explains a blurred one within its noise.
+"""Estimation of the sharp image that explains a blurred one within its noise.
 
-Looked for on a grid finer than the pixels, it is what explains the blurred picture and has little total variation
-(Rudin, Osher and Fatemi, 1992). Blur adds light, and noise is even in a picture as files hold it; so the unknown u is
-the root of the light, which is near to what files hold, and
+On a grid finer than the pixels, the sharp image explains the blurred image and has small total
+variation (Rudin, Osher and Fatemi, 1992). Blur adds light, and noise is uniform in gamma-coded
+images; the unknown u is therefore the square root of the light, which is close to the coded values,
+and
 
     |sqrt(A u^2) - y|^2 / 2 + sum weight |grad u|
 
-is made small, A being the blur. Both terms are replaced by quadratic ones a few times (Gauss-Newton, and lagged
-diffusivity: Vogel and Oman, 1996), each solved by conjugate gradients.
+is minimised, with the blur operator A. Both terms are approximated by quadratic ones a few times
+(Gauss-Newton, and lagged diffusivity: Vogel and Oman, 1996), each solved by conjugate gradients.
 
-Where the blur is large, most of the way is gone on the grid of the pixels, which costs a quarter, and the fine grid has
-only to give back what they alias: a round less of it where the blur is large throughout a tile.
+For large blur, most rounds are performed on the pixel grid, at 1/4 of the cost, and the fine grid
+only restores the aliased components: one round fewer for tiles with large blur throughout.
 
-The weight follows the picture, as Bayes asks for: where u is full of texture beyond the noise, variation is likely
-and costs less, and where it is plain, more. It falls with the blur, which damps noise of its own accord.
+The weight is adaptive in the Bayesian sense: lower in textured regions, because variation is
+likely, and higher in uniform regions. It decreases with the blur, which damps noise itself.
 """
 
 from __future__ import annotations
@@ -29,31 +30,35 @@ from .sharp_picture import Deblurring, SharpPicture
 
 Values = NDArray[np.float32]
 
-# Tuned on the scenes of `benchmarks/restoration_gain.py --tuning` (room, street, clouds of noise), and but for what is
-# brightest, which lamps among leaves and windows of a photograph chose, on no others.
-REGULARITY = 1.5  # the weight over the noise, where there is neither blur nor texture
-FIT_REGULARITY = 0.5  # of :func:`fit`: what remains is then what the blur cannot explain, not what variation costs
+# Tuned on the scenes of `benchmarks/restoration_gain.py --tuning` (room, street, noise clouds)
+# only, except for the maximum brightness, which was chosen for lamps among leaves and windows in a
+# photograph.
+REGULARITY = 1.5  # weight relative to the noise, without blur and texture
+# Weight of :func:`fit`: the residual is then unexplained by the blur rather than a cost of the variation
+FIT_REGULARITY = 0.5
 BLUR_PX = 0.7  # widening of pixels that halves it
-TEXTURE = 2.0  # differences that halve it, over the noise
+TEXTURE = 2.0  # differences that halve it, relative to the noise
 
-LARGE_PX = 3.0  # widening of half of the pixels from which blur is large
-UNEVEN_PX = 3.0  # widening anywhere from which the few steps are too few
-SPARED_PX = 4.0  # widening all over a tile, from which the last round on the fine grid gains nothing that is seen
-COARSE = 3.0  # times the weight on the grid of the pixels: 2 to 4 differ by .2 dB, rooms and streets gaining most by 2
-WINDOW_PX = 16  # in which texture is judged
-UNJUDGED = np.float32(0.7)  # of texture, in the first round
+LARGE_PX = 3.0  # median widening of pixels from which the blur is large
+UNEVEN_PX = 3.0  # widening anywhere that requires more steps
+SPARED_PX = 4.0  # minimum widening of a tile for which the last round on the fine grid has no visible effect
+COARSE = 3.0  # weight factor on the pixel grid: 2 to 4 differ by 0.2 dB; rooms and streets gain most with 2
+WINDOW_PX = 16  # window of the texture measure
+UNJUDGED = np.float32(0.7)  # assumed texture in the first round
 
 
 class Effort(NamedTuple):
-    """Replacements by quadratic terms, on the grid of the pixels and on the fine one, and steps in each."""
+    """Numbers of quadratic approximations on the pixel grid and on the fine grid, and of steps in
+    each.
+    """
 
     coarse_rounds: int
     rounds: int
     steps: int
-    """Of conjugate gradients."""
+    """Conjugate gradient steps."""
 
 
-# By the blur. Begun on the grid of the pixels, the equidistant sensor loses .5 dB where its blur is small.
+# By blur. An initial estimate on the pixel grid costs the equidistant sensor 0.5 dB for small blur.
 SMALL, UNEVEN, LARGE = Effort(0, 4, 4), Effort(0, 5, 5), Effort(coarse_rounds=6, rounds=2, steps=6)
 
 
@@ -65,20 +70,20 @@ def solve(
     visible: Values,
     effort: Effort,
 ) -> SharpPicture:
-    """The sharp picture.
+    """Compute the sharp image.
 
     Parameters
     ----------
     deblurrings
-        Of the blur, on the grid of the pixels, if there are rounds on it, and on the fine one.
+        Deblurring operators on the pixel grid, if rounds are performed on it, and on the fine grid.
     widening_px : (h, w)
-        By how much the blur widens a pixel, in the mean of both directions.
+        Widening of a pixel by the blur, mean of both directions.
     roots : (h, w, 1 or 3)
-        Roots of the light of the blurred picture.
+        Square roots of the light of the blurred image.
     noise : (h, w)
         Standard deviation of the roots.
     visible : (h, w)
-        As much of it as the picture shows: differences over that are texture.
+        Visible part of the standard deviation: larger differences are texture.
     effort
         Rounds and steps.
     """
@@ -96,12 +101,14 @@ def solve(
 
 
 def _least(tiles: Whole, values: Values) -> Values:
-    """Of values (h, w), the least (n,) that each tile keeps."""
+    """Return the minima (n,) of values (h, w) over the kept pixels of each tile."""
     return np.array([values[top:bottom, left:right].min() for top, bottom, left, right in tiles[:, 0]], np.float32)
 
 
 def _begun(coarse: Deblurring, costs: Values, roots: Values, visible: Values, effort: Effort) -> Values:
-    """Return the roots (h, w, channels) of the light of the sharp image as far as the pixel grid allows."""
+    """Return the square roots (h, w, channels) of the light of the sharp image at the resolution of
+    the pixel grid.
+    """
     return np.sqrt(_improved(coarse, costs, roots, visible, effort).light())
 
 
@@ -116,25 +123,30 @@ def _improved(coarse: Deblurring, costs: Values, roots: Values, visible: Values,
 def fit(
     coarse: Deblurring, widening_px: Values, roots: Values, noise: Values, visible: Values, effort: Effort
 ) -> SharpPicture:
-    """Return a weakly regularised sharp image on the pixel grid, which explains whatever the blur can explain.
+    """Return a weakly regularised sharp image on the pixel grid that explains as much as the blur
+    permits.
 
-    Parameters as for :func:`solve`.
+    Parameters are as in :func:`solve`.
     """
     costs = (FIT_REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32)
     return _improved(coarse, costs, roots, visible, effort)
 
 
 def texture_of(sharp: SharpPicture, noise: Values) -> Values:
-    """How textured (h, w) a sharp picture is, 0 to 1: a half where its differences are those that cost half, by the
-    noise (h, w) of the root of the blurred one."""
+    """Return the texture measure (h, w) of a sharp image, 0 to 1.
+
+    It is 0.5 for differences that halve the weight, relative to the noise (h, w) of the root of the
+    blurred image.
+    """
     return np.asarray(1 - _plain(sharp, noise), np.float32)
 
 
 def _plain(sharp: SharpPicture, noise: Values) -> Values:
-    """Near 1 where the picture is plain, a half where its differences are those that count as textured, or less.
+    """Return a value near 1 for uniform regions, and 0.5 or less for textured ones.
 
-    Texture is judged by the geometric mean of the differences, to which a single edge adds little. What saturates is
-    far brighter than its surroundings, which are not textured for that.
+    Texture is measured with the geometric mean of the differences, which is insensitive to single
+    edges. Saturated pixels are far brighter than their surroundings, which are not counted as
+    textured.
     """
     texture = np.exp(cv2.boxFilter(sharp.log_steepness(), cv2.CV_32F, (WINDOW_PX, WINDOW_PX)))
     return np.asarray(1 / (1 + texture / (np.float32(TEXTURE) * noise)), np.float32)

@@ -1,7 +1,7 @@
-"""Overshoot at edges, by which sharpened images are recognised.
+"""Overshoot at edges, an indicator of sharpened images.
 
-Blur makes an isolated edge rise monotonically; an unsharp mask adds a brighter and a darker line beside it. Restoration
-would amplify these lines, and the noise or the texture that sharpening amplified before.
+Blur makes an isolated edge rise monotonically; an unsharp mask adds a brighter and a darker line
+next to it. Restoration would amplify these lines, and the noise or texture amplified by sharpening.
 """
 
 from __future__ import annotations
@@ -12,25 +12,26 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float32]
 
-MAX_OVERSHOOT = 0.016  # of the step, its median; images without sharpening have -0.02 to 0.015
-MAX_OVERSHOOT_UNCODED = 0.06  # the same of images that were not coded, which are rarely sharpened
-MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between neighbouring pixels: of full scale, and of the noise
-FLATNESS = 0.08  # range of the values beyond an edge, of the step, at which it is isolated
-NEAREST, FARTHEST = 4, 7  # px from the edge within which they are compared
+MAX_OVERSHOOT = 0.016  # median, relative to the step; images without sharpening have -0.02 to 0.015
+MAX_OVERSHOOT_UNCODED = 0.06  # same for uncoded images, which are rarely sharpened
+MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between adjacent pixels: of full scale, and of the noise
+FLATNESS = 0.08  # range of the values beyond an isolated edge, relative to the step
+NEAREST, FARTHEST = 4, 7  # px from the edge in which they are compared
 MIN_EDGES = 30
 
 
 def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> float:
-    """Return the median overshoot at isolated edges, as a share of their step; NaN where there are too few.
+    """Return the median overshoot at isolated edges relative to their step; NaN if there are too
+    few.
 
     Parameters
     ----------
     image : (h, w)
-        sRGB values as a share of full scale.
+        sRGB values as a fraction of full scale.
     inside : (h, w)
-        Pixels that count.
+        Mask of valid pixels.
     noise
-        Standard deviation as a share of full scale; steps must exceed it.
+        Standard deviation as a fraction of full scale; steps must exceed it.
 
     Examples
     --------
@@ -48,7 +49,7 @@ def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> f
 
 
 def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[Values]:
-    """Return overshoots (n,) beyond and before the isolated edges along rows."""
+    """Return overshoots (n,) on both sides of the isolated edges along rows."""
     reach = FARTHEST + 1
     if image.shape[1] <= 2 * reach:
         return []
@@ -60,7 +61,7 @@ def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[
     row, column = np.nonzero(is_edge)
     sign = np.sign(rise[row, column])
     profile = sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
-    before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # from the edge outwards
+    before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # outwards from the edge
     step = np.maximum(beyond[:, 2] - before[:, 2], 1e-3)
     far = slice(NEAREST - 1, FARTHEST)
     isolated = np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step

@@ -1,10 +1,10 @@
-"""The error that coding as JPEG made, from the decoded picture and the steps of its coefficients.
+"""JPEG coding error, estimated from the decoded image and the quantisation steps.
 
-What was coded is the cosine transform of blocks of 8 x 8, rounded to multiples of a step. A coefficient that is not
-zero errs evenly within its step; one that is zero was smaller than half a step, and how much smaller says the law of
-Laplace that coefficients follow (Lam and Goodman, 2000), whose width is known from the share of zeros. Where nearly all
-are zero the widths of other frequencies tell, which fall by a power of the frequency. Blocks are taken by how much they
-hold, since plain and busy ones differ.
+JPEG rounds the cosine transform of 8 x 8 blocks to multiples of a step. The error of a non-zero
+coefficient is uniform within its step; a zero coefficient was smaller than half a step, with a
+Laplace distribution (Lam and Goodman, 2000) whose width follows from the fraction of zeros. If
+nearly all coefficients are zero, the width is extrapolated from other frequencies by a power law.
+Blocks are grouped by their energy, because uniform and detailed blocks differ.
 """
 
 from __future__ import annotations
@@ -20,20 +20,22 @@ from ...io.pictures.jpeg import BLOCK, JpegCoding
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-GROUPS = 6  # of blocks
-MOSTLY_ZERO = 0.97  # share from which a frequency tells less of itself than the others do
+GROUPS = 6  # number of groups of blocks
+MOSTLY_ZERO = 0.97  # fraction from which a frequency is less informative than the others
 POWERS, WIDTHS = np.linspace(0.5, 3, 11), np.geomspace(0.02, 400, 60)
-SHARED = 0.1  # how much all groups together count in the power of each
+SHARED = 0.1  # weight of all groups together in the power of each
 SHADES = (1.0, (0.344136**2 + 1.772**2) / 3, (1.402**2 + 0.714136**2) / 3)
-"""What a square error of Y, Cb and Cr is worth in the mean of red, green and blue."""
+"""Weight of a squared error of Y, Cb and Cr in the mean of red, green and blue."""
 FINE = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= BLOCK  # coefficients of fine detail
-PLAINEST, LEAST_PLAIN = 0.05, 10  # share of the blocks, and number, whose fine detail tells of noise
-DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0  # of noise, 0 to 255; logarithm by which one is less likely
-FOLDED = 2.0  # colours coarser than pixels lose what is finer, and as much folds into what is left
-HELD = 2.0  # as much detail colours had before they were made coarser, and finer again, as is left of it
-WHOLE = 0.999  # mean of a mask where all of it counts
+# Fraction and number of the blocks whose fine detail measures noise
+PLAINEST, LEAST_PLAIN = 0.05, 10
+# Candidate noise levels, 0 to 255; decrease of the log-likelihood that excludes a level
+DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0
+FOLDED = 2.0  # subsampled chroma loses fine detail and gains as much by aliasing
+HELD = 2.0  # ratio of the detail of chroma before subsampling and upsampling to the remaining detail
+WHOLE = 0.999  # mean of a mask that is entirely valid
 
-STEPS, LOWEST = np.arange(2, 121), 9  # steps that are looked for in a picture, and up to which frequency
+STEPS, LOWEST = np.arange(2, 121), 9  # candidate steps, and maximum frequency for their detection
 STEPPED, LEAST_COUNT, LEAST_FOUND, MOST_BLOCKS = 0.7, 20, 4, 2000
 STANDARD = np.array(
     [
@@ -44,7 +46,7 @@ STANDARD = np.array(
          [47, 66, 99, 99, 99, 99, 99, 99], *[[99] * 8] * 4],
     ]
 )  # fmt: skip
-"""Steps of Y, and of Cb and Cr, at quality 50 (T.81, Annex K)."""
+"""Quantisation steps of Y, and of Cb and Cr, at quality 50 (T.81, Annex K)."""
 
 
 def _cosines() -> Array:
@@ -65,15 +67,15 @@ FINER = FINER[np.maximum(*np.indices(FINER.shape)) >= BLOCK]
 
 
 def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
-    """Mean square error against what was coded, from 0 to 255 as the picture is.
+    """Estimate the mean squared coding error, on the scale 0 to 255 of the image.
 
     Parameters
     ----------
     colours : (h, w, 1 or 3)
-        The decoded picture, 0 to 255.
+        Decoded image, 0 to 255.
     coding
     inside : (h, w)
-        Pixels that count; blocks do that lie wholly among them.
+        Mask of valid pixels; blocks must be entirely inside.
     """
     planes = [colours[..., 0]] if colours.shape[2] == 1 else _shades(colours)
     total = 0.0
@@ -90,18 +92,20 @@ def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
 
 
 def most_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
-    """The most variance of white noise that coding can have left, from 0 to 255 as the picture is.
+    """Return the maximum variance of white noise that is consistent with the coding, on the scale 0
+    to 255.
 
-    Fine detail of the plainest blocks tells how much there can have been, by how many coefficients are not zero: what
-    looks like noise by the coarser ones, and shows no more than that, is texture. It is left in those not zero alone.
+    The number of non-zero coefficients of fine detail in the most uniform blocks limits the noise:
+    apparent noise in coarser coefficients above this limit is texture. Noise remains in the
+    non-zero coefficients only.
 
     Parameters
     ----------
     colours : (h, w, 1 or 3)
-        The decoded picture, 0 to 255.
+        Decoded image, 0 to 255.
     coding
     inside : (h, w)
-        Pixels that count; blocks do that lie wholly among them.
+        Mask of valid pixels; blocks must be entirely inside.
     """
     from scipy.special import erfc
 
@@ -110,7 +114,8 @@ def most_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     if not len(blocks):
         return np.inf
     held = np.abs(blocks) >= coding.tables[0] / 2
-    coarse = (blocks**2)[:, ~FINE][:, 1:].sum(axis=1)  # noise of which is another than that of fine detail
+    # The noise of coarse coefficients differs from that of fine detail
+    coarse = (blocks**2)[:, ~FINE][:, 1:].sum(axis=1)
     plainest = np.argsort(coarse, kind="stable")[: max(LEAST_PLAIN, round(PLAINEST * len(blocks)))]
     half, counts = coding.tables[0][FINE] / 2, held[:, FINE][plainest].sum(axis=0)
     likely = np.clip(erfc(half / (np.sqrt(2) * DEVIATIONS[:, None])), 1e-300, 1 - 1e-12)
@@ -120,10 +125,11 @@ def most_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
 
 
 def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | None:
-    """The coding that a picture went through, from the steps of its lowest frequencies; None if it shows none.
+    """Detect the JPEG coding of an image from the steps of its lowest frequencies; None without
+    traces of coding.
 
-    The picture must lie on the grid of its blocks, as whole pictures do. Its quality is that of the standard's tables
-    whose steps come nearest, colours being taken for half as fine as pixels.
+    The image must be aligned with the block grid, as complete images are. The quality is that of
+    the standard tables with the nearest steps; chroma is assumed to be subsampled by 2.
     """
     colours = picture[..., None] if picture.ndim == 2 else picture[..., :3]
     y = (colours[..., 0] if colours.shape[2] == 1 else _shades(colours)[0]).astype(float)
@@ -144,26 +150,28 @@ def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | No
 
 
 def standard_tables(quality: int) -> tuple[Array, Array]:
-    """Steps of Y, and of Cb and Cr, at a quality of 1 to 100, as the Independent JPEG Group scales the standard's."""
+    """Return the steps of Y, and of Cb and Cr, at a quality of 1 to 100 with the scaling of the
+    Independent JPEG Group.
+    """
     scale = 5000 // quality if quality < 50 else 200 - 2 * quality
     y, colours = np.clip((STANDARD * scale + 50) // 100, 1, 255).astype(float)
     return y, colours
 
 
 def blocks_of(plane: NDArray[Any]) -> NDArray[Any]:
-    """The blocks (rows, columns, 8, 8) of a plane; what is left over at its ends is left out."""
+    """Return the complete blocks (rows, columns, 8, 8) of a plane."""
     rows, columns = (side // BLOCK for side in plane.shape)
     return plane[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
 
 
 def coefficients_of(plane: Array) -> Array:
-    """The cosine transform (rows, columns, 8, 8) of the blocks of a plane."""
+    """Return the cosine transform (rows, columns, 8, 8) of the blocks of a plane."""
     coefficients: Array = COSINES @ blocks_of(plane) @ COSINES.T
     return coefficients
 
 
 def _binned(plane: Array, by: tuple[int, int]) -> Array:
-    """Means of so many pixels down and right."""
+    """Return means over blocks of pixels, down and right."""
     rows, columns = (side // n for side, n in zip(plane.shape, by, strict=True))
     if by == (1, 1):
         return plane
@@ -172,14 +180,16 @@ def _binned(plane: Array, by: tuple[int, int]) -> Array:
 
 
 def _shades(colours: NDArray[Any]) -> list[Array]:
-    """Y, Cb and Cr (ITU-R BT.601, as JFIF has it)."""
+    """Return Y, Cb and Cr (ITU-R BT.601, as in JFIF)."""
     red, green, blue = np.moveaxis(colours.astype(float), -1, 0)
     y = 0.299 * red + 0.587 * green + 0.114 * blue
     return [y, (blue - y) / 1.772, (red - y) / 1.402]
 
 
 def _step_of(sizes: Array) -> int:
-    """The largest step of which the sizes (n,) of a coefficient are multiples; 0 if there is none."""
+    """Return the largest step that divides the magnitudes (n,) of a coefficient; 0 if there is
+    none.
+    """
     for step in STEPS[::-1]:
         counted = sizes[sizes > step / 2]
         if len(counted) >= LEAST_COUNT and np.cos(2 * np.pi / step * counted).mean() > STEPPED:
@@ -188,10 +198,10 @@ def _step_of(sizes: Array) -> int:
 
 
 def _lost_in_coarser(plane: Array, inside: Array) -> float:
-    """Mean square of what is lost of Cb or Cr where they are coarser than pixels, from what is held of them.
+    """Estimate the mean square of the subsampling loss of Cb or Cr from the remaining chroma.
 
-    As much as is lost where they are made coarser once more, on the way from there to what is lost the next time: edges
-    and textures lose by the same ratio each time.
+    The loss is extrapolated from a second subsampling: edges and textures lose by the same ratio in
+    each subsampling.
     """
     lost = []
     for _ in range(2):
@@ -207,7 +217,9 @@ def _lost_in_coarser(plane: Array, inside: Array) -> float:
 
 
 def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
-    """Mean square errors of Y, Cb or Cr from the coefficients (n, 8, 8) of blocks: of them, and of finer ones."""
+    """Return mean squared errors of Y, Cb or Cr from block coefficients (n, 8, 8): total, and in
+    fine detail.
+    """
     zero = np.abs(coefficients) < table / 2
     order = np.argsort((~zero).sum(axis=(1, 2)), kind="stable")
     groups = [zero[part] for part in np.array_split(order, GROUPS) if len(part)]
@@ -218,14 +230,14 @@ def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
         power, width = np.unravel_index((likelihood + of_power[:, None]).argmax(), likelihood.shape)
         law = WIDTHS[width] * FREQUENCY ** -POWERS[power]
         total += _error_of_zeros(group.mean(axis=0), len(group), law, table).mean() * len(group)
-        # a mean of four has a quarter of their power; Laplace's is twice the width squared
+        # A mean of four has 1/4 of the power; the Laplace variance is twice the squared width
         of_finer = ((WIDTHS[width] * FINER ** -POWERS[power]) ** 2).sum() / (2 * BLOCK) ** 2
         finer += FOLDED * 4 * 2 * of_finer * len(group)
     return float(total / len(zero)), float(finer / len(zero))
 
 
 def _likelihoods(zero: Mask, table: Array) -> Array:
-    """Logarithms (powers, widths) of how likely the zeros (n, 8, 8) of some blocks are; the mean does not count."""
+    """Return log-likelihoods (powers, widths) of the zeros (n, 8, 8) of blocks, excluding the mean."""
     counted = FREQUENCY >= 1
     zeros = zero.sum(axis=0)[counted]
     found = np.empty((len(POWERS), len(WIDTHS)))
@@ -236,12 +248,14 @@ def _likelihoods(zero: Mask, table: Array) -> Array:
 
 
 def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array:
-    """Mean square errors (8, 8), from the share of zeros of each coefficient in so many blocks."""
+    """Return mean squared errors (8, 8) from the fraction of zeros of each coefficient in a number
+    of blocks.
+    """
     half = table / 2
     own = -half / np.log1p(-np.clip(share, 1e-3, 1 - 0.5 / count))
     width = np.where(share < MOSTLY_ZERO, own, np.minimum(own, law))
     x = half / width
-    small = half**2 / 3  # x much below 1: even within the step
+    small = half**2 / 3  # for x much below 1: uniform within the step
     with np.errstate(invalid="ignore", divide="ignore"):
         below = (2 * width**2 - np.exp(-x) * (half**2 + 2 * half * width + 2 * width**2)) / -np.expm1(-x)
     error: Array = (1 - share) * table**2 / 12 + share * np.where(x < 1e-2, small, below)

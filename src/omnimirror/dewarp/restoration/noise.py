@@ -1,8 +1,9 @@
-"""How much noise a picture has, from the picture alone.
+"""Estimation of image noise from the image alone.
 
-Noise is what is left of small blocks without their slope, in the plainest of them: the smallest variances of white
-noise follow from the chi-square distribution. Pictures coded as JPEG have little left there, and err all the same:
-:mod:`.jpeg_noise` says by how much. The noise of linear light grows with the light.
+Noise is the residual of small blocks after removal of their slope, in the most uniform blocks: the
+smallest variances of white noise follow from the chi-square distribution. JPEG images have little
+noise in these blocks but contain coding errors, which :mod:`.jpeg_noise` estimates. The noise of
+linear light increases with the light.
 """
 
 from __future__ import annotations
@@ -26,74 +27,75 @@ Picture = NDArray[Any]
 
 FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 LEAST_NOISE, MOST_NOISE = 1e-3, 0.2
-LEAST_OF_CODED = 5e-3  # what comes as a JPEG file was often coded, or scaled, before
-BLACK, WHITE = 0.03, 0.97  # levels beyond lack a part of their noise
-PLAINEST, FINEST = 0.05, 0.02  # share of the blocks that is plain, and that holds nothing but noise in fine detail
+LEAST_OF_CODED = 5e-3  # JPEG images were often coded or scaled before
+BLACK, WHITE = 0.03, 0.97  # levels beyond them have clipped noise
+PLAINEST, FINEST = 0.05, 0.02  # fraction of uniform blocks, and fraction with pure noise in fine detail
 LEVELS, PLAINEST_OF_LEVEL, LEAST_BLOCKS = 8, 0.1, 20
-RAMP = np.broadcast_to((np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK))  # of slope 1, its square 1
+RAMP = np.broadcast_to((np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK))  # slope 1, normalised
 PLANE_FREEDOM, FINE_FREEDOM = BLOCK**2 - 3, int(FINE.sum())
-SITES = 1.15  # ratio of noise of the pixels of a colour filter's 2 x 2 sites: they were measured, or filled in
-VISIBLE_OF_CODED = 0.25  # of the deviation that coding made
-SURVIVING = 0.8  # share of what coding leaves of noise in plain blocks that it leaves in all
+SITES = 1.15  # noise ratio of the 2 x 2 colour-filter sites: measured or interpolated
+VISIBLE_OF_CODED = 0.25  # visible fraction of the standard deviation due to coding
+SURVIVING = 0.8  # ratio of the noise that survives coding in uniform blocks to that in all blocks
 
 
 class Noise(NamedTuple):
-    """The noise of a picture."""
+    """Noise of an image."""
 
     share: float
-    """Standard deviation in sRGB, as a share of full scale: the root of the mean square over the picture."""
+    """Standard deviation in sRGB as a fraction of full scale: RMS over the image."""
     by_pixel: Light
-    """(h, w) standard deviations of the root of the light, which is near to what sRGB holds."""
+    """Standard deviations (h, w) of the square root of the light, which is close to sRGB values."""
     kind: str
-    """``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``told``."""
+    """Kind of noise: ``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``told``."""
     missing_share: float = 0.0
-    """How much of its power is that of coding, which is not there to be seen for the most part: texture is gone."""
+    """Fraction of its power due to coding, which is mostly invisible because texture was removed.
+    """
 
     @property
     def visible_share(self) -> float:
-        """How much of the deviation is there to be seen."""
+        """Visible fraction of the standard deviation."""
         return float(np.sqrt(1 - self.missing_share * (1 - VISIBLE_OF_CODED**2)))
 
     def at_least(self, by_pixel: Light | np.float32) -> Noise:
-        """With no less in any pixel (h, w)."""
+        """Return the noise with a lower bound for each pixel (h, w)."""
         return self._replace(by_pixel=np.maximum(self.by_pixel, by_pixel))
 
     def window(self, rows: slice, columns: slice) -> Noise:
-        """That of a part of the picture."""
+        """Return the noise of an image window."""
         return self._replace(by_pixel=self.by_pixel[rows, columns])
 
 
 @checked
 def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: Mask | None = None) -> Noise:
-    """The noise of a picture, or the error that its coding made where that is larger.
+    """Estimate the noise of an image, or its coding error if that is larger.
 
     Parameters
     ----------
     picture : (h, w), (h, w, 3) or (h, w, 4) array
         sRGB in uint8 or uint16, or linear light in float32; RGB.
     file
-        That the picture was read from: a JPEG file says how coarsely it was coded. Without one that is looked for in
-        the picture, where it left its steps.
+        Source file: a JPEG file contains its quantisation steps. By default they are detected in
+        the image.
     where : (h, w)
-        Pixels that count: those that see the mirror.
+        Mask of valid pixels, which image the mirror.
 
     Returns
     -------
     Noise
-        Its share of full scale, and what kind it is.
+        Fraction of full scale, and kind of noise.
 
     Raises
     ------
     InvalidParameter
-        For an array that is not such a picture, or holds values that are not finite.
+        If the array is not such an image, or contains non-finite values.
     MediaError
         If the file cannot be read.
 
     Notes
     -----
-    Within some 10 to 25 % of the truth where 5 % of the picture is plain; a picture that is busy everywhere makes the
-    estimate too high. The error of coding comes from the statistics of its coefficients, that of colours coarser than
-    pixels from theirs at the frequencies that are left.
+    The error is some 10 to 25 % if 5 % of the image is uniform; for images with detail everywhere
+    the estimate is too high. The coding error follows from the statistics of the coefficients, and
+    that of subsampled chroma from its remaining frequencies.
 
     Examples
     --------
@@ -118,7 +120,7 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
             like_noise = SURVIVING**2 * _white(colours, inside, True)
             left = min(like_noise, most_noise(values, coding, inside) / 255**2)
             found = error_of(values, coding, inside) / 255**2 + left
-            # where most of what is like noise is texture, the rest may be, too
+            # If most of the apparent noise is texture, the remainder may be texture, too
             visible = left * (left / max(like_noise, LEAST_NOISE**2)) ** 2
             variance = max(found, LEAST_OF_CODED**2)
             return _even(variance, inside.shape, "JPEG")._replace(missing_share=(found - visible) / variance)
@@ -127,7 +129,7 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
 
 
 def check_picture(picture: Picture) -> None:
-    """Refuse what is no picture that can be restored."""
+    """Raise an error unless an image can be restored."""
     if not isinstance(picture, np.ndarray) or picture.dtype.name not in FULL:
         kind = getattr(picture, "dtype", type(picture).__name__)
         raise InvalidParameter(f"a picture of {kind} is not valid; valid are arrays of {', '.join(FULL)}")
@@ -138,12 +140,12 @@ def check_picture(picture: Picture) -> None:
 
 
 def told_noise(share: float, shape: tuple[int, ...]) -> Noise:
-    """The same in all pixels of a picture.
+    """Return uniform noise for all pixels of an image.
 
     Raises
     ------
     InvalidParameter
-        For a share that is no number from 0 to 0.2.
+        If the fraction is not a number from 0 to 0.2.
     """
     if not 0 <= share <= MOST_NOISE:
         raise InvalidParameter(f"noise = {share:g} is outside 0 to {MOST_NOISE} of full scale")
@@ -156,7 +158,9 @@ def _even(variance: float, shape: tuple[int, ...], kind: str) -> Noise:
 
 
 def _of_light(light: Light, inside: Mask) -> Noise:
-    """The variance of light as a line over the light, from the plainest blocks of some levels."""
+    """Estimate the variance of light as a linear function of the light, from the most uniform
+    blocks of several levels.
+    """
     from scipy.optimize import nnls
 
     level, plane, fine = _variances(light, inside)
@@ -172,13 +176,16 @@ def _of_light(light: Light, inside: Mask) -> Noise:
         weighed = np.stack([np.ones_like(at), at], axis=-1) / np.maximum(found, 1e-12)[:, None]
         (even, growing), _ = nnls(weighed, np.ones_like(at))
     spread = np.sqrt(even + growing * bright)
-    deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))  # of the root
+    # Standard deviation of the square root
+    deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))
     clipped = np.clip(deviation, LEAST_NOISE, MOST_NOISE)
     return Noise(float(np.sqrt((clipped[inside] ** 2).mean())), clipped.astype(np.float32), "linear")
 
 
 def _white(colours: Light, inside: Mask, is_correlated: bool) -> float:
-    """Variance of the noise of sRGB colours (h, w, n); fine detail tells the more, unless neighbours agree."""
+    """Estimate the variance of sRGB noise (h, w, n), mainly from fine detail unless neighbours are
+    correlated.
+    """
     level, plane, fine = _variances(colours, inside)
     usable = (level > BLACK) & (level < WHITE)
     if not usable.any():
@@ -187,7 +194,9 @@ def _white(colours: Light, inside: Mask, is_correlated: bool) -> float:
 
 
 def _variances(colours: Light, inside: Mask) -> tuple[Array, Array, Array]:
-    """Of all blocks and colours inside: the level, the variance without the slope, and that of fine detail alone."""
+    """Return level, variance without slope, and variance of fine detail for all blocks and colours
+    in the mask.
+    """
     found = []
     whole = blocks_of(inside).all(axis=(2, 3))
     for plane in np.moveaxis(colours, -1, 0):
@@ -201,7 +210,7 @@ def _variances(colours: Light, inside: Mask) -> tuple[Array, Array, Array]:
 
 
 def _smallest(plane: Array, fine: Array | float, plainest: float) -> float:
-    """The variance of white noise whose plainest blocks have these."""
+    """Return the variance of white noise that has the variances of the most uniform blocks."""
     from scipy.stats import chi2
 
     found = np.quantile(plane, plainest) * PLANE_FREEDOM / chi2.ppf(plainest, PLANE_FREEDOM)
@@ -212,7 +221,7 @@ def _smallest(plane: Array, fine: Array | float, plainest: float) -> float:
 
 
 def _is_demosaiced(colours: Light, inside: Mask) -> bool:
-    """Whether the pixels of one site of a colour filter are smoother than those of the others, in plain blocks."""
+    """Return True if one colour-filter site is smoother than the others in uniform blocks."""
     if colours.shape[2] == 1:
         return False
     whole = blocks_of(inside).all(axis=(2, 3))

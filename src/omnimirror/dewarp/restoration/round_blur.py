@@ -1,4 +1,4 @@
-"""What is known of the blur of a round picture: of a sensor from its optics, of other cameras as it is told."""
+"""Radially symmetric blur: from the optics of a sensor, or specified for other cameras."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ TOLD_COLUMNS = ("radius_px", "omega_deg")
 
 @dataclass(frozen=True, eq=False)
 class RoundBlur:
-    """The blur of a picture that is the same all around its axis."""
+    """Blur that is symmetric about the optical axis."""
 
     offsets: Array
-    """(h, w, 2) px of the pixels from the axis, right and down."""
+    """Offsets (h, w, 2) px of the pixels from the axis, right and down."""
     whole_radius_px: float
-    """Distance from the axis up to which all of a pixel's light comes off the mirror."""
+    """Distance from the axis within which pixels receive all of their light from the mirror."""
     sizes: Callable[[Array], BlurSize]
     """Blur at distances (n,) px from the axis."""
 
     @property
     def radius(self) -> Array:
-        """(h, w) px."""
+        """Distances (h, w) from the axis, px."""
         return np.asarray(np.hypot(self.offsets[..., 0], self.offsets[..., 1]))
 
     @property
@@ -51,11 +51,11 @@ class RoundBlur:
         return BlurSize(*(np.interp(radius, radii, size) for size in self.sizes(radii)))
 
     def window(self, rows: slice, columns: slice) -> RoundBlur:
-        """A part of the picture."""
+        """Return the blur of an image window."""
         return replace(self, offsets=self.offsets[rows, columns])
 
     def scaled(self, share: float) -> RoundBlur:
-        """With a share of the blur."""
+        """Return a fraction of the blur."""
         return replace(self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius))))
 
 
@@ -67,24 +67,26 @@ def round_blur_of(
     f_number: float | None = None,
     focus_mm: float | None = None,
 ) -> RoundBlur:
-    """The blur of a camera's pictures.
+    """Return the blur of the images of a camera.
 
     Parameters
     ----------
     camera
-        A sensor, whose blur follows from its optics, or any camera whose blur is told.
+        Sensor, whose blur follows from its optics, or any camera with a specified blur.
     object_distance_mm
-        From a sensor's mirror to what is seen.
+        Object distance from the mirror of a sensor.
     told
-        Blur diameters in px: one number, a pair (tangential, sagittal), a table (n, 3) of radius, tangential and
-        sagittal, or a function of radii (n,) that returns both.
+        Blur diameters in px: one number, a pair (tangential, sagittal), a table (n, 3) of radius,
+        tangential and sagittal diameters, or a function of radii (n,) that returns both.
     f_number, focus_mm
-        Of the exposure, where they differ from the sensor's. They reduce its blur, and never increase it.
+        Exposure settings that differ from those of the sensor. They reduce its blur and never
+        increase it.
 
     Raises
     ------
     InvalidParameter
-        If nothing is known of the blur, the table is none, or a sensor's mirror is decentred or tilted.
+        If the blur is unknown, the table is invalid, or the mirror of a sensor is decentred or
+        tilted.
     """
     if isinstance(camera, Sensor):
         offsets = offsets_from_axis(camera)
@@ -94,7 +96,8 @@ def round_blur_of(
             def sizes(radius: Array) -> BlurSize:
                 found = blur_sizes(camera, radius, object_distance_mm)
                 if focus_mm is not None:
-                    # focusing changes the scale of the image: compared at the same share of the rim's radius
+                    # Focusing changes the image scale: compared at equal fractions of the rim
+                    # radius
                     focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
                     scale = focused.rim_radius_px / camera.rim_radius_px
                     other = blur_sizes(focused, scale * radius, object_distance_mm)
@@ -124,7 +127,7 @@ def _told(offsets: Array, rim_px: float, told: ToldBlur) -> RoundBlur:
 
 
 def _sizes_of(told: ToldBlur) -> Callable[[Array], BlurSize]:
-    """Blur as a function of the radius, checked."""
+    """Return the blur as a function of the radius, after validation."""
     if callable(told):
         function = told
 
@@ -157,17 +160,18 @@ def _checked(sizes: BlurSize) -> BlurSize:
 
 
 def load_blur(path: str | Path, camera: Camera) -> Array:
-    """A table of blur from a CSV file whose columns are ``radius_px`` or ``omega_deg``, ``t_px`` and ``s_px``.
+    """Read a blur table from a CSV file with the columns ``radius_px`` or ``omega_deg``, ``t_px``
+    and ``s_px``.
 
     Returns
     -------
     (n, 3) array
-        Radius, tangential and sagittal diameters in px, by radius.
+        Radius, tangential and sagittal diameters in px, sorted by radius.
 
     Raises
     ------
     SpecError
-        If the file cannot be read or lacks the columns, or a field angle is not seen.
+        If the file cannot be read or lacks columns, or a field angle is outside the field.
     """
     try:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")

@@ -1,6 +1,6 @@
-"""The sharp picture that is looked for: its values on a fine grid, and a round of improving them.
+"""Sharp image under reconstruction: its values on a fine grid, and one round of improvement.
 
-Compiled where it can be, else with sparse matrices, more slowly; both do the same steps.
+Compiled if available, otherwise with sparse matrices, which is slower; both perform the same steps.
 """
 
 from __future__ import annotations
@@ -17,56 +17,61 @@ from .blurring import Blur, Whole, whole_groups
 
 Values = NDArray[np.float32]
 
-EDGE = np.float32(0.005)  # differences of roots below it cost their square, which keeps slopes from becoming stairs
-DARK = np.float32(1e-4)  # light below it has no more weight than this
-BRIGHTEST = np.float32(2)  # root of light, of white: brighter points would explain white surfaces, black between them
-SATURATED = np.float32(0.995)  # such a pixel may have been brighter
+EDGE = np.float32(0.005)  # smaller differences of roots have a quadratic cost, which avoids staircasing
+DARK = np.float32(1e-4)  # lower bound of light for the weights
+# Square root of light relative to white: brighter points would explain white surfaces with black
+# gaps
+BRIGHTEST = np.float32(2)
+SATURATED = np.float32(0.995)  # such a pixel may be clipped
 
 
 class SharpPicture(Protocol):
-    """Roots u of its light, of which the fine values that known pixels depend on are looked for."""
+    """Square roots u of the light; the fine values that influence known pixels are unknowns."""
 
     def improve(self, costs: Values, steps: Whole) -> None:
-        """Go towards what makes ``|sqrt(A u^2) - y|^2 / 2 + sum costs |grad u|`` least, A being the blur.
+        """Reduce ``|sqrt(A u^2) - y|^2 / 2 + sum costs |grad u|``, with the blur operator A.
 
-        Both terms are replaced by quadratic ones about u, and so many steps of conjugate gradients are made, in each
-        tile by itself.
+        Both terms are approximated by quadratic ones at u, and the given number of conjugate
+        gradient steps is performed independently in each tile.
 
         Parameters
         ----------
         costs : (h, w)
         steps : (tiles,)
-            A tile stays as it is where they are 0.
+            Number of steps; a tile with 0 steps is unchanged.
         """
 
     def log_steepness(self) -> Values:
-        """The mean logarithm (h, w) of the lengths of differences in each pixel, of all channels together; what is
-        brighter than white counts as white."""
+        """Return the mean logarithm (h, w) of the gradient magnitudes in each pixel over all
+        channels, clipped at white.
+        """
 
     def blurred(self) -> Values:
-        """Light (h, w, channels) of the blurred picture, 0 where nothing is known."""
+        """Return the light (h, w, channels) of the blurred image, 0 in unknown pixels."""
 
     def light(self) -> Values:
-        """Light (h, w, channels)."""
+        """Return the light (h, w, channels)."""
 
 
 class Deblurring(Protocol):
-    """What is prepared once for a blur."""
+    """Data prepared once for a blur."""
 
     tiles: Whole
-    """(n, 2, 4) the parts that are improved each by itself, as :attr:`Blur.tiles` has them."""
+    """Independently improved tiles (n, 2, 4), as in :attr:`Blur.tiles`."""
 
     def start(self, roots: Values, guess: Values) -> SharpPicture:
-        """A sharp picture whose blurred one has light of such roots (h, w, 1 or 3), begun at a guess (h, w, 1 or 3)."""
+        """Return a sharp image for blurred light with given square roots (h, w, 1 or 3) and an
+        initial value (h, w, 1 or 3).
+        """
 
 
 def deblurring_of(blur: Blur) -> Deblurring:
-    """Compiled if it can be."""
+    """Return the compiled implementation if available."""
     return CompiledDeblurring(blur) if backend.is_compiled else SparseDeblurring(blur)
 
 
 class CompiledDeblurring:
-    """In C++, on several threads."""
+    """Multithreaded implementation in C++."""
 
     def __init__(self, blur: Blur) -> None:
         self.tiles = blur.tiles
@@ -88,7 +93,7 @@ class CompiledDeblurring:
 
 
 class CompiledPicture:
-    """In C++, on several threads."""
+    """Multithreaded implementation in C++."""
 
     def __init__(self, kernels: object, roots: Values, guess: Values) -> None:
         self._sharp = backend.kernels.Sharpening(kernels, kernel_array(roots), kernel_array(guess))
@@ -114,22 +119,22 @@ class CompiledPicture:
 
 
 class Tile(NamedTuple):
-    """A part of the picture that is looked for as a picture of its own."""
+    """Image tile that is reconstructed independently."""
 
     pixels: tuple[slice, slice]
-    """Those in which its values lie."""
+    """Pixels that contain its values."""
     values: tuple[slice, slice]
-    """These, on the fine grid."""
+    """Value ranges on the fine grid."""
     kept: tuple[slice, slice]
-    """Those that are kept of them, on the fine grid."""
+    """Kept values on the fine grid."""
     kept_of_values: tuple[slice, slice]
-    """The same, from its own first value."""
+    """Kept values relative to the first value of the tile."""
     seen: NDArray[np.intp]
-    """(n,) which of the known pixels it explains."""
+    """Indices (n,) of the known pixels that it explains."""
     matrix: Any
-    """Of their blur."""
+    """Blur matrix."""
     back: Any
-    """Its transpose."""
+    """Transpose of the matrix."""
 
 
 def _tile(blur: Blur, matrix: Any, kept: Whole, explained: Whole) -> Tile:
@@ -165,7 +170,7 @@ def _slices(ranges: Sequence[tuple[int, int]], times: int) -> tuple[slice, slice
 
 
 class SparseDeblurring:
-    """By SciPy's sparse matrices and NumPy, on one thread."""
+    """Single-threaded implementation with SciPy sparse matrices and NumPy."""
 
     def __init__(self, blur: Blur) -> None:
         self._blur, self._matrix, self._concentration = blur, blur.matrix(), blur.concentration
@@ -177,7 +182,7 @@ class SparseDeblurring:
 
 
 class SparsePicture:
-    """By SciPy's sparse matrices and NumPy, on one thread."""
+    """Single-threaded implementation with SciPy sparse matrices and NumPy."""
 
     def __init__(
         self, blur: Blur, matrix: Any, concentration: Values, tiles: Sequence[Tile], roots: Values, guess: Values
@@ -211,27 +216,29 @@ class SparsePicture:
 
 
 class _Quadratic:
-    """Both terms about the values of a tile."""
+    """Quadratic approximation of both terms for the values of a tile."""
 
     def __init__(self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values) -> None:
         self._tile, self._fine = tile, fine
         steepness = np.exp(_log_steepness(fine))
         self._stiffness = np.asarray(costs / steepness, np.float32)
+        # With s = sqrt(A u^2), ds = A (u du) / s. The negative gradient is u A^T((y - s) / s) minus the
+        # variation term; the Gauss-Newton second derivative is u A^T(s^-2 A (u d)) plus its smoothness
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
         counted = (seen < SATURATED) | (level < seen)
-        slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
+        slope = (counted / level).astype(np.float32)  # derivative of sqrt(A u^2), without the factors A and u
         self._slope2 = slope**2
         self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
         self._scale = np.reciprocal(4 * self._stiffness + concentration)[..., None]  # see Blur.concentration
 
     def improved(self, steps: int) -> Values:
-        """The values after so many steps of conjugate gradients, which solve for what makes the pull vanish."""
+        """Return the values after a number of conjugate gradient steps towards zero gradient."""
         residual = self._pull
         x = np.zeros_like(residual)
         d = self._scale * residual
         power = np.vdot(residual, d)
         for _ in range(steps):
-            if power <= 0:  # solved already
+            if power <= 0:  # already solved
                 break
             product = self._times(d)
             step = power / np.vdot(d, product)
@@ -242,7 +249,7 @@ class _Quadratic:
         return np.clip(self._fine + x, 0, BRIGHTEST)
 
     def _times(self, d: Values) -> Values:
-        """The second derivative, times d."""
+        """Return the product of the second derivative with d."""
         return self._fine * self._spread(self._slope2 * self._blurred(self._fine * d)) + smoothness(d, self._stiffness)
 
     def _blurred(self, fine: Values) -> Values:
@@ -253,7 +260,9 @@ class _Quadratic:
 
 
 def smoothness(d: Values, stiffness: Values) -> Values:
-    """The transpose of differences, times stiffness (rows, columns), times the differences of d (rows, columns, n)."""
+    """Return the transposed differences of stiffness (rows, columns) times the differences of d
+    (rows, columns, n).
+    """
     right, down = differences(d)
     right *= stiffness[..., None]
     down *= stiffness[..., None]
@@ -264,7 +273,7 @@ def smoothness(d: Values, stiffness: Values) -> Values:
 
 
 def differences(picture: Values) -> tuple[Values, Values]:
-    """To the neighbour on the right, and below; 0 at the end."""
+    """Return differences to the next pixel on the right and below; 0 at the end."""
     right, down = np.zeros_like(picture), np.zeros_like(picture)
     np.subtract(picture[:, 1:], picture[:, :-1], out=right[:, :-1])
     np.subtract(picture[1:], picture[:-1], out=down[:-1])
@@ -272,25 +281,27 @@ def differences(picture: Values) -> tuple[Values, Values]:
 
 
 def _log_steepness(fine: Values) -> Values:
-    """Logarithms (rows, columns) of the lengths of the differences, of all channels together."""
+    """Return logarithms (rows, columns) of the gradient magnitudes over all channels."""
     right, down = differences(fine)
     squares = (right**2 + down**2).sum(axis=2)
     return np.asarray(np.log(squares + EDGE**2) / 2, np.float32)
 
 
 def _refined(roots: Values, fineness: int) -> Values:
-    """On a finer grid to begin with, without the stairs of pixels, which would be taken for edges."""
+    """Return initial values on a finer grid, smoothed to avoid pixel stairs that would be treated
+    as edges.
+    """
     fine = _repeated(roots, fineness)
     return np.asarray(cv2.blur(fine, (fineness, fineness)), np.float32).reshape(fine.shape)
 
 
 def _repeated(values: Values, fineness: int) -> Values:
-    """Every value of a picture, in each of its parts on the fine grid."""
+    """Repeat every value of an image in all of its fine pixels."""
     return np.repeat(np.repeat(values, fineness, axis=0), fineness, axis=1)
 
 
 def _binned(fine: Values, fineness: int) -> Values:
-    """Means (h, w, channels) of the values in each pixel."""
+    """Return means (h, w, channels) of the fine values in each pixel."""
     rows, columns, channels = fine.shape
     means: Values = fine.reshape(rows // fineness, fineness, columns // fineness, fineness, channels).mean(axis=(1, 3))
     return means

@@ -1,4 +1,4 @@
-"""Pictures sharpened by what is known of their blur."""
+"""Deblurring of images with known blur."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ Picture = NDArray[Any]
 
 
 class Decision(NamedTuple):
-    """How much of the known blur is removed from an image, and why not all of it."""
+    """Removed fraction of the known blur, and the reason if it is not 1."""
 
     share: float
-    """0 to 1; at 0 the image stays as it is."""
+    """Fraction from 0 to 1; at 0 the image is unchanged."""
     reason: str = ""
-    """Empty where all of the blur is removed."""
+    """Empty if all of the blur is removed."""
 
 
 SHARPENED = "its edges overshoot, as those of sharpened images do"
 FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
-MAX_SHARE_OF_CODED = 0.5  # where edges do not show whether a coded image was sharpened
+MAX_SHARE_OF_CODED = 0.5  # if edges do not reveal whether a coded image was sharpened
 SMALL = "with little noise, errors of a blur this small would be sharpened"
-MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # of blur below this diameter everywhere
+MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
 SHARPER = "it is sharper than that blur"
 UNSEEN = "it does not show how much blur it has"
 NO_MORE = "it shows no more blur"
@@ -52,39 +52,41 @@ def restore(
     object_distance_mm: float = np.inf,
     blur: ToldBlur | None = None,
 ) -> Picture:
-    """The picture of a camera without the blur that its optics left in it.
+    """Remove the blur of the optics from an image of a camera.
 
-    For many pictures of one camera keep a :class:`Restorer`.
+    For several images of one camera use a :class:`Restorer`.
 
     Parameters
     ----------
     camera
-        Which took the picture: a sensor at its own focus, with its mirror on the axis of the lens, or any other whose
-        ``blur`` is told.
+        Camera of the image: a sensor at its own focus, with the mirror on the axis of the lens, or
+        any camera with a specified ``blur``.
     image : (h, w), (h, w, 3) or (h, w, 4) array
-        sRGB in uint8 or uint16, or linear light in float32; RGB or grey, a fourth channel is left as it is.
+        sRGB in uint8 or uint16, or linear light in float32; RGB or grey. A fourth channel is
+        unchanged.
     noise
-        Standard deviation in the sRGB picture, as a share of full scale (0.01 is 2.6 of 255), or what
-        :func:`~omnimirror.estimate_noise` found; estimated from the picture by default.
+        Standard deviation in the sRGB image as a fraction of full scale (0.01 is 2.6 of 255), or
+        the result of :func:`~omnimirror.estimate_noise`; estimated from the image by default.
     object_distance_mm
-        From a sensor's mirror to what is seen.
+        Object distance from the mirror of a sensor.
     blur
-        Blur diameters in px instead of those of the sensor: one number, a pair (tangential, sagittal), a table (n, 3)
-        of radius, tangential and sagittal, or a function of radii (n,) that returns both.
+        Blur diameters in px instead of those of the sensor: one number, a pair
+        (tangential, sagittal), a table (n, 3) of radius, tangential and sagittal diameters, or a
+        function of radii (n,) that returns both.
 
     Returns
     -------
     (h, w), (h, w, 3) or (h, w, 4) array
-        Of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it is the
-        image given. Where the image contains less blur than is known or given, only that is removed, and 0.85 of the
-        known blur where the image does not show how much it has. Sharpened images, and images far sharper than the
-        known blur, are returned unchanged.
+        Deblurred image of the same type. Pixels with a blur below 0.25 px or within a few pixels of
+        the rim are unchanged. If the image contains less blur than is known or given, only that is
+        removed; 0.85 of the known blur is removed if the image does not reveal its blur. Sharpened
+        images, and images far sharper than the known blur, are returned unchanged.
 
     Raises
     ------
     InvalidParameter
-        If picture, camera and noise do not fit together, the picture holds values that are not finite, nothing is
-        known of the blur, or a sensor's mirror is decentred or tilted.
+        If image, camera and noise are inconsistent, the image contains non-finite values, the blur
+        is unknown, or the mirror of a sensor is decentred or tilted.
 
     Examples
     --------
@@ -101,7 +103,7 @@ def restore(
 
 @dataclass(frozen=True, eq=False)
 class Restorer:
-    """Sharpens the pictures of one camera; what it needs to know of the blur is prepared once.
+    """Restorer for the images of one camera; blur data are prepared once.
 
     >>> import omnimirror as om
     >>> from dataclasses import replace
@@ -116,12 +118,18 @@ class Restorer:
     object_distance_mm: float = np.inf
     told: ToldBlur | None = None
     f_number: float | None = None
-    """Of the exposure, where it differs from that of the sensor: a smaller aperture blurs less."""
+    """F-number of the exposure if it differs from that of the sensor: a smaller aperture reduces
+    the blur.
+    """
     focus_distance_mm: float | None = None
-    """Of the exposure; the blur is then the smaller of that at this focus and that at the sensor's."""
+    """Focus distance of the exposure; the smaller blur of this focus and that of the sensor is
+    used.
+    """
 
     def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
-        """As :func:`restore`; ``share`` of the blur is removed, by default that of :meth:`decide`."""
+        """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
+        :meth:`decide`.
+        """
         found = self._noise_of(image, noise)
         if share is None:
             share = self.decide(image, found).share
@@ -143,14 +151,15 @@ class Restorer:
         return restored
 
     def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
-        """The noise of a picture within the rim, as :func:`~omnimirror.estimate_noise` finds it."""
+        """Estimate the noise of an image inside the rim; see :func:`~omnimirror.estimate_noise`."""
         self._check(image)
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
     def decide(self, image: Picture, noise: float | Noise | None = None) -> Decision:
-        """Return how much of the known blur an image contains, as far as it shows.
+        """Return the detectable fraction of the known blur in an image.
 
-        The image stays as it is where its edges overshoot, or where it is sharper than a quarter of the known blur.
+        The image is unchanged if its edges overshoot, or if it is sharper than 0.25 of the known
+        blur.
         """
         found = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
@@ -175,12 +184,12 @@ class Restorer:
         return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
-        """Return the share of the known blur that is removed from an image."""
+        """Return the fraction of the known blur that is removed from an image."""
         return self.decide(image, noise).share
 
     @cached_property
     def known(self) -> RoundBlur:
-        """What is known of the blur."""
+        """Known blur."""
         return round_blur_of(
             self.camera, self.object_distance_mm, self.told, f_number=self.f_number, focus_mm=self.focus_distance_mm
         )
@@ -191,12 +200,14 @@ class Restorer:
 
     @cached_property
     def problem(self) -> BlurProblem:
-        """Of taking out all of the blur."""
+        """Problem of removing all of the blur."""
         return BlurProblem(self.known)
 
     @property
     def share(self) -> Values:
-        """How much of a pixel (h, w) is restored, 0 to 1: nothing where it is sharp, or near the rim."""
+        """Fraction (h, w) of restoration of each pixel, 0 to 1: 0 for sharp pixels and near the
+        rim.
+        """
         return self.problem.share
 
     @cached_property
@@ -224,7 +235,7 @@ class Restorer:
 
 
 def _light(colours: Picture) -> Light:
-    """Linear light of a picture; what is below 0 is noise."""
+    """Return the linear light of an image; negative values are noise."""
     if colours.dtype == np.float32:
         return np.maximum(colours, 0)
     full = np.float32(FULL[colours.dtype.name])

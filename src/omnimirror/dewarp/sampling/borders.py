@@ -1,4 +1,4 @@
-"""What a view shows outside the field: a colour of the picture's own values, or nothing, by an alpha."""
+"""Border of a view: a colour outside the field, or transparency."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...base.errors import InvalidParameter
 from ...io.pictures.images import FULL
 from ..contracts import Border, Image
 
-LARGEST_VALUE = 1e30  # of a colour
+LARGEST_VALUE = 1e30  # maximum magnitude of a colour
 
 
 def check_border(border: Border) -> None:
-    """Refuse what is neither a number nor some numbers."""
+    """Raise an error unless the border is a number or a sequence of numbers."""
     try:
         values = np.array(border, object)
     except ValueError:
@@ -29,11 +29,11 @@ def _is_value(value: Any) -> bool:
     if not isinstance(value, int | float | np.integer | np.floating):
         return False
     size: Any = abs(value)
-    return not size > LARGEST_VALUE  # NaN is one, in pictures of floats
+    return not size > LARGEST_VALUE  # NaN is valid in floating-point images
 
 
 def border_values(border: Border, image: Image) -> tuple[float, ...]:
-    """The border's value in each of a picture's channels; refuses what is none."""
+    """Return the border value of each image channel; raise an error for invalid values."""
     check_border(border)
     channels = image.shape[2] if image.ndim == 3 else 1
     values = np.array(border, float)
@@ -52,14 +52,16 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
 
 
 def clear_border(border: Border, image: Image) -> tuple[float, ...]:
-    """The border of a picture that gets an alpha: a colour for those who look at it without, and 0."""
+    """Return the border of an image with an alpha channel: a colour for programs that ignore alpha,
+    and 0.
+    """
     values = border_values(border, image)
     colours = values[:3] if len(values) > 1 else values * 3
     return (*colours, 0.0)
 
 
 def with_alpha(image: Image) -> Image:
-    """The picture in four channels, opaque unless it has an alpha."""
+    """Return the image with four channels, opaque unless it has an alpha channel."""
     channels = image.shape[2:]
     if channels == (4,):
         return image

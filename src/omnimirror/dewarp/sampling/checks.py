@@ -1,4 +1,4 @@
-"""What is refused before anything is sampled, and arrays made fit for samplers."""
+"""Validation of sampling arguments, and conversion of arrays for the samplers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ...io.pictures.images import FULL
 from ..contracts import INTERPOLATIONS, Image, Pixels
 
 DEPTHS = frozenset(np.dtype(name) for name in FULL) | {np.dtype(name).newbyteorder() for name in FULL}
-MOST_VALUES = 0x7FFF0000  # the compiled samplers count values in 31 bits
+MOST_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
 def check_picture(image: Image, size: tuple[int, int]) -> None:
-    """Refuse what is not a picture of the given (width, height)."""
+    """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):
         raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
@@ -28,7 +28,7 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
 
 
 def check_kind(image: Image) -> None:
-    """Refuse what no picture looks like."""
+    """Raise an error for arrays of an unsupported shape or data type."""
     instance("a picture", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
@@ -38,7 +38,7 @@ def check_kind(image: Image) -> None:
 
 
 def check_largest(image: Image, longest_side_px: int) -> None:
-    """Refuse a picture with more pixels than can be counted."""
+    """Raise an error if an image has too many pixels for a sampler."""
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
         raise InvalidParameter(
@@ -50,13 +50,13 @@ def check_largest(image: Image, longest_side_px: int) -> None:
 
 
 def check_interpolation(interpolation: str) -> None:
-    """Refuse a word that is not known."""
+    """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
         raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
 
 
 def check_pixels(pixels: Pixels) -> None:
-    """Refuse what is no map of pixels."""
+    """Raise an error unless an array is a pixel map."""
     if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
         raise InvalidParameter(
             f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}"
@@ -64,7 +64,9 @@ def check_pixels(pixels: Pixels) -> None:
 
 
 def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
-    """What is to be filled, or a new array where there is none: of a (width, height), otherwise like a picture."""
+    """Return the output array, or a new one if None, of a (width, height) and otherwise like the
+    image.
+    """
     shape, kind = (size[1], size[0], *image.shape[2:]), image.dtype.newbyteorder("=")
     if out is None:
         return np.empty(shape, kind)
@@ -75,16 +77,18 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     return out
 
 
-# -- arrays as the samplers need them --------------------------------------------------------------
+# -- array layout for the samplers -----------------------------------------------------------------
 
 
 def adjoining(array: Image) -> Image:
-    """An array (rows, columns, c) that samplers take: itself, or a copy, aligned and of the machine's byte order."""
+    """Return the array (rows, columns, c), or an aligned copy in native byte order if samplers
+    require it.
+    """
     return array if adjoins(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
 
 
 def adjoins(array: Image) -> bool:
-    """Whether channels and pixels adjoin, and rows follow downwards without overlap."""
+    """Return True if channels and pixels are contiguous, and rows are ascending without overlap."""
     flags = array.flags
     if not (flags.aligned and array.dtype.isnative):
         return False

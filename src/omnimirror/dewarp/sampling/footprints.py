@@ -1,10 +1,11 @@
-"""What an output pixel covers in the picture, and of how many samples its average is made.
+"""Footprints of output pixels in the image, and the number of samples in their averages.
 
-A pixel's footprint is the parallelogram that the map makes of it, or what four neighbours make of one: from half
-way to the neighbour on the left to half way to the one on the right, and likewise above and below. Where the view
-shrinks the picture it is larger than a source pixel, and one sample would alias; the mean of cubic samples spread
-evenly over it does not. How many are needed follows from the length of its sides, cell by cell of the view; how
-far apart they stand, from the footprint of each pixel, so that cells join without a seam.
+The footprint of a pixel is the parallelogram that the map makes of it, extended to four neighbours:
+from the midpoint to the left neighbour to the midpoint to the right one, and likewise above and
+below. For minified views it is larger than a source pixel, and a single sample would alias; the
+mean of cubic samples distributed uniformly over it does not. The number of samples follows from the
+length of the sides for each cell of the view, and their spacing from the footprint of each pixel;
+cells therefore join without a seam.
 """
 
 from __future__ import annotations
@@ -22,56 +23,66 @@ from ...base.numerics.lazy import cached_property
 from ..contracts import Annulus, Averages, Interpolation
 
 SquaredSides = NDArray[np.float32]
-"""Squared length of the longest sides of footprints in each cell, (cell rows, cell columns, 2): across and down,
-in square source pixels."""
+"""Squared length of the longest footprint sides in each cell, (cell rows, cell columns, 2), across
+and down, in square source pixels.
+"""
 
 CELL_PX = 16
-EVERY_PX = 4  # footprints change so little that these pixels stand for all
-MOST_TAPS = 128  # a side
+EVERY_PX = 4  # footprints vary slowly; these pixels represent all
+MOST_TAPS = 128  # per side
 JUMP2, JUMP2_PX = 16.0, 4.0
-"""A squared side that exceeds the opposite one by this factor and so much leads to another view of a mosaic."""
+"""Thresholds of the ratio of opposite squared sides, and of the excess, for a jump to another view
+of a mosaic.
+"""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """From the side of a footprint to samples."""
+    """Conversion of the side of a footprint to a number of samples."""
 
     single_px: float
-    """Up to here one sample is enough."""
+    """Maximum side with a single sample."""
     spacing_px: float
-    """At most so far apart are the others."""
+    """Maximum spacing of multiple samples."""
     sharp_px: float
-    """A side of s is shortened by 1 - (sharp / s)^8: to nothing up to here, and soon no longer."""
+    """A side of s is shortened by the factor 1 - (sharp / s)^8: to 0 at this side, and hardly for
+    larger sides.
+    """
 
     def taps(self, squares: SquaredSides) -> NDArray[np.uint8]:
-        """Samples across and down in each cell."""
+        """Return the number of samples across and down in each cell."""
         with np.errstate(divide="ignore", invalid="ignore"):
             shortened = np.sqrt(squares) * (1 - (self.sharp_px**2 / squares) ** 4)
             needed = np.ceil(shortened / self.spacing_px).clip(2, MOST_TAPS)
         return np.where(squares > self.single_px**2, needed, 1).astype(np.uint8)
 
 
-# Measured on the simulated room (benchmarks/interpolation_quality.py), PSNR against the supersampled scene:
-# - A source pixel is itself the mean over its own footprint. Averaging again over that of an output pixel that is
-#   hardly larger blurs twice: at 1:1 the plain average loses .1 dB to plain cubic, and pays four samples for it.
-#   Shortened, the average is as good as cubic up to sides of 1.2 px and as good as the full one from 2 px on.
-# - Samples 1.75 px apart lose .05 dB to denser ones, 2 px .2 dB, and stripes of single pixels then alias.
-# - Bilinear samples in the place of cubic ones lose .4 to 1.5 dB.
+# Measured on the simulated room (benchmarks/interpolation_quality.py), PSNR relative to the
+# supersampled scene:
+# - A source pixel is itself the mean over its footprint. A second average over an output pixel of
+#   similar size blurs twice: at 1:1 the plain average is 0.1 dB worse than cubic, with four times
+#   the samples. Shortened, the average equals cubic up to sides of 1.2 px and the full average from
+#   2 px on.
+# - Samples 1.75 px apart are 0.05 dB worse than denser ones, 2 px 0.2 dB, and single-pixel stripes
+#   alias.
+# - Bilinear instead of cubic samples are 0.4 to 1.5 dB worse.
 RULES: dict[Interpolation, Rule] = {"auto": Rule(1.2, 1.5, 1.2), "area": Rule(0.5, 1.0, 0.0)}
 
 
 @dataclass(frozen=True, eq=False)
 class Footprints:
-    """How large the footprints of a view's pixels are, cell by cell."""
+    """Footprint sizes of the pixels of a view for each cell."""
 
     squared_sides: SquaredSides
     step: int
     """Side of a cell, output px."""
     annulus: Annulus | None = None
-    """Where in the pictures something is seen."""
+    """Image annulus that contains the field."""
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
-        """What an interpolation averages; None where that is nothing, and single samples do."""
+        """Return the averaging parameters of an interpolation; None if single samples are
+        sufficient.
+        """
         return self._averages(interpolation)
 
     @cached_property
@@ -86,7 +97,7 @@ class Footprints:
 
 
 def _filled(squares: SquaredSides) -> SquaredSides:
-    """With the largest of their neighbours in cells of which hardly a pixel is seen, and none that was looked at."""
+    """Fill cells without sampled visible pixels with the maximum of their neighbours."""
     unknown = squares == 0
     if not unknown.any():
         return squares
@@ -95,7 +106,8 @@ def _filled(squares: SquaredSides) -> SquaredSides:
 
 
 def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
-    """Of a map (rows, columns, 2), in cells of 16 x 16 pixels; pixels outside count as nothing.
+    """Return the squared sides of a map (rows, columns, 2), in cells of 16 x 16 pixels; pixels
+    outside are ignored.
 
     >>> half = 2.0 * np.moveaxis(np.mgrid[:40, :20], 0, -1)[..., ::-1]
     >>> squared_sides_of_pixels(half).shape, squared_sides_of_pixels(half)[0, 0]
@@ -118,7 +130,9 @@ def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
 
 
 def _sides(some: NDArray[Any], behind: NDArray[Any], before: NDArray[Any]) -> NDArray[np.float32]:
-    """Squared sides along the second axis; the shorter one where two views of a mosaic meet."""
+    """Return squared sides along the second axis; the shorter one at boundaries between views of a
+    mosaic.
+    """
     sides = _squared(behind - some[:, : behind.shape[1]])
     count = sides.shape[1]
     sides[:, 1:] = np.fmin(sides[:, 1:], _squared(some[:, 1:count] - before[:, : max(count - 1, 0)]))
@@ -126,24 +140,26 @@ def _sides(some: NDArray[Any], behind: NDArray[Any], before: NDArray[Any]) -> ND
 
 
 def squared_sides_of_circles(radii: NDArray[np.float64], angles: NDArray[np.float64]) -> SquaredSides:
-    """Of rows (n,) that are circles of so many px, columns (m,) at angles in radians; in cells of 16 x 16 pixels.
+    """Return the squared sides of a polar map with radii (n,) in px and angles (m,) in radians, in
+    cells of 16 x 16 pixels.
 
     >>> squared_sides_of_circles(np.array([100.0, 102.0]), np.array([0.0, 0.1])).round(2)
     array([[[103.95,   4.  ]]], dtype=float32)
     """
+    # Chord between adjacent columns: 2 r sin(dphi / 2); distance between adjacent rows: dr
     chords, steps = 2 * np.sin(_to_next(angles) / 2), _to_next(radii)
     across = _longest(radii)[:, None] * _longest(chords)
     return np.stack([across, np.broadcast_to(_longest(steps)[:, None], across.shape)], axis=-1).astype(np.float32)
 
 
 def _to_next(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Differences (n,); the last one again, which has no next."""
+    """Return forward differences (n,); the last one is repeated."""
     differences = np.diff(values)
     return np.append(differences, differences[-1:] if len(differences) else np.zeros(len(values)))
 
 
 def _longest(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Square of the largest of every 16; 0 for those that are no numbers."""
+    """Return the squared maximum of every 16 values; NaN counts as 0."""
     squares = np.nan_to_num(lengths) ** 2
     longest: NDArray[np.float64] = np.maximum.reduceat(squares, np.arange(0, len(squares), CELL_PX))
     return longest
@@ -152,7 +168,9 @@ def _longest(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
 def squared_sides_of_nodes(
     nodes: NDArray[np.float32], step: int, cells: NDArray[np.int32], patches: NDArray[np.float32]
 ) -> SquaredSides:
-    """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.maps.lattice.LatticeMap`."""
+    """Return the squared sides of a lattice from its nodes; see
+    :class:`~omnimirror.dewarp.maps.lattice.LatticeMap`.
+    """
     if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
         u, v = nodes
@@ -176,7 +194,7 @@ def _squares_of_patches(patches: NDArray[np.float32]) -> SquaredSides:
 
 
 def _squared(vectors: NDArray[Any]) -> NDArray[np.float32]:
-    """Squared lengths of vectors (..., 2)."""
+    """Return squared lengths of vectors (..., 2)."""
     x, y = vectors[..., 0], vectors[..., 1]
     with np.errstate(over="ignore", invalid="ignore"):
         squares: NDArray[np.float32] = (x * x + y * y).astype(np.float32)
@@ -184,7 +202,7 @@ def _squared(vectors: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _largest(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.float32]:
-    """The largest value in each cell; one that has none, at the end, is like its neighbour."""
+    """Return the maximum in each cell; a last cell without values has the value of its neighbour."""
     each = CELL_PX // EVERY_PX
     missing = [(0, each * n - have) for n, have in zip(cells, values.shape, strict=True)]
     padded = np.pad(values, missing, mode="edge")

@@ -1,4 +1,4 @@
-"""The sampler where nothing is compiled: OpenCV's, held to the rule of :mod:`omnimirror.dewarp.sampling`."""
+"""OpenCV sampler without compiled module, consistent with :mod:`omnimirror.dewarp.sampling`."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .footprints import JUMP2, JUMP2_PX
 Values = NDArray[Any]
 
 FLAGS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-LONGEST_SIDE_PX = 32_766  # cv2.remap counts pixels in 16 bits
-BAND_PX = 1 << 17  # output pixels averaged at a time
-LIST_WIDTH_PX = 1024  # in which samples in no order are laid out for OpenCV
+LONGEST_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
+BAND_PX = 1 << 17  # output pixels averaged per band
+LIST_WIDTH_PX = 1024  # row width of scattered samples arranged for OpenCV
 
 
 def remap_opencv(job: RemapJob, where: Pixels) -> None:
-    """Fill a job's target with the values at places (rows, columns, 2)."""
+    """Fill the output of a job with the values at coordinates (rows, columns, 2)."""
     if job.averages is not None:
         _average(job, where, job.averages)
         return
@@ -39,12 +39,12 @@ def remap_opencv(job: RemapJob, where: Pixels) -> None:
 
 
 def _values(image: Image, pixels: Values, kernel: str) -> Image:
-    """At pixels (rows, columns, 2) on the picture."""
+    """Return the values at pixels (rows, columns, 2) inside the image."""
     height, width, channels = image.shape
-    if channels == 2:  # of these OpenCV takes fractions to 1/32 only
+    if channels == 2:  # OpenCV quantises their fractions to 1/32
         return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
-    if kernel == "nearest":  # OpenCV's versions differ in what they make of halves
+    if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
     taken = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(taken).reshape(*x.shape, channels)
@@ -54,7 +54,9 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
 
 
 def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
-    """Means over footprints, some rows at a time; see native/src/sampling/footprint.hpp, which this follows."""
+    """Compute means over footprints in bands of rows, identical to
+    native/src/sampling/footprint.hpp.
+    """
     picture = job.source.astype(np.float32)
     rows, columns = where.shape[:2]
     step = averages.step
@@ -68,7 +70,7 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
-    """Coordinates of some rows, and of one pixel more on all sides; NaN outside the picture."""
+    """Return coordinates of some rows with a margin of one pixel; NaN outside the image."""
     first, last = max(top - 1, 0), min(bottom + 1, len(where))
     pixels: Values = where[first:last].astype(np.float32)
     pixels[~inside_image(pixels, size)] = np.nan
@@ -76,7 +78,7 @@ def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) 
 
 
 def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
-    """With one more at the ends of an axis, in a straight line."""
+    """Extrapolate linearly by one pixel at the ends of an axis."""
     ends = []
     for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
         last = pixels.take([end], axis)
@@ -112,7 +114,9 @@ def _band(
 
 
 def _sides(middle: Values, before: Values, behind: Values, averages: Averages) -> list[Values]:
-    """Ways (.., 2) to the neighbours on one axis, shortened as :class:`~.footprints.Rule` says."""
+    """Return vectors (..., 2) to the neighbours on one axis, shortened as in
+    :class:`~.footprints.Rule`.
+    """
     ways = before - middle, behind - middle
     squares = [(way**2).sum(axis=-1) for way in ways]
     with np.errstate(invalid="ignore"):
@@ -134,13 +138,15 @@ def _share(square: Values, sharp_px: float) -> Values:
 
 
 def _part(i: int, count: int, sides: list[Values]) -> Values:
-    """Of the way to the neighbour before or behind."""
+    """Return the offset of sample i as a fraction of the vector to the previous or next neighbour."""
     t = np.float32((i + 0.5) / count - 0.5)
     return abs(t) * sides[0 if t < 0 else 1]
 
 
 def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
-    """Means (n, channels) of the taps that are inside; where there are none, the value in the middle (n, 2)."""
+    """Return means (n, channels) of the samples inside; without any, the value at the centre
+    (n, 2).
+    """
     sums, counts = np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32)
     for pixels in places:
         if annulus is not None:
@@ -156,7 +162,9 @@ def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: An
 
 
 def _listed(picture: Image, pixels: Values) -> tuple[Image, Mask]:
-    """Cubic samples (n, channels) at pixels (n, 2) in no order, 0 outside; and which are inside."""
+    """Return cubic samples (n, channels) at scattered pixels (n, 2), 0 outside, and the mask of
+    those inside.
+    """
     inside: Mask = inside_image(pixels, (picture.shape[1], picture.shape[0]))
     rows = -(-len(pixels) // LIST_WIDTH_PX)
     laid_out = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)

@@ -1,4 +1,4 @@
-"""The two samplers, and the one way to use them: picture and map to picture."""
+"""Samplers, and their common entry point: image and map to image."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .opencv import LONGEST_SIDE_PX, remap_opencv
 
 @dataclass(frozen=True)
 class CompiledSampler:
-    """By the kernels in native/src/sampling, each map by its own."""
+    """Sampler with the kernels in native/src/sampling, one per map type."""
 
     longest_side_px: int = MOST_VALUES
 
@@ -26,7 +26,7 @@ class CompiledSampler:
 
 @dataclass(frozen=True)
 class OpenCVSampler:
-    """By OpenCV, which takes places of all pixels only."""
+    """Sampler with OpenCV, which requires coordinates of all pixels."""
 
     longest_side_px: int = LONGEST_SIDE_PX
 
@@ -35,33 +35,33 @@ class OpenCVSampler:
 
 
 def sampler() -> Sampler:
-    """The one in use."""
+    """Return the active sampler."""
     return CompiledSampler() if backend.is_compiled else OpenCVSampler()
 
 
 def remap(
     image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
 ) -> Image:
-    """The picture's values where a map says.
+    """Interpolate an image at the coordinates of a map.
 
     Parameters
     ----------
     image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c from 1 to 4
-        Of the map's ``source_size``, with any strides.
+        Image of the map's ``source_size``, with any strides.
     where
         A :class:`~omnimirror.dewarp.maps.pixels.PixelMap`,
         :class:`~omnimirror.dewarp.maps.lattice.LatticeMap` or :class:`~omnimirror.dewarp.maps.polar.PolarMap`.
     interpolation
         ``"auto"``, ``"nearest"``, ``"linear"``, ``"cubic"`` or ``"area"``.
     out : (rows, columns) or (rows, columns, c) array of the same depth, optional
-        Filled and returned; with any strides.
+        Output array that is filled and returned; with any strides.
     border
-        Value outside the picture, of all channels or of each.
+        Value outside the image, for all channels or for each channel.
 
     Raises
     ------
     InvalidParameter
-        For arrays that do not fit each other, or a border that is no value of the picture's.
+        If the arrays are inconsistent, or the border is not a valid image value.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""Screens: what every pixel of a straightened picture looks at.
+"""Screens: targets of the pixels of a dewarped image.
 
-Screens are drawn as seen from inside or from above, in the world frame of :mod:`omnimirror.cameras.frames`;
-none of them knows which way round the raw picture is. Each shape stands at ``distance_mm`` from its
-centre, infinitely far unless said otherwise, and at a finite distance ``offset_mm`` moves it.
+Screens are drawn as seen from inside or from above, in the world frame of
+:mod:`omnimirror.cameras.frames`, independent of the orientation of the source image. Each screen is
+at ``distance_mm`` from its centre, infinite by default; at a finite distance ``offset_mm`` moves
+it.
 """
 
 from typing import TypeAlias
@@ -14,7 +15,7 @@ from .panoramas import Cylinder, Panorama, Rows, Sphere
 from .planes import Ground, Plane
 
 Shape: TypeAlias = Cylinder | Sphere | Plane | Ground | Dome | LittlePlanet | CubeMap | Mosaic
-"""Every kind of view that is here; each can be ``zoomed`` and ``panned``."""
+"""All views of this package; each can be ``zoomed`` and ``panned``."""
 
 __all__ = [
     "FACES",

@@ -1,4 +1,4 @@
-"""What all screens share: the contract, where they stand, and the refusal of what cannot be."""
+"""Common parts of all screens: interfaces, placement and validation."""
 
 from __future__ import annotations
 
@@ -21,42 +21,45 @@ NOT_MOVED: Offset = (0.0, 0.0, 0.0)
 
 @runtime_checkable
 class Screen(Protocol):
-    """What every output pixel looks at: a direction, or a point at a finite distance."""
+    """Target of each output pixel: a direction, or a point at a finite distance."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Size (width, height) in pixels."""
         ...
 
     @property
     def is_distant(self) -> bool:
-        """Whether the targets are directions to infinitely distant points, rather than points in mm."""
+        """True if the targets are directions to infinitely distant points, rather than points in
+        mm.
+        """
         ...
 
     def targets_at(self, u: Array, v: Array) -> Array:
-        """What columns u and rows v look at, (..., 3), world frame; they need not be whole numbers, nor inside.
+        """Return the targets (..., 3) of columns u and rows v in the world frame, also fractional
+        or outside.
 
-        NaN where a pixel of the screen looks at nothing.
+        NaN marks pixels without a target.
         """
         ...
 
     def __str__(self) -> str:
-        """A few words for messages: what it shows, in degrees or mm."""
+        """Return a short description for messages, in degrees or mm."""
         ...
 
 
 @runtime_checkable
 class Composite(Protocol):
-    """Several views in one picture; the pixels between them look at nothing."""
+    """Several views in one image; the pixels between them have no target."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Size (width, height) in pixels."""
         ...
 
     @property
     def parts(self) -> tuple[ScreenPart, ...]:
-        """Its views and their places; where they overlap, the later one is seen."""
+        """Views and their positions; overlapping pixels belong to the last view."""
         ...
 
 
@@ -64,7 +67,7 @@ View: TypeAlias = Screen | Composite
 
 
 class ScreenPart(NamedTuple):
-    """A view and its place in a larger picture."""
+    """View and its position in a larger image."""
 
     left: int
     """Column of its first pixel."""
@@ -74,7 +77,7 @@ class ScreenPart(NamedTuple):
 
 
 class PlacedScreen(NamedTuple):
-    """A screen, which is not made of others, and its place in the whole picture."""
+    """Single screen and its position in the whole image."""
 
     left: int
     top: int
@@ -82,19 +85,19 @@ class PlacedScreen(NamedTuple):
 
 
 def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...]:
-    """The screens that a view is made of, at their places in it; a screen is its own only part.
+    """Return the screens of a view at their positions; a single screen is its only part.
 
     Parameters
     ----------
     view
-        A screen of :mod:`omnimirror.screens`, or several in one picture.
+        Screen of :mod:`omnimirror.screens`, or several screens in one image.
     left, top
-        Where the view itself stands, px.
+        Position of the view itself, px.
 
     Returns
     -------
     tuple of PlacedScreen
-        Each screen, with the pixel of the picture in which its left upper corner stands.
+        Each screen with the pixel of its upper left corner in the image.
 
     Examples
     --------
@@ -108,9 +111,9 @@ def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...
 
 
 class CentredScreen(ABC):
-    """A screen that stands around a centre, or before it, at a distance that may be infinite.
+    """Screen around or in front of a centre, at a finite or infinite distance.
 
-    The centre is the world's origin, moved by ``offset_mm``: the projector stays where it is.
+    The centre is the world origin, moved by ``offset_mm``: the projector is not moved.
     """
 
     size: tuple[int, int]
@@ -119,20 +122,24 @@ class CentredScreen(ABC):
 
     @abstractmethod
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Vectors (..., 3) from the centre to the screen, in units of the distance, at pixels (u, v)."""
+        """Return vectors (..., 3) from the centre to the screen at pixels (u, v), in units of the
+        distance.
+        """
 
     @property
     def is_distant(self) -> bool:
-        """Whether it is infinitely far away."""
-        return math.isinf(self.distance_mm)  # NumPy's takes no whole numbers above 2^64
+        """True if the distance is infinite."""
+        return math.isinf(self.distance_mm)  # NumPy rejects integers above 2^64
 
     @checked
     def targets(self, first_row: int, last_row: int) -> Array:
-        """Points (rows, width, 3) in mm, or directions where the screen is infinitely far away."""
+        """Return points (rows, width, 3) in mm, or directions for an infinite distance."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
 
     def targets_at(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Points (..., 3) in mm, or directions, at columns u and rows v, which need not be whole numbers."""
+        """Return points (..., 3) in mm, or directions, at columns u and rows v, which may be
+        fractional.
+        """
         vectors = self.from_centre(u, v)
         if self.is_distant:
             return vectors
@@ -142,7 +149,7 @@ class CentredScreen(ABC):
 
     @property
     def _place(self) -> str:
-        """Where it stands, for messages; nothing when that is infinitely far away."""
+        """Placement for messages; empty for an infinite distance."""
         if self.is_distant:
             return ""
         return f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
@@ -162,25 +169,27 @@ class CentredScreen(ABC):
 
 
 def pixels_of_rows(size: tuple[int, int], first_row: int, last_row: int) -> tuple[Array, Array]:
-    """Columns (width,) and rows (rows, 1) of the pixels in some rows, ready to be broadcast."""
+    """Return columns (width,) and rows (rows, 1) of the pixels in some rows, for broadcasting."""
     return np.arange(size[0], dtype=float), np.arange(first_row, last_row, dtype=float)[:, None]
 
 
 def on_plane(origin: Array, x: Array, right: Array, y: Array, down: Array) -> Array:
-    """Points (..., 3) at places x and y, which are broadcast, along two vectors from an origin, each (3,)."""
+    """Return points (..., 3) at broadcast coordinates x and y along two vectors from an origin,
+    each (3,).
+    """
     points = np.empty((*np.broadcast_shapes(np.shape(x), np.shape(y)), 3))
-    for axis in range(3):  # several times quicker than rows of 3
+    for axis in range(3):  # several times faster than operations on rows of 3
         np.add(origin[axis] + x * right[axis], y * down[axis], out=points[..., axis])
     return points
 
 
 def offset_words(offset_mm: Offset) -> str:
-    """``, moved by (x, y, z) mm``, or nothing."""
+    """Return ``, moved by (x, y, z) mm``, or an empty string."""
     return ", moved by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse what is no width and height in whole pixels."""
+    """Raise an error unless the size is a width and height in whole pixels."""
     if numbers("size", size, "(width, height)").shape != (2,) or not all(
         1 <= n <= LARGEST_PX and int(n) == n for n in size
     ):
@@ -188,14 +197,14 @@ def check_size(size: tuple[int, int]) -> None:
 
 
 def check_offset(offset_mm: Offset) -> None:
-    """Refuse what is no place in the world."""
+    """Raise an error unless the offset is a point in the world."""
     offset = numbers("offset_mm", offset_mm, "of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
         raise InvalidParameter(f"offset_mm = {shown(offset_mm)} is not x, y and z in mm")
 
 
 def check_angle(name: str, angle_deg: float) -> None:
-    """Refuse angles that are not finite."""
+    """Raise an error for non-finite angles."""
     number(name, angle_deg, unit="deg")
 
 
@@ -203,7 +212,7 @@ SMALLEST_DEG = 1e-9
 
 
 def check_range(name: str, value: float, low: float, high: float, upper_included: bool) -> None:
-    """Refuse angles (deg) that are not above ``low`` and below ``high``."""
+    """Raise an error unless an angle (deg) is above ``low`` and below ``high``."""
     value = number(name, value)
     if not (low + SMALLEST_DEG < value < high or (upper_included and value == high)):
         bound = f"up to {high:g}" if upper_included else f"below {high:g}"
@@ -211,19 +220,19 @@ def check_range(name: str, value: float, low: float, high: float, upper_included
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse a word that is not among those known."""
+    """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
         raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(choices)}")
 
 
 def check_zoom(factor: float) -> None:
-    """Refuse what does not enlarge or shrink."""
+    """Raise an error unless the zoom is a positive finite factor."""
     found = numbers("zoom", factor, "(it takes one)")
     if found.ndim or not (np.isfinite(found) and found > 0):
         raise InvalidParameter(f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite")
 
 
 def refuse_tilt(screen: object, tilt_deg: float) -> None:
-    """Refuse to tilt a screen that knows no up and down."""
+    """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
         raise InvalidParameter(f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change")

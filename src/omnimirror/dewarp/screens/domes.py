@@ -1,4 +1,4 @@
-"""Round screens about a pole: the paper's compensated circle, and the little planet."""
+"""Circular screens about a pole: the compensated circle of the paper, and the little planet."""
 
 from __future__ import annotations
 
@@ -28,27 +28,29 @@ Pole = Literal["nadir", "zenith"]
 
 
 class PolarScreen(CentredScreen):
-    """What is drawn in circles about a pole, as it would be seen by looking at it.
+    """Screen with polar coordinates about a pole, drawn as seen by a viewer facing the pole.
 
-    Looking down at the nadir, forward is at the top and right is right; looking up at the zenith,
-    forward is at the top and right is left, as on a star chart.
+    Facing the nadir, forward is at the top and right is on the right; facing the zenith, forward is
+    at the top and right is on the left, as on a star chart.
     """
 
     pole: Pole
     pan_deg: float
 
     def _from_middle(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
-        """Pixels from the middle of the picture: to the right, down, and how far."""
+        """Return pixel offsets from the image centre, right and down, and their length."""
         width, height = self.size
         x, y = places("u", u) - (width - 1) / 2, places("v", v) - (height - 1) / 2
         radius: Array = np.hypot(x, y)
         return x, y, radius
 
     def _vectors(self, x: Array, y: Array, omega: Array, sideways: Array) -> Array:
-        """Unit vectors (..., 3) at angles from the pole; ``sideways`` is sin(omega) / radius."""
+        """Return unit vectors (..., 3) at angles omega from the pole; ``sideways`` is sin(omega) /
+        radius.
+        """
         if self.pole == "nadir":
             to_pole, right, down = view_axes(self.pan_deg, -90.0)
-        else:  # tilting up from the opposite side brings forward to the top
+        else:  # tilting up from the opposite side moves forward to the top
             to_pole, right, down = view_axes(self.pan_deg + 180.0, 90.0)
         vectors = on_plane(np.zeros(3), sideways * x, right, sideways * y, down)
         ahead = np.cos(omega)
@@ -64,32 +66,33 @@ class PolarScreen(CentredScreen):
 
 @dataclass(frozen=True)
 class Dome(PolarScreen):
-    """The paper's compensated circle: the distance from the centre grows in proportion to the angle.
+    """Compensated circle of the paper: the distance from the centre is proportional to the angle.
 
-    Drawn as it would be seen: looking down at the nadir, forward is at the top and right is right;
-    looking up at the zenith, forward is at the top and right is left, as on a star chart.
+    Drawn as seen by a viewer: facing the nadir, forward is at the top and right is on the right;
+    facing the zenith, forward is at the top and right is on the left, as on a star chart.
 
     Parameters
     ----------
     size : (width, height)
-        The circle touches the shorter side.
+        Image size; the circle touches the shorter side.
     omega_max_deg : deg
         Angle from the pole at the edge of the circle, up to 180.
     pole
         ``"nadir"`` or ``"zenith"``, at the centre.
     pan_deg : deg
-        What is at the top, right of forward.
+        Direction at the top, right of forward.
     omega_min_deg : deg
-        Angle from the pole inside which the circle stays empty.
+        Angle from the pole inside which the circle is empty.
     distance_mm : mm
-        Radius of the sphere that is drawn.
+        Radius of the sphere.
     offset_mm : (x, y, z) mm
-        Where its centre stands from the mirror vertex, in the world frame; of a finite sphere only.
+        Position of its centre relative to the mirror vertex, in the world frame; for a finite
+        sphere only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no dome.
+        If the parameters do not define a dome.
 
     Examples
     --------
@@ -115,9 +118,10 @@ class Dome(PolarScreen):
             )
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Unit vectors (..., 3); NaN outside the circle."""
+        """Return unit vectors (..., 3); NaN outside the circle."""
         x, y, radius = self._from_middle(u, v)
         edge = min(self.size) / 2
+        # Equidistant projection: radius proportional to omega; sin(omega) / radius is regular at the pole
         per_pixel = np.radians(self.omega_max_deg) / edge
         omega = radius * per_pixel
         vectors = self._vectors(x, y, omega, np.sinc(omega / np.pi) * per_pixel)
@@ -126,13 +130,13 @@ class Dome(PolarScreen):
         return vectors
 
     def zoomed(self, factor: float) -> Self:
-        """The circle ends at an angle so many times smaller."""
+        """Return the dome with its maximum angle divided by a factor."""
         check_zoom(factor)
         return replace(self, omega_max_deg=min(180.0, self.omega_max_deg / factor))
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned so that what is farther to the right is at the top."""
+        """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
@@ -142,10 +146,10 @@ class Dome(PolarScreen):
 
 @dataclass(frozen=True)
 class LittlePlanet(PolarScreen):
-    """A stereographic picture about a pole: small circles stay circles, and the horizon is one.
+    """Stereographic image about a pole: small circles remain circles, including the horizon.
 
-    Drawn as a dome is, and to the corners: about the nadir the ground curls up to a planet on which
-    things stand; about the zenith it is a tunnel around the sky.
+    Drawn like a dome and extended to the corners: about the nadir, the ground becomes a planet with
+    objects on it; about the zenith, it becomes a tunnel around the sky.
 
     Parameters
     ----------
@@ -155,16 +159,17 @@ class LittlePlanet(PolarScreen):
     pole
         ``"nadir"`` or ``"zenith"``, at the centre.
     pan_deg : deg
-        What is at the top, right of forward.
+        Direction at the top, right of forward.
     distance_mm : mm
-        Radius of the sphere that is drawn.
+        Radius of the sphere.
     offset_mm : (x, y, z) mm
-        Where its centre stands from the mirror vertex, in the world frame; of a finite sphere only.
+        Position of its centre relative to the mirror vertex, in the world frame; for a finite
+        sphere only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no such picture.
+        If the parameters do not define such an image.
 
     Examples
     --------
@@ -185,20 +190,22 @@ class LittlePlanet(PolarScreen):
         check_range("hfov_deg", self.hfov_deg, 0, 360, upper_included=False)
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Unit vectors (..., 3)."""
+        """Return unit vectors (..., 3)."""
         x, y, radius = self._from_middle(u, v)
         per_pixel = np.tan(np.radians(self.hfov_deg / 4)) / (self.size[0] / 2)
+        # Stereographic projection: radius proportional to tan(omega / 2), and with t = tan(omega / 2)
+        # sin(omega) = 2 t / (1 + t^2), cos(omega) = (1 - t^2) / (1 + t^2)
         half_tangent = radius * per_pixel  # tan(omega / 2)
         return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
 
     def zoomed(self, factor: float) -> Self:
-        """Everything drawn so many times larger."""
+        """Return the screen magnified by a factor."""
         check_zoom(factor)
         return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned so that what is farther to the right is at the top."""
+        """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 

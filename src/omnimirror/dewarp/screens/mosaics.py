@@ -1,4 +1,4 @@
-"""Several views in one picture: the cube map, and mosaics of any views."""
+"""Several views in one image: the cube map, and mosaics of arbitrary views."""
 
 from __future__ import annotations
 
@@ -24,38 +24,39 @@ FACES: dict[str, tuple[float, float]] = {
     "front": (0.0, 0.0),
     "back": (180.0, 0.0),
 }
-"""Pan and tilt (deg) of the faces of a cube, each as seen from inside; up and down join the front."""
+"""Pan and tilt (deg) of the faces of a cube as seen from inside; up and down adjoin the front."""
 
 LAYOUTS: dict[str, tuple[tuple[str, ...], ...]] = {
     "cross": (("", "up", "", ""), ("left", "front", "right", "back"), ("", "down", "", "")),
     "strip": (tuple(FACES),),
     "3x2": (("right", "left", "up"), ("down", "front", "back")),
 }
-"""Rows of faces. Strip and 3x2 are in the order that ffmpeg's v360 filter reads as c6x1 and c3x2."""
+"""Rows of faces. Strip and 3x2 have the order of c6x1 and c3x2 in the v360 filter of ffmpeg."""
 
 
 @dataclass(frozen=True)
 class CubeMap:
-    """Six square views that together show everything around, as seen from inside a cube.
+    """Cube map: six square views that cover all directions, as seen from inside a cube.
 
     Parameters
     ----------
     size : (width, height)
-        Of the whole picture: a multiple of 4 x 3 as a cross, 6 x 1 as a strip, 3 x 2.
+        Size of the whole image: a multiple of 4 x 3 for a cross, 6 x 1 for a strip, 3 x 2.
     layout
-        ``"cross"`` (left, front, right, back in a row; up and down over and under front), ``"strip"``
-        (right, left, up, down, front, back) or ``"3x2"`` (the same in two rows).
+        ``"cross"`` (left, front, right, back in a row; up and down above and below the front),
+        ``"strip"`` (right, left, up, down, front, back) or ``"3x2"`` (the same in two rows).
     pan_deg : deg
-        What the front looks at, right of forward.
+        Direction of the front, right of forward.
     distance_mm : mm
-        How far the faces stand from the centre of the cube.
+        Distance of the faces from the centre of the cube.
     offset_mm : (x, y, z) mm
-        Where that centre stands from the mirror vertex, in the world frame; of a finite cube only.
+        Position of the centre relative to the mirror vertex, in the world frame; for a finite cube
+        only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no cube.
+        If the parameters do not define a cube.
 
     Examples
     --------
@@ -81,11 +82,11 @@ class CubeMap:
                 f"such as {columns * 256} x {rows * 256}"
             )
         check_angle("pan_deg", self.pan_deg)
-        self.face("front")  # refuses what is wrong with the place
+        self.face("front")  # raises an error for an invalid placement
 
     @staticmethod
     def grid(layout: Layout) -> tuple[int, int]:
-        """Columns and rows of faces in a layout.
+        """Return the numbers of columns and rows of faces in a layout.
 
         >>> CubeMap.grid("3x2")
         (3, 2)
@@ -98,7 +99,7 @@ class CubeMap:
         return self.size[1] // len(LAYOUTS[self.layout])
 
     def face(self, name: str) -> Plane:
-        """One of the faces right, left, up, down, front and back."""
+        """Return one of the faces right, left, up, down, front and back."""
         check_choice("face", name, tuple(FACES))
         pan, tilt = FACES[name]
         side = (self.face_px, self.face_px)
@@ -106,19 +107,19 @@ class CubeMap:
 
     @property
     def parts(self) -> tuple[ScreenPart, ...]:
-        """The faces at their places."""
+        """Faces and their positions."""
         n = self.face_px
         rows = enumerate(LAYOUTS[self.layout])
         return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
 
     @checked
     def zoomed(self, factor: float) -> Self:
-        """A cube shows everything around and cannot be zoomed."""
+        """Raise an error: a cube covers all directions and cannot be zoomed."""
         raise InvalidParameter(f"a cube map shows everything around and cannot be zoomed by {factor:g}")
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned so that the front looks farther to the right."""
+        """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
             raise InvalidParameter(f"a cube map stands upright and cannot be tilted by {tilt_deg:g} deg")
         return replace(self, pan_deg=self.pan_deg + pan_deg)
@@ -131,20 +132,20 @@ class CubeMap:
 
 @dataclass(frozen=True)
 class Mosaic:
-    """Several views in one picture, each with its own shape, distance and place.
+    """Several views in one image, each with its own shape, distance and position.
 
     Parameters
     ----------
     size : (width, height)
-        Of the whole picture.
+        Size of the whole image.
     parts
-        ``(left, top, view)`` for each view: the column and row of its first pixel. Where views overlap
-        the later one is seen, and pixels outside all of them look at nothing.
+        Views as ``(left, top, view)`` with the column and row of the first pixel. Overlapping
+        pixels belong to the last view, and pixels outside all views have no target.
 
     Raises
     ------
     InvalidParameter
-        If there are no views, or one reaches beyond the picture.
+        If there are no views, or a view extends beyond the image.
 
     Examples
     --------
@@ -175,7 +176,7 @@ class Mosaic:
 
     @classmethod
     def stacked(cls, rows: Sequence[Sequence[View]], gap_px: int = 0) -> Self:
-        """Rows of views, one under the other, each row in the middle; ``gap_px`` between neighbours."""
+        """Return rows of views, stacked and centred, with ``gap_px`` between neighbours."""
         if not all(rows):
             raise InvalidParameter("a row of the mosaic has no view")
         widths = [sum(v.size[0] for v in row) + gap_px * (len(row) - 1) for row in rows]
@@ -190,16 +191,16 @@ class Mosaic:
 
     @classmethod
     def panorama_over_views(cls, panorama: View, views: Sequence[View], gap_px: int = 0) -> Self:
-        """A panorama with a row of views under it."""
+        """Return a panorama with a row of views below it."""
         return cls.stacked([[panorama], views], gap_px)
 
     def zoomed(self, factor: float) -> Self:
-        """Every view zoomed in its place."""
+        """Return the mosaic with every view zoomed."""
         return self._each("zoomed", factor)
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Every view turned in its place."""
+        """Return the mosaic with every view rotated."""
         return self._each("panned", pan_deg, tilt_deg)
 
     def _each(self, method: str, *args: float) -> Self:

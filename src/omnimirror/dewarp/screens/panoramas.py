@@ -1,4 +1,4 @@
-"""Panoramas: the cylinder, and the sphere as an equirectangular picture."""
+"""Panoramas: the cylinder, and the sphere as an equirectangular image."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ NARROWEST_DEG = 1e-6
 
 
 class Panorama(CentredScreen):
-    """What turns about a vertical line: every column has one pan, every row one tilt, as seen from the centre."""
+    """Screen of revolution about a vertical axis: each column has one pan and each row one tilt,
+    from the centre.
+    """
 
     tilt_min_deg: float
     tilt_max_deg: float
@@ -36,23 +38,25 @@ class Panorama(CentredScreen):
     span_deg: float
 
     def pans(self) -> Array:
-        """Pan of every column (width,), radians."""
+        """Return the pan of every column (width,), radians."""
         return self.pans_at(np.arange(self.size[0], dtype=float))
 
     def tilts(self) -> Array:
-        """Tilt of every row (height,), radians."""
+        """Return the tilt of every row (height,), radians."""
         return self.tilts_at(np.arange(self.size[1], dtype=float))
 
     def pans_at(self, u: ArrayLike) -> Array:
-        """Pan of columns (...), radians."""
+        """Return the pan of columns (...), radians."""
         return np.radians(self.pan_deg + ((places("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg)
 
     @abstractmethod
     def tilts_at(self, v: ArrayLike) -> Array:
-        """Tilt of rows (...), radians."""
+        """Return the tilt of rows (...), radians."""
 
     def _linear(self, v: ArrayLike, lowest: float, highest: float) -> Array:
-        """Values at rows (...) that fall from the upper edge of the picture to the lower."""
+        """Return values at rows (...) that decrease linearly from the upper to the lower image
+        edge.
+        """
         return highest - (places("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
     def _words(self, name: str) -> str:
@@ -80,36 +84,38 @@ class Panorama(CentredScreen):
 
 @dataclass(frozen=True)
 class Cylinder(Panorama):
-    """A panorama on an upright cylinder: columns linear in pan, rows linear in tilt or in height on the wall.
+    """Panorama on an upright cylinder: columns linear in pan, rows linear in tilt or in height on
+    the wall.
 
     Parameters
     ----------
     size : (width, height)
     tilt_min_deg, tilt_max_deg : deg
-        Elevation of the lower and upper edge as seen from the centre of the cylinder, -90 to 90.
+        Elevation of the lower and upper edge from the centre of the cylinder, -90 to 90.
     pan_deg : deg
-        What the centre looks at, right of forward.
+        Direction of the image centre, right of forward.
     span_deg : deg
         Angle from the left edge to the right edge, up to 360.
     rows
-        ``"tilt"``, or ``"height"``: the paper's cylindrical screen, unrolled. It keeps upright planes
-        upright and cannot reach the zenith or the nadir.
+        ``"tilt"``, or ``"height"``: the unrolled cylindrical screen of the paper. It preserves
+        upright planes and cannot reach the zenith or the nadir.
     distance_mm : mm
         Radius of the cylinder.
     offset_mm : (x, y, z) mm
-        Where its centre stands from the mirror vertex, in the world frame; of a finite cylinder only.
+        Position of its centre relative to the mirror vertex, in the world frame; for a finite
+        cylinder only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no cylinder.
+        If the parameters do not define a cylinder.
 
     Examples
     --------
     >>> Cylinder((4, 2), -90.0, 90.0).targets(0, 1)[0, 1].round(3)  # 45 deg left, 45 deg up
     array([0.5  , 0.5  , 0.707])
 
-    The wall of a room 4 m across, from 1.2 m below the mirror to 1.8 m above:
+    The wall of a room 4 m wide, from 1.2 m below the mirror to 1.8 m above:
 
     >>> wall = Cylinder.wall((400, 300), (-1200.0, 1800.0), distance_mm=2000.0)
     >>> wall.targets(0, 300)[[0, 299], 199].round(0)
@@ -146,7 +152,9 @@ class Cylinder(Panorama):
         span_deg: float = 360.0,
         offset_mm: Offset = NOT_MOVED,
     ) -> Self:
-        """The part of a cylinder's wall between two heights (mm) over its centre, the lower one first."""
+        """Return the section of a cylinder wall between two heights (mm) over its centre, in
+        ascending order.
+        """
         low, high = height_mm
         number("distance_mm", distance_mm, above=0.0)
         if not low < high:
@@ -155,32 +163,35 @@ class Cylinder(Panorama):
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)
 
     def tilts_at(self, v: ArrayLike) -> Array:
-        """Tilt of rows (...), radians."""
+        """Return the tilt of rows (...), radians."""
         if self.rows == "height":
+            # Height on the wall at unit distance: tan(tilt)
             lowest, highest = np.tan(np.radians([self.tilt_min_deg, self.tilt_max_deg]))
             return np.arctan(self._linear(v, lowest, highest))
         return np.radians(self._linear(v, self.tilt_min_deg, self.tilt_max_deg))
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Vectors (..., 3) to the wall; of length 1 where the cylinder is infinitely far away."""
+        """Return vectors (..., 3) to the wall; unit vectors for an infinite distance."""
         tilts = self.tilts_at(v)
         directions = pan_tilt_direction(self.pans_at(u), tilts)
         return directions if self.is_distant else directions / np.cos(tilts)[..., None]
 
     def zoomed(self, factor: float) -> Self:
-        """The same picture of a part of it, or of more of it, about the same middle."""
+        """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = self._rows_changed(1 / factor, 0.0)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned to the right, and its rows moved up: by an angle, or by the height that this angle has."""
+        """Return the screen rotated to the right with its rows moved up by an angle, or by the
+        height at this angle.
+        """
         low, high = self._rows_changed(1.0, tilt_deg)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, pan_deg=self.pan_deg + pan_deg)
 
     def _rows_changed(self, stretch: float, tilt_deg: float) -> tuple[float, float]:
-        """Elevations (deg) of the edges when its rows are stretched about their middle, and moved up."""
+        """Return elevations (deg) of the edges for rows scaled about their middle and moved up."""
         if self.rows == "tilt":
             return _stretched(self.tilt_min_deg, self.tilt_max_deg, stretch, tilt_deg)
         check_range("tilt_deg", tilt_deg, -90, 90, upper_included=False)
@@ -194,26 +205,27 @@ class Cylinder(Panorama):
 
 @dataclass(frozen=True)
 class Sphere(Panorama):
-    """An equirectangular picture of a sphere: columns linear in pan, rows linear in tilt.
+    """Equirectangular image of a sphere: columns linear in pan, rows linear in tilt.
 
     Parameters
     ----------
     size : (width, height)
     tilt_min_deg, tilt_max_deg : deg
-        Elevation of the lower and upper edge as seen from the centre of the sphere, -90 to 90.
+        Elevation of the lower and upper edge from the centre of the sphere, -90 to 90.
     pan_deg : deg
-        What the centre looks at, right of forward.
+        Direction of the image centre, right of forward.
     span_deg : deg
         Angle from the left edge to the right edge, up to 360.
     distance_mm : mm
         Radius of the sphere.
     offset_mm : (x, y, z) mm
-        Where its centre stands from the mirror vertex, in the world frame; of a finite sphere only.
+        Position of its centre relative to the mirror vertex, in the world frame; for a finite
+        sphere only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no sphere.
+        If the parameters do not define a sphere.
 
     Examples
     --------
@@ -233,22 +245,22 @@ class Sphere(Panorama):
         self._check()
 
     def tilts_at(self, v: ArrayLike) -> Array:
-        """Tilt of rows (...), radians."""
+        """Return the tilt of rows (...), radians."""
         return np.radians(self._linear(v, self.tilt_min_deg, self.tilt_max_deg))
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Unit vectors (..., 3)."""
+        """Return unit vectors (..., 3)."""
         return pan_tilt_direction(self.pans_at(u), self.tilts_at(v))
 
     def zoomed(self, factor: float) -> Self:
-        """The same picture of a part of it, or of more of it, about the same middle."""
+        """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1 / factor)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned to the right, and its rows moved up."""
+        """Return the screen rotated to the right with its rows moved up."""
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1.0, tilt_deg)
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, pan_deg=self.pan_deg + pan_deg)
 
@@ -257,6 +269,6 @@ class Sphere(Panorama):
 
 
 def _stretched(low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0) -> tuple[float, float]:
-    """A range stretched about its middle, cut off at the limits, and then shifted."""
+    """Return a range scaled about its middle, clipped to the limits, and shifted."""
     middle, half = (low + high) / 2, (high - low) / 2 * stretch
     return max(middle - half, -limit) + shift, min(middle + half, limit) + shift

@@ -1,4 +1,4 @@
-"""Flat screens: the perspective view, and the ground from above."""
+"""Plane screens: the perspective view, and the ground from above."""
 
 from __future__ import annotations
 
@@ -30,26 +30,27 @@ from .base import (
 
 @dataclass(frozen=True)
 class Plane(CentredScreen):
-    """A perspective view: what a camera without distortion would see.
+    """Perspective view: the image of an ideal camera without distortion.
 
     Parameters
     ----------
     size : (width, height)
     pan_deg, tilt_deg : deg
-        What the centre looks at, right of forward and above the horizon.
+        Direction of the image centre, right of forward and above the horizon.
     roll_deg : deg
-        How far the view is turned clockwise about its centre.
+        Clockwise rotation of the view about its centre.
     hfov_deg : deg
         Angle from the left edge to the right edge, between 0 and 180.
     distance_mm : mm
-        How far from its viewpoint the plane stands, along the direction in which it looks.
+        Distance of the plane from its viewpoint, along the viewing direction.
     offset_mm : (x, y, z) mm
-        Where that viewpoint stands from the mirror vertex, in the world frame; of a finite plane only.
+        Position of the viewpoint relative to the mirror vertex, in the world frame; for a finite
+        plane only.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no view.
+        If the parameters do not define a view.
 
     Examples
     --------
@@ -57,7 +58,7 @@ class Plane(CentredScreen):
     >>> view.targets(1, 2)[0, 1] + 0.0  # the centre looks forward
     array([1., 0., 0.])
 
-    A wall 2 m ahead, 3 m of it across 300 pixels:
+    A wall at 2 m, with 3 m across 300 pixels:
 
     >>> wall = Plane((300, 200), hfov_deg=np.degrees(2 * np.arctan(1.5 / 2)), distance_mm=2000.0)
     >>> wall.targets(0, 1)[0, 0]
@@ -80,11 +81,11 @@ class Plane(CentredScreen):
 
     @property
     def focal_px(self) -> float:
-        """Distance of the plane from the viewpoint, in its pixels."""
+        """Distance of the plane from the viewpoint in pixels."""
         return float(self.size[0] / 2 / np.tan(np.radians(self.hfov_deg / 2)))
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Vectors (..., 3), of length 1 at the centre."""
+        """Return vectors (..., 3), of length 1 at the centre."""
         width, height = self.size
         forward, right, down = view_axes(self.pan_deg, self.tilt_deg, self.roll_deg)
         x = (places("u", u) - (width - 1) / 2) / self.focal_px
@@ -92,13 +93,13 @@ class Plane(CentredScreen):
         return on_plane(forward, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
-        """As with a lens whose focal length is so many times longer."""
+        """Return the view with its focal length multiplied by a factor."""
         check_zoom(factor)
         return replace(self, hfov_deg=float(2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))))
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned to the right and up."""
+        """Return the view rotated to the right and up."""
         return replace(self, pan_deg=self.pan_deg + pan_deg, tilt_deg=self.tilt_deg + tilt_deg)
 
     def __str__(self) -> str:
@@ -109,27 +110,27 @@ class Plane(CentredScreen):
 
 @dataclass(frozen=True)
 class Ground:
-    """A horizontal plane drawn to scale, as seen from above: a plan of the floor.
+    """Horizontal plane drawn to scale from above: a floor plan.
 
-    Of a plane over the mirror, such as a ceiling, it is the plan too, seen from above as if through
-    the roof, so that it lies over that of the floor.
+    A plane over the mirror, such as a ceiling, is also drawn from above, as if through the roof,
+    aligned with the plan of the floor.
 
     Parameters
     ----------
     size : (width, height)
     height_mm : mm
-        How high the mirror vertex stands over the plane; negative for a plane over the mirror.
+        Height of the mirror vertex over the plane; negative for a plane over the mirror.
     mm_per_px : mm
-        The scale.
+        Scale of the plan.
     pan_deg : deg
-        What is at the top, right of forward.
+        Direction at the top, right of forward.
     offset_mm : (x, y, z) mm
-        Moves the centre of the plan, which is right under the mirror, in the world frame.
+        Offset of the centre of the plan from the point below the mirror, in the world frame.
 
     Raises
     ------
     InvalidParameter
-        For numbers that describe no plane.
+        If the parameters do not define a plane.
 
     Examples
     --------
@@ -157,11 +158,11 @@ class Ground:
 
     @checked
     def targets(self, first_row: int, last_row: int) -> Array:
-        """Points (rows, width, 3) in mm."""
+        """Return points (rows, width, 3) in mm."""
         return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
 
     def targets_at(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Points (..., 3) in mm at columns u and rows v, which need not be whole numbers."""
+        """Return points (..., 3) in mm at columns u and rows v, which may be fractional."""
         width, height = self.size
         _, right, down = view_axes(self.pan_deg, -90.0)
         x = (places("u", u) - (width - 1) / 2) * self.mm_per_px
@@ -170,13 +171,13 @@ class Ground:
         return on_plane(centre, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
-        """So many times fewer millimetres in a pixel."""
+        """Return the plan with its scale divided by a factor."""
         check_zoom(factor)
         return replace(self, mm_per_px=self.mm_per_px / factor)
 
     @checked
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
-        """Turned so that what is farther to the right is at the top."""
+        """Return the screen rotated with a direction farther to the right at the top."""
         refuse_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 

@@ -1,4 +1,4 @@
-"""Sensible views for a camera: they cover what it sees, at the resolution that its picture has."""
+"""Default views for a camera: they cover its field at the resolution of its image."""
 
 from .makers import cube, dome, ground, mosaic, panorama, perspective, planet, sphere
 from .names import VIEWS, register_view

@@ -1,4 +1,4 @@
-"""Views of every kind that suit a camera: they cover what it sees, at the resolution that its picture has."""
+"""Views of all types for a camera: they cover its field at the resolution of its image."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from .sizes import UNKNOWN_SIZE, PartialSize, _even, completed, field_end
 PERSPECTIVE_SIZE = (1280, 720)
 
 
-WIDEST_PLANET_DEG = 270.0  # beyond, most of the picture is the opposite pole
+WIDEST_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
 
 
-PLAN_HEIGHTS = 4.0  # side of a plan in heights of the mirror over the ground: down to 63 deg from the nadir
+PLAN_HEIGHTS = 4.0  # side of a plan relative to the mirror height: down to 63 deg from the nadir
 
 
 VIEWS_IN_MOSAIC = 4
@@ -48,33 +48,33 @@ def panorama(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Cylinder:
-    """A panorama that covers the camera's elevations, or those given, at its mean resolution.
+    """Create a panorama of the camera's elevation range, or a given range, at its mean resolution.
 
-    With rows linear in height, the elevations must be given unless the field leaves out both poles.
+    With rows linear in height, the elevations are required unless the field excludes both poles.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     span_deg
-        Width, deg.
+        Horizontal extent, deg.
     elevation_deg : (low, high)
-        Height, deg; the camera's field by default.
+        Elevation range, deg; the field of the camera by default.
     rows
-        ``"tilt"``: linear in elevation; ``"height"``: in height on an upright wall.
+        ``"tilt"``: linear in elevation; ``"height"``: linear in height on an upright wall.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Cylinder
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -102,37 +102,38 @@ def sphere(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Sphere:
-    """An equirectangular picture of the whole sphere, or of a part of it, at the camera's mean resolution.
+    """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
+    the camera.
 
-    The whole sphere, and any part that is twice as wide as high, has exactly two columns to each row, as viewers
-    expect, unless both sides are given.
+    The sphere, and any part with a 2:1 aspect, has exactly two columns per row, as required by
+    viewers, unless both sides are given.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     span_deg
-        Width, deg.
+        Horizontal extent, deg.
     elevation_deg : (low, high)
-        Height, deg; the camera's field by default.
+        Elevation range, deg; the field of the camera by default.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Sphere
-        The screen.
+        Screen.
 
     Raises
     ------
     InvalidParameter
-        For an odd width alone, which has no half.
+        If only an odd width is given for a 2:1 aspect.
 
     Examples
     --------
@@ -166,29 +167,29 @@ def perspective(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Plane:
-    """A perspective view, 1280 x 720 unless said otherwise.
+    """Create a perspective view, 1280 x 720 by default.
 
     Parameters
     ----------
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     tilt_deg
-        Where the middle looks, deg above the horizon.
+        Direction of the image centre, deg above the horizon.
     roll_deg
-        Turn clockwise, deg.
+        Clockwise rotation, deg.
     hfov_deg
-        Width of the field, deg.
+        Horizontal field of view, deg.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Plane
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -210,29 +211,30 @@ def dome(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Dome:
-    """A dome about the pole nearer to the centre of the camera's field, reaching to the end of it.
+    """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     omega_deg : (first, last), optional
-        Angles from the pole in the middle and at the edge, deg; to the end of the field by default.
+        Angles from the pole in the centre and at the edge, deg; up to the end of the field by
+        default.
     pole
-        ``"nadir"`` or ``"zenith"``; the nearer one by default.
+        ``"nadir"`` or ``"zenith"``; the nearest pole by default.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Dome
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -259,29 +261,30 @@ def planet(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> LittlePlanet:
-    """A little planet about the pole nearer to the centre of the camera's field, reaching to the end of it.
+    """Create a little planet about the pole nearest to the centre of the field, up to the end of
+    the field.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     hfov_deg
-        Across the picture, deg; all of the field by default.
+        Field across the image, deg; the whole field by default.
     pole
-        ``"nadir"`` or ``"zenith"``; the nearer one by default.
+        ``"nadir"`` or ``"zenith"``; the nearest pole by default.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     LittlePlanet
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -307,27 +310,28 @@ def ground(
     pan_deg: float = 0.0,
     offset_mm: Offset = NOT_MOVED,
 ) -> Ground:
-    """A plan of the ground, four times as wide as the mirror is high; as fine as the picture on average shows it.
+    """Create a plan of the ground with a width of 4 mirror heights at the mean resolution of the
+    image.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     height_mm
-        How high the mirror stands over the ground, mm; below 0 for a ceiling.
+        Height of the mirror over the ground, mm; negative for a ceiling.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     mm_per_px
-        Scale of the plan; the picture's resolution by default.
+        Scale of the plan; the resolution of the image by default.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Ground
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -351,27 +355,27 @@ def cube(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> CubeMap:
-    """A cube map whose faces have the camera's mean resolution.
+    """Create a cube map with faces of the mean resolution of the camera.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     layout
         ``"cross"``, ``"strip"`` or ``"3x2"``.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     CubeMap
-        The screen.
+        Screen.
 
     Examples
     --------
@@ -397,39 +401,40 @@ def mosaic(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Mosaic:
-    """A panorama over four perspective views to the left, ahead, to the right and behind, 4 : 3 each.
+    """Create a panorama above four perspective views (left, ahead, right, behind) with an aspect of
+    4:3.
 
-    The panorama is turned by 45 deg, so that each view stands under its own quarter of it. The views
-    stand at ``distance_mm``, all from the same ``offset_mm``; the panorama is a distant one.
+    The panorama is rotated by 45 deg, with each view below its own quarter. The views have the
+    given ``distance_mm`` and ``offset_mm``; the panorama is at infinity.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     tilt_deg
-        Where the middle looks, deg above the horizon.
+        Direction of the image centre, deg above the horizon.
     hfov_deg
-        Width of each of the four views, deg.
+        Horizontal field of each of the four views, deg.
     elevation_deg : (low, high), optional
-        Of the panorama, deg; the camera's field by default.
+        Elevation range of the panorama, deg; the field of the camera by default.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Mosaic
-        The views in one picture.
+        Views in one image.
 
     Raises
     ------
     InvalidParameter
-        If a height is given: it follows from the width.
+        If a height is given; it follows from the width.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Views by their names, ours and those of others."""
+"""Registry of views by name, including views of plug-ins."""
 
 from __future__ import annotations
 
@@ -36,29 +36,30 @@ VIEWS: Registry[ViewMaker] = Registry(
     },
     _check_maker,
 )
-"""Every view by its name on the command line, called as ``make(camera, **options)``."""
+"""Views by command-line name, called as ``make(camera, **options)``."""
 
 
 def register_view(name: str, make: ViewMaker) -> None:
-    """Make a view of one's own known by a name, such as ``omnimirror dewarp --view NAME`` takes.
+    """Register a view under a name for ``omnimirror dewarp --view NAME``.
 
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
-    ``[project.entry-points."omnimirror.views"]`` with ``fan = "my_package:fan"``. In Python no name is needed: a
-    :class:`omnimirror.Dewarper` takes any screen.
+    Installed packages register views with an entry point in ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.views"]`` with ``fan = "my_package:fan"``. In Python no
+    registration is required: :class:`omnimirror.Dewarper` accepts any screen.
 
     Parameters
     ----------
     name
-        Such as ``"fan"``.
+        Name such as ``"fan"``.
     make
-        Called as ``make(camera, **options)``. Its keywords say which options belong to the view, among those of
-        ``omnimirror dewarp``: ``size`` (width, height) in px, each perhaps None, ``pan_deg``, ``hfov_deg`` ... It
-        returns a screen (:class:`omnimirror.dewarp.screens.Screen`), or several in one picture.
+        Function called as ``make(camera, **options)``. Its keywords define the applicable options
+        of ``omnimirror dewarp``: ``size`` (width, height) in px, each side possibly None,
+        ``pan_deg``, ``hfov_deg`` ... It returns a screen
+        (:class:`omnimirror.dewarp.screens.Screen`), or several in one image.
 
     Raises
     ------
     InvalidParameter
-        Another view has this name, or ``make`` is no function.
+        If the name is taken by another view, or ``make`` is not a function.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The paper's placings of the virtual screen (Fig. 13)."""
+"""Placements of the virtual screen in the paper (Fig. 13)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .sizes import UNKNOWN_SIZE, PartialSize, completed
 
 
 class Preset(NamedTuple):
-    """A placing of the paper's virtual screen before the virtual projector (Fig. 13)."""
+    """Placement of the virtual screen of the paper in front of the virtual projector (Fig. 13)."""
 
     widths_away: float
-    """Distance of the screen from the projector, in widths of the screen."""
+    """Distance of the screen from the projector in screen widths."""
     is_bent: bool
-    """Whether it is bent about the projector, or flat."""
+    """True for a screen bent about the projector, False for a flat one."""
     description: str
 
 
@@ -32,10 +32,11 @@ PRESETS: dict[str, Preset] = {
     "wide": Preset(0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"),
     "super-wide": Preset(1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"),
 }
-"""The paper's distant, wide-angle and super-wide-angle views: one screen, three places.
+"""Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
 
-The screen keeps its size and proportions; it is moved towards the projector, and then bent about it,
-since a flat screen never reaches 180 deg. Bent, its columns are linear in pan and its rows in height.
+The screen keeps its size and aspect; it is moved towards the projector, and then bent about it,
+because a flat screen cannot cover 180 deg. On the bent screen, columns are linear in pan and rows
+in height.
 """
 
 
@@ -49,32 +50,32 @@ def preset(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Plane | Cylinder:
-    """One of the paper's effects, of :data:`PRESETS`; a bent screen is not tilted but moved up.
+    """Create one of the views of :data:`PRESETS`; a bent screen is moved up instead of tilted.
 
     Parameters
     ----------
     name
-        One of :data:`PRESETS`.
+        Name in :data:`PRESETS`.
     size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+        Size in px; None for a side derived from the image resolution or from the other side.
     pan_deg
-        Where the middle looks, deg right of forward.
+        Direction of the image centre, deg right of forward.
     tilt_deg
-        Where the middle looks, deg above the horizon.
+        Direction of the image centre, deg above the horizon.
     distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
+        Distance from the centre of the screen, mm; infinite by default.
     offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+        Centre of a screen at a finite distance: forward, left and up from the mirror, mm.
 
     Returns
     -------
     Plane or Cylinder
-        The screen.
+        Screen.
 
     Raises
     ------
     InvalidParameter
-        For an unknown name, or a screen that would reach the zenith.
+        If the name is unknown, or the screen would reach the zenith.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How large a view has to be to show all that the picture has, and how far a zoom makes sense."""
+"""Size of a view that preserves the image resolution, and maximum zoom."""
 
 from __future__ import annotations
 
@@ -25,29 +25,31 @@ UNKNOWN_SIZE: PartialSize = (None, None)
 
 
 LARGEST_MAGNIFICATION = 4.0
-"""Output pixels per source pixel to which a zoom is limited: cubic interpolation still looks smooth, and
-there has been nothing more to see since about 1."""
+"""Maximum magnification in output pixels per source pixel: cubic interpolation is still smooth,
+without additional detail above about 1.
+"""
 
 
 ROWS_EXAMINED = 65
 
 
-LARGEST_RATIO = 1e6  # of the sides of a picture
+LARGEST_RATIO = 1e6  # maximum aspect of an image
 
 
 @checked
 def resolution(camera: Camera, view: View) -> float:
-    """Source pixels per output pixel, by length, where the view is seen next to its centre.
+    """Return the number of source pixels per output pixel (linear) at the visible pixel nearest to
+    the centre.
 
-    Of several views in one picture the coarsest counts. NaN where none is seen, or has fewer than
-    2 x 2 pixels.
+    For several views in one image, the coarsest resolution is returned. NaN if none is visible, or
+    has fewer than 2 x 2 pixels.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     view
-        A screen of :mod:`omnimirror.screens`, or several in one picture.
+        Screen of :mod:`omnimirror.screens`, or several screens in one image.
 
     Returns
     -------
@@ -67,22 +69,22 @@ def resolution(camera: Camera, view: View) -> float:
 
 @checked
 def largest_zoom(camera: Camera, view: View) -> float:
-    """The factor up to which a view can be zoomed within what the camera resolves, 1 or more.
+    """Return the maximum zoom factor within the resolution of the camera, at least 1.
 
-    It ends where :data:`LARGEST_MAGNIFICATION` output pixels show one source pixel; infinite where the
-    resolution is not known.
+    At this zoom, :data:`LARGEST_MAGNIFICATION` output pixels correspond to one source pixel;
+    infinite if the resolution is unknown.
 
     Parameters
     ----------
     camera
         A sensor, or a calibrated camera.
     view
-        A screen of :mod:`omnimirror.screens`, or several in one picture.
+        Screen of :mod:`omnimirror.screens`, or several screens in one image.
 
     Returns
     -------
     float
-        1 or more.
+        Factor of at least 1.
 
     Examples
     --------
@@ -116,12 +118,12 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
 
 
 def field_end(seen: FieldOfView, pole: Pole) -> float:
-    """Angle (deg) from a pole to the far end of the field."""
+    """Return the angle (deg) from a pole to the far end of the field."""
     return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
 
 
 def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
-    """The size with what is missing taken from a natural size: all of it, or the proportion."""
+    """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
     width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
@@ -141,5 +143,5 @@ def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int
 
 
 def _even(length: float) -> int:
-    """Rounded to an even number, as video wants it."""
+    """Round to an even number, as required for video."""
     return max(2, 2 * round(length / 2))

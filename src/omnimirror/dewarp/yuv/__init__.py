@@ -1,1 +1,1 @@
-"""Frames of videos straightened plane by plane, as they are coded."""
+"""Dewarping of video frames by planes in their coded format."""

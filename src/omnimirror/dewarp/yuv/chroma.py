@@ -1,7 +1,7 @@
-"""Frames of videos straightened plane by plane: luma by the view's map, colours by one made of it.
+"""Dewarping of video frames by planes: luma with the map of the view, chroma with a derived map.
 
-In 4:2:0 a colour sample belongs to 2 x 2 luma pixels, and lies among them where the siting says; the map of such
-colours is luma's, :meth:`halved <omnimirror.dewarp.contracts.Map.halved>`.
+In 4:2:0 a chroma sample belongs to 2 x 2 luma pixels at a position given by the siting; its map is
+that of luma, :meth:`halved <omnimirror.dewarp.contracts.Map.halved>`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from .planes import Planes, Siting, subsampling
 def remap_planes(
     parts: Planes, luma: Map, chroma: Map, interpolation: Interpolation, out: Planes, border: tuple[float, float, float]
 ) -> Planes:
-    """Fill the planes ``out`` with those of ``parts`` in 4:2:0; outside the field with the border's y, u and v."""
+    """Fill the planes ``out`` from the 4:2:0 planes ``parts``; outside the field with the border as
+    y, u and v.
+    """
     y, u, v = border
     borders: tuple[Border, ...] = (y, u, v) if len(parts) == 3 else (y, (u, v))
     for i, (part, target, value) in enumerate(zip(parts, out, borders, strict=True)):
@@ -32,9 +34,10 @@ def remap_whole_planes(
     out: Planes,
     border: tuple[float, float, float],
 ) -> Planes:
-    """Fill the planes ``out`` with those of ``parts`` in 4:2:2 or 4:4:4, where luma's map serves them all.
+    """Fill the planes ``out`` from the 4:2:2 or 4:4:4 planes ``parts``, all with the map of luma.
 
-    Colours in 4:2:2 are interpolated between their columns first, and averaged to every second column of the view.
+    4:2:2 chroma is interpolated between columns first, and averaged to every second column of the
+    view.
     """
     remap(parts[0], luma, interpolation, out[0], border[0])
     is_shared = subsampling(parts) == (2, 1)
@@ -48,7 +51,7 @@ def remap_whole_planes(
 
 
 def widened(colours: Image, width: int, siting: Siting) -> Image:
-    """Colours (h, width) of every pixel, from those (h, width/2) of pairs; between the columns linear.
+    """Interpolate chroma (h, width/2) linearly to all columns (h, width).
 
     >>> widened(np.array([[10, 20]], np.uint8), 4, "left"), widened(np.array([[10, 20]], np.uint8), 4, "center")
     (array([[10, 15, 20, 20]], dtype=uint8), array([[10, 13, 18, 20]], dtype=uint8))
@@ -67,7 +70,7 @@ def widened(colours: Image, width: int, siting: Siting) -> Image:
 
 
 def narrowed(colours: Image, siting: Siting) -> Image:
-    """Colours (h, w/2) of pairs of pixels, the mean about where they lie, from those (h, w) of every pixel.
+    """Average chroma of all columns (h, w) about the sample positions (h, w/2).
 
     >>> narrowed(np.array([[10, 15, 20, 20]], np.uint8), "left"), narrowed(np.array([[10, 20, 30]], np.uint8), "center")
     (array([[11, 19]], dtype=uint8), array([[15, 30]], dtype=uint8))

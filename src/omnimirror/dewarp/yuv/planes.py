@@ -1,4 +1,4 @@
-"""Frames of videos as they are coded: which planes make one up, how they are arranged, and what is no frame."""
+"""Planes of coded video frames: arrangement, creation and validation."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from ..maps.halving import half
 
 Siting: TypeAlias = Literal["left", "center", "topleft", "right", "top", "bottom"]
 Planes: TypeAlias = tuple[Image, ...]
-"""(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16. In 4:2:2 and
-4:4:4 colours are (h, w/2) and (h, w), and a fourth plane (h, w) may tell how opaque each pixel is."""
+"""Planes (y, u, v) or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), rounded up; uint8 or
+uint16. In 4:2:2 and 4:4:4 chroma is (h, w/2) and (h, w); an optional fourth plane (h, w) contains
+the opacity.
+"""
 
 SITINGS: dict[str, tuple[float, float]] = {
     "left": (0.0, 0.5),
@@ -24,17 +26,18 @@ SITINGS: dict[str, tuple[float, float]] = {
     "top": (0.5, 0.0),
     "bottom": (0.5, 1.0),
 }
-"""Position of a chroma sample among its 2 x 2 luma pixels, right of and below the first one (ITU-T H.273; "right" and
-"bottom" are those of frames that were turned or mirrored)."""
+"""Position of a chroma sample among its 2 x 2 luma pixels, right of and below the first one (ITU-T
+H.273; "right" and "bottom" occur in rotated or mirrored frames).
+"""
 
 
 def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
-    """Refuse what is no frame of the given (width, height).
+    """Raise an error unless planes are a frame of the given (width, height).
 
     Raises
     ------
     InvalidParameter
-        For planes that do not belong together, or another depth.
+        If planes are inconsistent, or have another depth.
     """
     check_shapes(parts, size)
     kinds = {part.dtype for part in parts}
@@ -46,7 +49,9 @@ def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
 
 
 def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> None:
-    """Refuse planes that do not make up a picture of a size, or that are arranged otherwise than others."""
+    """Raise an error for planes that are not an image of a size, or are arranged differently from
+    others.
+    """
     (across, down), luma = half(size), (size[1], size[0])
     pairs: list[tuple[int, ...]] = [luma, (down, across, 2)]
     of_colours = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
@@ -66,13 +71,15 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
 
 
 def subsampling(parts: Planes) -> tuple[int, int]:
-    """How many pixels share a colour, across and down, in planes (y, u, v) or (y, uv)."""
+    """Return the number of pixels per chroma sample, across and down, in planes (y, u, v) or
+    (y, uv).
+    """
     (height, width), (down, across) = parts[0].shape[:2], parts[1].shape[:2]
     return (1 if across == width > 1 else 2), (1 if down == height > 1 else 2)
 
 
 def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float, float, float]:
-    """The border as y, u and v: it is given so, or as a grey that counts from 0 to the largest value.
+    """Return the border as y, u and v, given in this form or as a full-range grey level.
 
     >>> border_of_planes(0, False, 8), border_of_planes(255, False, 8), border_of_planes(0, False, 10)
     ((16, 128, 128), (235, 128, 128), (64, 512, 512))
@@ -80,7 +87,7 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
     Raises
     ------
     InvalidParameter
-        For anything else.
+        If the border has another form.
     """
     if isinstance(border, Sequence):
         if len(border) != 3:
@@ -94,7 +101,7 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
 
 
 def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
-    """Planes for a picture of a size, arranged as others are; their values are undefined."""
+    """Return uninitialised planes for an image of a size with the arrangement of given planes."""
     across, down = (-(-side // by) for side, by in zip(size, subsampling(like), strict=True))
     return tuple(
         np.empty((down, across, *part.shape[2:]) if i in (1, 2) else (size[1], size[0]), part.dtype)

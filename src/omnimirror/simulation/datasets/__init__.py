@@ -1,1 +1,1 @@
-"""Sets of pictures with their truth, made so that they can be made again."""
+"""Reproducible image datasets with ground truth."""

@@ -1,4 +1,4 @@
-"""Sets of pictures that are ready to use: of known boards with true corners, and videos with poses and depth."""
+"""Calibration datasets with true board corners, and videos with poses and depth."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ Array = NDArray[np.float64]
 FRAME = f"{FRAMES}/frame-%05d.png"
 MOST_VIEWS = 10_000
 REACH_MM = np.array([700.0, 700.0, 350.0])
-"""How far from the hall's middle views are taken: boards stay at least twice as far."""
+"""Maximum distance of viewpoints from the centre of the hall: boards are at least twice as far."""
 LEAN_DEG = 12.0
-SAME_MM = 2.0  # a corner that is met, and not something before it
+SAME_MM = 2.0  # tolerance for a visible corner rather than an object in front of it
 
 
 def view_poses(count: int, seed: int = 0) -> list[Pose]:
-    """Poses in the hall: the first in its middle and upright, the others spread about it.
+    """Return poses in the hall: the first upright at its centre, the others distributed about it.
 
     Raises
     ------
     InvalidParameter
-        For a number that makes no set.
+        If the number is not a valid number of images.
 
     Examples
     --------
@@ -66,9 +66,11 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
 
 
 def seen_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
-    """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view.
+    """Return true pixels (7, 11, 2) of the corners of each board by true reflection; NaN for
+    invisible corners.
 
-    In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
+    A corner is visible if the chief ray of its pixel meets it: past camera, rod and rim, through
+    the wall of a tube or a dome.
     """
     scene, found = PosedScene(hall, pose), {}
     for name in hall.boards:
@@ -96,37 +98,37 @@ def write_calibration_set(
     hall: Hall | None = None,
     truth: bool = False,
 ) -> Iterator[Path]:
-    """Write pictures of the calibration hall one after the other, and ``dataset.json``, which describes them.
+    """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
 
-    A set that was ended, however that happened, goes on where it stopped when it is written again: what is there and
-    has not changed is kept.
+    An interrupted dataset is resumed when it is written again; unchanged files are kept.
 
     Parameters
     ----------
     sensor
-        Or a calibrated camera.
+        Sensor, or a calibrated camera.
     folder
-        Takes ``sensor.toml`` (the camera's file), ``view-000.png``, .. and ``dataset.json``, which says how the set is
-        made, and what of it is there.
+        Output folder for ``sensor.toml`` (the camera file), ``view-000.png``, ... and
+        ``dataset.json``, which contains the recipe of the dataset and its completed files.
     views
-        How many.
+        Number of images.
     samples, blur, radiometry, detector, seed, hall
-        Of the pictures; the seed is of the poses, too. A sensor's pictures are blurred unless it is said; nothing
-        is known of a calibrated camera's aperture.
+        Rendering parameters; the seed also determines the poses. Images of a sensor include blur by
+        default; the aperture of a calibrated camera is unknown.
     truth
-        Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
+        Also write ``view-000.exr``, ...: light, depth, direction and origin of every pixel.
 
     Returns
     -------
     Iterator
-        Path of each picture as it is written, and of ``dataset.json``.
+        Path of each image after it is written, and of ``dataset.json``.
 
     Raises
     ------
     InvalidParameter
-        As :func:`view_poses` and :func:`~omnimirror.expose`; or the folder holds another set.
+        As in :func:`view_poses` and :func:`~omnimirror.expose`; or if the folder contains another
+        dataset.
     MediaError
-        OpenEXR is not installed, which truth needs.
+        If OpenEXR, which ground truth requires, is not installed.
 
     Examples
     --------
@@ -149,7 +151,7 @@ def write_calibration_set(
 
 
 def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
-    """Write the set of a recipe, as :func:`write_calibration_set` does."""
+    """Write the dataset of a recipe; see :func:`write_calibration_set`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
     ledger = _begin(folder, recipe, {
@@ -202,42 +204,45 @@ def write_video_set(
     truth: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
+    """Write the video of a sensor moving through a scene, its poses and ground truth; return the
+    number of frames.
 
-    Until all are done each frame is kept as a picture in ``frames``, and a set that was ended, however that happened,
-    goes on from there when it is written again.
+    Frames are kept as images in ``frames`` until all are complete. An interrupted dataset is
+    resumed when it is written again.
 
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives, or a calibrated camera.
+        Sensor, such as returned by :func:`omnimirror.load_sensor`, or a calibrated camera.
     scene
-        Of a :class:`SceneSource`, or one of the project, ``dataset.json`` says how it is had again.
+        Scene; for a :class:`SceneSource` or a bundled scene, ``dataset.json`` records its source.
     path
-        From :func:`omnimirror.load_path`.
+        Path returned by :func:`omnimirror.load_path`.
     folder
-        Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
-        ``dataset.json``. Stopped by Ctrl-C, they hold the frames that are there.
+        Output folder for ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row per frame, in the
+        format of :func:`load_path`) and ``dataset.json``. After Ctrl-C they contain the completed
+        frames.
     bodies
-        What moves in the scene, such as :class:`omnimirror.MovingBox`, or what :func:`omnimirror.load_bodies` gives.
+        Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
+        :func:`omnimirror.load_bodies`.
     frame_rate
-        Frames a second.
+        Frames per second.
     duration_s
-        How long, s; to the last pose by default.
+        Duration, s; up to the last pose by default.
     samples
         Rays per pixel.
     blur
-        Whether the lens's whole aperture blurs what is out of focus; that of a sensor does by default.
+        Render defocus blur with the whole aperture of the lens; the default for sensors.
     radiometry
-        What the mirror reflects and the lens lets pass, and how the housing looks.
+        Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
     detector
-        The imager's electronics; without noise by default.
+        Image sensor electronics; without noise by default.
     seed
-        Of everything drawn at random.
+        Random seed.
     truth
-        Also write ``frame-00000.exr``, ..: light, depth, direction and origin of every pixel.
+        Also write ``frame-00000.exr``, ...: light, depth, direction and origin of every pixel.
     progress
-        Called with the number of frames done, and of all.
+        Callback with the number of finished frames and the total.
 
     Returns
     -------
@@ -247,7 +252,8 @@ def write_video_set(
     Raises
     ------
     InvalidParameter, MediaError
-        As :func:`~omnimirror.simulation.datasets.video.write_video`; or the folder holds another set.
+        As in :func:`~omnimirror.simulation.datasets.video.write_video`; or if the folder contains
+        another dataset.
 
     Examples
     --------
@@ -271,7 +277,7 @@ def write_video_set(
 
 
 def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
-    """Write the set of a recipe, as :func:`write_video_set` does; count its frames."""
+    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_set`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
@@ -313,7 +319,7 @@ def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int]
 
 
 def _join(ledger: Ledger, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
-    """Write the video of the frames that are there, and their poses."""
+    """Write the video of the existing frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
     rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
     write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
@@ -326,7 +332,7 @@ def _join(ledger: Ledger, sensor: AnyCamera, path: Keyframes, times: list[float]
 def write_truth(
     path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
 ) -> None:
-    """Write light and :func:`~omnimirror.ground_truth` as an EXR file."""
+    """Write light and :func:`~omnimirror.ground_truth` to an EXR file."""
     from ...io.pictures.exr import write_channels
 
     truth = ground_truth(sensor, scene, radiometry)
@@ -335,7 +341,7 @@ def write_truth(
 
 
 def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Ledger:
-    """What is there of a set, after its sensor and its dataset.json were written."""
+    """Return the manifest of existing files after writing the sensor and dataset.json."""
     record = record_of_recipe(recipe)
     if recipe.truth:
         check_exr_can_be_written(folder)
@@ -349,7 +355,9 @@ def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Ledger:
 
 @contextmanager
 def _to_its_end(ledger: Ledger) -> Iterator[None]:
-    """However it ends, dataset.json says what is done, and nothing is left of a set that had only begun."""
+    """Record completed files in dataset.json in all cases, and remove a dataset without completed
+    files.
+    """
     ledger.is_complete = False
     try:
         yield
@@ -359,7 +367,7 @@ def _to_its_end(ledger: Ledger) -> Iterator[None]:
 
 
 def _lists(corners: dict[str, Array]) -> dict[str, Any]:
-    """Corners as JSON holds them, null where there is none; boards of which nothing is seen are left out."""
+    """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
     return {
         name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels]
         for name, pixels in corners.items()

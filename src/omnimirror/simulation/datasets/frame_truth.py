@@ -1,4 +1,6 @@
-"""What networks learn from: normals, labels and the optical flow to the next frame, of every pixel."""
+"""Ground truth for machine learning: normals, labels and optical flow to the next frame of every
+pixel.
+"""
 
 from __future__ import annotations
 
@@ -15,42 +17,44 @@ from ..scenes.posed import Pose, PosedScene
 from ..scenes.worlds.bodies import SceneWithBodies
 from .truth import Mask, Truth, ground_truth
 
-NEIGHBOUR = 2e-4  # radians: rays beside a pixel's own, on the same surface but at edges
-SAME_MM, SAME = 1.0, 1e-3  # a point is seen again where a ray ends this near to it: in mm, and of its distance
+NEIGHBOUR = 2e-4  # radians: rays next to that of a pixel, on the same surface except at edges
+# Maximum distance of a ray endpoint from a point that is visible again: in mm, and relative
+SAME_MM, SAME = 1.0, 1e-3
 
 
 class Moment(NamedTuple):
-    """A scene with its bodies, and where the sensor stands in it."""
+    """Scene with its bodies, and pose of the sensor, at one time."""
 
     scene: SceneWithBodies
     pose: Pose
 
     @property
     def seen(self) -> PosedScene:
-        """From the sensor's own frame."""
+        """Scene in the sensor frame."""
         return PosedScene(self.scene, self.pose)
 
 
 class LearningTruth(NamedTuple):
-    """The truth of a frame, for chief rays of pixel centres; NaN where a pixel sees nothing of the scene."""
+    """Ground truth of a frame for the chief rays of pixel centres; NaN for pixels without scene."""
 
     truth: Truth
     normals: Array
-    """(h, w, 3) unit normals towards the sensor, in its world frame."""
+    """Unit normals (h, w, 3) towards the sensor, in its world frame."""
     labels: NDArray[np.uint16]
-    """(h, w): what is seen; 0 is nothing."""
+    """Labels (h, w); 0 for pixels without object."""
     flow_px: Array
-    """(h, w, 2): from a pixel to where what it sees appears in the next frame, (right, down); NaN out of its field."""
+    """Optical flow (h, w, 2) to the next frame, (right, down); NaN outside its field."""
     seen_again: Mask
-    """(h, w): whether nothing stands before that there."""
+    """Mask (h, w) of points that are not occluded in the next frame."""
 
 
 def learning_truth(
     camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None
 ) -> LearningTruth:
-    """The truth of a frame, and its flow to the one that follows.
+    """Return the ground truth of a frame, and its flow to the following one.
 
-    Normals are those of the plane through three points that neighbouring rays meet, and so exact on flat surfaces.
+    Normals are those of the plane through three points on adjacent rays, and therefore exact on
+    flat surfaces.
     """
     truth = ground_truth(camera, now.seen, radiometry)
     shape = truth.depth_mm.shape
@@ -68,9 +72,9 @@ def learning_truth(
     return LearningTruth(truth, normals, labels, flow, again)
 
 
-@np.errstate(invalid="ignore")  # of what is infinitely far
+@np.errstate(invalid="ignore")  # points at infinity
 def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) -> Array:
-    """Unit normals (n, 3) towards the origins; NaN at what is infinitely far."""
+    """Return unit normals (n, 3) towards the origins; NaN for points at infinity."""
     points = origins + depth[:, None] * towards
     helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
     across = np.cross(towards, helper)
@@ -83,7 +87,9 @@ def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) ->
 
 
 def _along(scene: PosedScene, origins: Array, towards: Array, points: Array, axis: Array) -> Array:
-    """Steps (n, 3) on the surface to what a ray meets that is turned along an axis: to the nearer side, at edges."""
+    """Return steps (n, 3) on the surface to the point of a ray rotated along an axis; at edges, to
+    the nearer side.
+    """
     steps = []
     for sign in (NEIGHBOUR, -NEIGHBOUR):
         beside = towards + sign * axis
@@ -101,7 +107,7 @@ def _moved(
     seen: tuple[Array, Array, Array, NDArray[np.int64]],
     radiometry: Radiometry | None,
 ) -> tuple[Array, Mask]:
-    """Pixels (n, 2) in the following frame of what is seen now, and whether it is seen there."""
+    """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
     origins, towards, depth, labels = seen
     far = np.isinf(depth)
     points = now.pose.to_scene(origins + np.where(far, 0.0, depth)[:, None] * towards)

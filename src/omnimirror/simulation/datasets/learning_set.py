@@ -1,4 +1,6 @@
-"""Sets to learn from, as shards of WebDataset: tar files in which the files of a sample share a name."""
+"""Training datasets as WebDataset shards: tar files with a common name for the files of each
+sample.
+"""
 
 from __future__ import annotations
 
@@ -51,40 +53,43 @@ def write_learning_set(
     per_shard: int = 100,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
-    """Write pictures of a camera that moves through a scene, with depth, directions, normals, labels and optical flow.
+    """Write images of a camera moving through a scene with depth, directions, normals, labels and
+    optical flow.
 
     Parameters
     ----------
     camera
-        A sensor, or a calibrated camera.
+        Sensor, or a calibrated camera.
     scene
-        Such as :class:`omnimirror.Room`, which tells walls and furniture apart; others have one label.
+        Scene, such as :class:`omnimirror.Room`, which labels walls and furniture; others have a
+        single label.
     path
-        From :func:`omnimirror.load_path`.
+        Path returned by :func:`omnimirror.load_path`.
     folder
-        Takes ``set-000000.tar``, .., ``sensor.toml`` and the card, ``README.md``.
+        Output folder for ``set-000000.tar``, ..., ``sensor.toml`` and the dataset card,
+        ``README.md``.
     bodies
-        What moves in the scene, such as :class:`omnimirror.MovingBox`.
+        Moving bodies, such as :class:`omnimirror.MovingBox`.
     frame_rate
-        Frames a second.
+        Frames per second.
     duration_s
-        How long, s; to the last pose by default.
+        Duration, s; up to the last pose by default.
     samples, blur, radiometry, detector, seed
-        Of the pictures, as for :func:`omnimirror.write_video`.
+        Rendering parameters, as in :func:`omnimirror.write_video`.
     per_shard
-        Samples in each tar file.
+        Number of samples per tar file.
     progress
-        Called with the number of frames done, and of all.
+        Callback with the number of finished frames and the total.
 
     Returns
     -------
     list of Path
-        The shards.
+        Paths of the shards.
 
     Raises
     ------
     InvalidParameter
-        A number out of its range, or a folder that holds a set.
+        If a number is out of range, or the folder contains a dataset.
 
     Examples
     --------
@@ -125,7 +130,7 @@ def write_learning_set(
 
 
 def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
-    """A tar file of which every byte follows from what is in it."""
+    """Write a tar file that is reproducible byte by byte."""
     with replacing(path) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard:
         for number, files in samples:
             for ending, content in files.items():

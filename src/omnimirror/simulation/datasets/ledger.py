@@ -1,4 +1,4 @@
-"""What of a set is done: dataset.json as it grows, so that a set that was ended goes on where it stopped."""
+"""Dataset manifest: dataset.json lists completed files to resume interrupted datasets."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from ..scenes.sources import sha256_of
 DESCRIPTION = "dataset.json"
 FRAMES = "frames"
 LEFTOVER = re.compile(r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)")
-AT_LEAST = 50  # dataset.json is written again when this part of it is new: once for each file of small sets
+AT_LEAST = 50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
 
 
 class Ledger:
-    """The files of a set that are done, by their SHA-256, and what describes them.
+    """Manifest of the completed files of a dataset with their SHA-256 and metadata.
 
     Parameters
     ----------
     folder
-        Of the set. Files that are there and are what its dataset.json says are kept; others are made again.
+        Folder of the dataset. Existing files that match its dataset.json are kept; others are
+        rewritten.
     described
-        Entries of dataset.json that do not change, with the set's ``recipe``.
+        Constant entries of dataset.json, including the ``recipe`` of the dataset.
 
     Raises
     ------
     InvalidParameter
-        The folder holds another set.
+        If the folder contains another dataset.
     """
 
     def __init__(self, folder: Path, described: dict[str, Any]) -> None:
@@ -54,17 +55,17 @@ class Ledger:
             self.write()
 
     def has(self, *names: str) -> bool:
-        """Whether files are there, as they were made."""
+        """Return True if the files exist unchanged."""
         return all(name in self.files for name in names)
 
     def add(self, *names: str) -> None:
-        """Take in files that were just written."""
+        """Add files that were just written."""
         self.files |= {name: sha256_of(self.folder / name) for name in names}
         if len(self.files) - self._noted > len(self.files) // AT_LEAST:
             self.write()
 
     def drop(self, names: Sequence[str]) -> None:
-        """Forget files, and remove them."""
+        """Remove files and their entries."""
         for name in names:
             self.files.pop(name, None)
         self.write()
@@ -72,7 +73,7 @@ class Ledger:
             (self.folder / name).unlink(missing_ok=True)
 
     def write(self) -> None:
-        """Write dataset.json as things are: at once or not at all."""
+        """Write dataset.json in its current state, atomically."""
         whole = (
             self.described | {"complete": self.is_complete} | self.entries | {"files": dict(sorted(self.files.items()))}
         )
@@ -80,12 +81,14 @@ class Ledger:
         self._noted = len(self.files)
 
     def finish(self, complete: bool) -> None:
-        """Write it for the last time."""
+        """Write the final dataset.json."""
         self.is_complete = complete
         self.write()
 
     def end(self, beginning: Sequence[str]) -> None:
-        """Write what is there; of a set that had only begun nothing stays, nor of its files of the ``beginning``."""
+        """Write the current state; a dataset without completed files is removed, including its
+        ``beginning`` files.
+        """
         if not self.is_new or self.files.keys() - {*beginning}:
             self.write()
             return
@@ -96,7 +99,7 @@ class Ledger:
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Take away half-written files of a process that was killed."""
+    """Remove incomplete files of a terminated process."""
     for place in (folder, folder / FRAMES):
         for path in place.glob(".*") if place.is_dir() else ():
             if LEFTOVER.fullmatch(path.name):

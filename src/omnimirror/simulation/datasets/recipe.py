@@ -1,4 +1,4 @@
-"""How a set was made, as its dataset.json keeps it, so that it can be made again."""
+"""Dataset recipes in dataset.json, for reproduction."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ FORMAT = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """What a set of any kind is made from."""
+    """Recipe of a dataset of any type."""
 
     KIND: ClassVar[str]
 
     sensor: AnyCamera
     samples: int = 16
     blur: bool | None = None
-    """None: where the camera is a sensor, which has an aperture."""
+    """None: True for sensors, which have an aperture."""
     radiometry: Radiometry | None = None
     detector: Detector = field(default_factory=Detector)
     seed: int = 0
@@ -47,7 +47,7 @@ class Recipe:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationRecipe(Recipe):
-    """What a set of pictures of the hall's boards is made from."""
+    """Recipe of a dataset with images of the boards in the hall."""
 
     KIND: ClassVar[str] = "calibration"
 
@@ -57,7 +57,7 @@ class CalibrationRecipe(Recipe):
 
 @dataclass(frozen=True, kw_only=True)
 class VideoRecipe(Recipe):
-    """What a video along a path through a scene is made from."""
+    """Recipe of a video along a path through a scene."""
 
     KIND: ClassVar[str] = "video"
 
@@ -74,12 +74,12 @@ KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
 
 
 def format_of(kind: str) -> str:
-    """What a dataset.json says of its own format."""
+    """Return the format identifier of a dataset.json."""
     return f"omnimirror {kind} set {FORMAT}"
 
 
 def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
-    """A recipe as JSON holds it."""
+    """Convert a recipe to JSON data."""
     encoders: dict[str, Any] = {
         "sensor": format_camera,
         "hall": asdict,
@@ -97,7 +97,7 @@ def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
 
 
 def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
-    """The recipe of a record; files of scenes may lie in a folder."""
+    """Convert JSON data to a recipe; scene files may be in a folder."""
     given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
     decoders: dict[str, Any] = {
         "sensor": parse_camera,
@@ -113,21 +113,21 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
 
 
 class KeptRecipe(NamedTuple):
-    """The recipe of a set, and the version of omnimirror that made it."""
+    """Recipe of a dataset, and the omnimirror version that created it."""
 
     recipe: CalibrationRecipe | VideoRecipe
     made_by: str | None
 
 
 def load_recipe(path: str | Path) -> KeptRecipe:
-    """The recipe of a dataset.json.
+    """Read the recipe of a dataset.json.
 
     Raises
     ------
     MediaError
-        There is no such file; it is of another format, holds no recipe, or an entry of it is not valid.
+        If the file does not exist, has another format, contains no recipe or an invalid entry.
     OmnimirrorError
-        The scene cannot be read.
+        If the scene cannot be read.
     """
     record = _record_in(path)
     try:
@@ -137,7 +137,7 @@ def load_recipe(path: str | Path) -> KeptRecipe:
 
 
 def _record_in(path: str | Path) -> dict[str, Any]:
-    """The recipe in a dataset.json of this format, as JSON."""
+    """Read the recipe in a dataset.json of this format as JSON data."""
     try:
         data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
         record = data["recipe"]

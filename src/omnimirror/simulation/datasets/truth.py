@@ -1,4 +1,4 @@
-"""Ground truth of a picture: where each pixel looks from, whereto, and how far it sees."""
+"""Ground truth of an image: origin, direction and depth of each pixel."""
 
 from __future__ import annotations
 
@@ -21,32 +21,40 @@ ROWS_AT_ONCE = 64
 
 
 class Truth(NamedTuple):
-    """What the chief rays of pixel centres (rows, columns) meet; NaN where a pixel sees nothing of the scene.
+    """Scene points of the chief rays of pixel centres (rows, columns); NaN for pixels without
+    scene.
 
-    A chief ray goes through the middle of the lens's aperture. Where the housing stands in its way, a pixel is hidden,
-    even if rays beside it pass: at edges blur makes the picture fade, and the truth does not. Ghosts are left out.
+    A chief ray passes through the centre of the lens aperture. If the housing blocks it, the pixel
+    is hidden, even if adjacent rays pass: blur makes the image fade at edges, but not the ground
+    truth. Ghosts are ignored.
     """
 
     origins_mm: Array
-    """(h, w, 3): where they leave the sensor, in its world frame: on the mirror, on the outer side of a tube or a dome,
-    or, if they pass beside the mirror, at the lens."""
+    """Origins (h, w, 3) of the rays leaving the sensor, in its world frame: on the mirror, on the
+    outer side of a tube or a dome, or at the lens for rays that miss the mirror.
+    """
     directions: Array
-    """(h, w, 3), unit vectors from there on, in the sensor's world frame."""
+    """Unit direction vectors (h, w, 3) in the world frame of the sensor."""
     depth_mm: Array
-    """(h, w): along the ray, from its origin to what it meets; infinite for what is infinitely far."""
+    """Distances (h, w) along the ray from its origin to the scene point; infinite for points at
+    infinity.
+    """
     hidden: Mask
-    """(h, w): whether camera, rod, rim or a lid is what the pixel sees, or a part of two mirrors themselves."""
+    """Mask (h, w) of pixels that image camera, rod, rim or a lid, or a part of two mirrors
+    themselves.
+    """
 
     @property
     def points_mm(self) -> Array:
-        """What is met (h, w, 3), in the sensor's world frame."""
+        """Scene points (h, w, 3) in the world frame of the sensor."""
         return self.origins_mm + self.depth_mm[..., None] * self.directions
 
     def channels(self, light: Light) -> dict[str, NDArray[np.float32]]:
-        """Channels (h, w) of a picture file: R G B of the light (h, w, 3), A, H, Z, DX DY DZ and OX OY OZ.
+        """Return channels (h, w) of an image file: R G B of the light (h, w, 3), A, H, Z, DX DY DZ
+        and OX OY OZ.
 
-        A is 1 where a pixel's centre sees the scene and else 0, H is 1 where the housing hides it; Z is the depth, D
-        the direction and O the origin.
+        A is 1 if the pixel centre images the scene and otherwise 0, H is 1 if the housing hides it;
+        Z is the depth, D the direction and O the origin.
         """
         planes: dict[str, NDArray[Any]] = {name: light[..., i] for i, name in enumerate("RGB")}
         planes |= {"A": np.isfinite(self.directions[..., 0]), "H": self.hidden, "Z": self.depth_mm}
@@ -57,24 +65,25 @@ class Truth(NamedTuple):
 
 @checked
 def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
-    """What the centre of each pixel sees, by its chief ray.
+    """Return the ground truth of each pixel centre by its chief ray.
 
     Parameters
     ----------
     camera
     scene
     radiometry
-        As for :func:`~omnimirror.expose`: whether a sensor sees past its mirror.
+        As in :func:`~omnimirror.expose`: determines the visibility past the mirror.
 
     Returns
     -------
     Truth
-        Of each pixel: where its ray begins and leads, how far it goes, and whether something hides what it would see.
+        Origin, direction, depth and visibility for each pixel.
 
     Raises
     ------
     InvalidParameter
-        If the scene cannot tell distances, or the camera cannot have such radiometry or housing.
+        If the scene provides no distances, or radiometry or housing are not supported for the
+        camera.
 
     Examples
     --------

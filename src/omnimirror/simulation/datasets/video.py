@@ -1,4 +1,4 @@
-"""Videos of a sensor that moves through a scene."""
+"""Videos of a sensor moving through a scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..scenes.posed import POSE_NAMES, Pose, PosedScene
 from ..scenes.worlds.bodies import MovingBox, with_bodies
 
 MOST_FRAMES = 100_000
-SLOWEST = 1e-3  # frames a second
+SLOWEST = 1e-3  # frames per second
 
 
 @checked
@@ -36,7 +36,7 @@ def load_path(path: str | Path) -> Keyframes:
     Parameters
     ----------
     path
-        Name of the file.
+        File name.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def load_path(path: str | Path) -> Keyframes:
     Raises
     ------
     MediaError
-        No such file, or an entry that is missing, unknown or wrong.
+        If the file does not exist, or an entry is missing, unknown or invalid.
 
     Examples
     --------
@@ -61,12 +61,12 @@ def load_path(path: str | Path) -> Keyframes:
 
 
 def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = None) -> list[float]:
-    """Times (s) of a video's frames, from 0 to the last keyframe if nothing else is asked.
+    """Return the times (s) of the frames of a video, from 0 to the last keyframe by default.
 
     Raises
     ------
     InvalidParameter
-        For a rate or a duration that makes no video.
+        If the frame rate or the duration is invalid.
 
     Examples
     --------
@@ -95,25 +95,27 @@ def frame_at(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Light:
-    """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
+    """Return the linear light (h, w, 3) at the time ``time_s``; the sensor is static during the
+    exposure.
 
     Raises
     ------
     InvalidParameter
-        As :func:`~omnimirror.expose`, or if the path leads where a sensor cannot be.
+        As in :func:`~omnimirror.expose`, or if the path leads to a position that is impossible for
+        a sensor.
     """
     seen = PosedScene(scene, Pose(**path.at(time_s)))
     return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)
 
 
 class VideoFrame(NamedTuple):
-    """A frame of a video that was written."""
+    """Frame of a video after it is written."""
 
     number: int
     time_s: float
     pose: Pose
     light: Light
-    """(h, w, 3), linear."""
+    """Linear light (h, w, 3)."""
 
 
 @checked
@@ -133,36 +135,37 @@ def write_video(
     seed: int = 0,
     written: Callable[[VideoFrame, int], None] | None = None,
 ) -> int:
-    """Write the video that a camera takes along a path, and say how many frames it has.
+    """Write the video of a camera along a path and return its number of frames.
 
     Parameters
     ----------
     camera
-        A sensor, or a calibrated camera.
+        Sensor, or a calibrated camera.
     scene
-        Such as :class:`omnimirror.Room`, or what :func:`omnimirror.load_scene` gives.
+        Scene, such as :class:`omnimirror.Room` or the result of :func:`omnimirror.load_scene`.
     path
-        From :func:`omnimirror.load_path`.
+        Path returned by :func:`omnimirror.load_path`.
     output
-        The file to write.
+        Output file.
     bodies
-        What moves in the scene, such as :class:`omnimirror.MovingBox`, or what :func:`omnimirror.load_bodies` gives.
+        Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
+        :func:`omnimirror.load_bodies`.
     frame_rate
-        Frames a second.
+        Frames per second.
     duration_s
-        How long, s; to the last pose by default.
+        Duration, s; up to the last pose by default.
     samples
         Rays per pixel.
     blur
-        Whether the lens's whole aperture blurs what is out of focus.
+        Render defocus blur with the whole aperture of the lens.
     radiometry
-        What the mirror reflects and the lens lets pass, and how the housing looks.
+        Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
     detector
-        The imager's electronics; without noise by default.
+        Image sensor electronics; without noise by default.
     seed
-        Of everything drawn at random.
+        Random seed.
     written
-        Called with each frame after it was written, and the number of all.
+        Callback with each frame after it is written, and the total number.
 
     Returns
     -------
@@ -172,11 +175,11 @@ def write_video(
     Raises
     ------
     InvalidParameter
-        As :func:`frame_times` and :func:`frame_at`.
+        As in :func:`frame_times` and :func:`frame_at`.
     MediaError
-        PyAV is not installed, or the file cannot be written.
+        If PyAV is not installed, or the file cannot be written.
     KeyboardInterrupt
-        On Ctrl-C; the video then holds the frames that were done.
+        On Ctrl-C; the video then contains the completed frames.
 
     Examples
     --------
@@ -208,7 +211,7 @@ def write_video(
 
 
 def encode(output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]) -> None:
-    """Write pictures (h, w, 3), RGB, as a video."""
+    """Write RGB images (h, w, 3) as a video."""
     from ...io.video.frames import frame_of_image
     from ...io.video.writer import VideoWriter
 

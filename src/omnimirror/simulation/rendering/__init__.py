@@ -1,1 +1,1 @@
-"""Light from a scene by way of the mirror to the imager."""
+"""Rendering: light from a scene via the mirror to the image sensor."""

@@ -1,6 +1,6 @@
-"""Pictures that compiled kernels take by themselves: of environments, and of surfaces before what is far away.
+"""Rendering with compiled kernels: environments, and surfaces in front of a distant background.
 
-No ray is ever stored, but for those that see what is behind all surfaces.
+Rays are not stored, except those that reach the background.
 """
 
 from __future__ import annotations
@@ -27,18 +27,21 @@ from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
 
-ROWS_AT_ONCE = 64  # of an environment, between two reports of progress
-BESIDE = 0.02  # of the rim's radius: rays start no farther from the box about the net on the mirror
+ROWS_AT_ONCE = 64  # rows of an environment between progress reports
+# Relative to the rim radius: maximum distance of ray origins from the box around the mirror grid
+BESIDE = 0.02
 
 
 class _Placed(NamedTuple):
-    """A scene without what places it: directions are turned, points then shifted, or all put where the shift is."""
+    """Scene without its placement: directions are rotated, and points then shifted, or all moved to
+    the shift.
+    """
 
     scene: Scene
     turn: Array
-    """(3, 3), from the sensor's world."""
+    """Rotation (3, 3) from the sensor world."""
     shift_mm: Array
-    """(3,)"""
+    """Shift (3,), mm."""
     distant: bool
 
     def frame(self) -> SceneFrame:
@@ -64,12 +67,13 @@ def compiled_light(
     workers: int | None = None,
     medium: Medium = LIGHT,
 ) -> NDArray[Any] | None:
-    """The picture (rows, columns, 3) of a scene that the kernels know, and None of any other.
+    """Render the image (rows, columns, 3) of a scene supported by the kernels; None for others.
 
     Parameters
     ----------
     sensor
-        One that the kernels know (:func:`~omnimirror.simulation.rendering.kernel_sensor.is_for_kernels`).
+        Sensor supported by the kernels
+        (:func:`~omnimirror.simulation.rendering.kernel_sensor.is_for_kernels`).
     scene
     plan
     radiometry
@@ -80,7 +84,8 @@ def compiled_light(
     placed = _placed(scene)
     if isinstance(placed.scene, Environment):
         return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress, medium)
-    if isinstance(placed.scene, Painted) and not radiometry.sees_past:  # rays past the mirror start who knows where
+    # Rays past the mirror have arbitrary origins
+    if isinstance(placed.scene, Painted) and not radiometry.sees_past:
         starts = turned(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
         starts = np.where(placed.distant, placed.shift_mm, starts)
         margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm
@@ -126,7 +131,7 @@ def _of_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile
     )
     if behind is not None and count:
         share, origins, directions = np.split(rays[:count].astype(float), (1, 4), axis=1)
-        first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel follow each other
+        first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel are consecutive
         sums = np.add.reduceat(share * behind.radiance(origins, directions), first, axis=0)
         light.reshape(-1, 3)[pixels[first]] += sums.astype(np.float32)
     return light

@@ -1,4 +1,6 @@
-"""Light on the imager: each pixel the mean of rays through the lens's aperture, off the mirror, into a scene."""
+"""Light on the image sensor: mean over rays of each pixel through the aperture, via the mirror, to
+a scene.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +29,18 @@ from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_i
 from .tiles import LIGHT, Medium, Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
-MOST_ACROSS = 1 << 15  # pixels of a side of the largest square picture, whose light takes 12 GB
+MOST_ACROSS = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
 
 
 class Bundle(NamedTuple):
-    """The rays of some pixels, (rows, columns, n, ..)."""
+    """Rays of some pixels, (rows, columns, n, ...)."""
 
     origins: NDArray[np.floating]
-    """(.., 3) mm in the world frame."""
+    """Origins (..., 3), mm, in the world frame."""
     directions: NDArray[np.floating]
-    """(.., 3) in the world frame."""
+    """Directions (..., 3) in the world frame."""
     weight: NDArray[np.floating]
-    """Share of their light that arrives; of hidden ones, of the housing's."""
+    """Transmitted fraction of the light; for hidden rays, of the light of the housing."""
     fate: NDArray[np.uint8]
     """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
@@ -57,30 +59,30 @@ def expose(
     workers: int | None = None,
     wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> Light:
-    """Light (rows, columns, 3), linear RGB, that falls on the pixels of a camera.
+    """Compute the light (rows, columns, 3), linear RGB, on the pixels of a camera.
 
     Parameters
     ----------
     camera
-        Any camera; a mirror sensor looks from its true reflection points.
+        Any camera; rays of a mirror sensor start from their true reflection points.
     scene
     samples
-        Rays per pixel, spread over its area, and over the lens's aperture if there is ``blur``.
+        Rays per pixel, distributed over its area, and over the lens aperture with ``blur``.
     blur
-        Whether the lens's aperture blurs what is out of focus. Only sensors have one.
+        Render defocus blur with the lens aperture. Supported for sensors only.
     distant
-        Take the scene for infinitely far away (:class:`~omnimirror.simulation.scenes.Distant`).
+        Render the scene as infinitely distant (:class:`~omnimirror.simulation.scenes.Distant`).
     radiometry
-        What dims the light of a sensor, and how its housing looks; nothing is dimmed by default.
+        Radiometry of a sensor and appearance of its housing; without losses by default.
     seed
-        Of the places of samples in a blurred picture.
+        Random seed of the sample positions in a blurred image.
     progress
-        Called in the calling thread, as rows get done.
+        Callback in the calling thread with the finished rows.
     workers
-        Number of threads; as many as there are processors by default.
+        Number of threads; the number of processors by default.
     wavelengths_nm
-        Of red, green and blue light, each of which lens and cover refract in its own way (:func:`om.at_wavelength`);
-        by default all colours alike, as in the middle of the spectrum.
+        Wavelengths of red, green and blue light for refraction by lens and cover
+        (:func:`om.at_wavelength`); by default all colours at the middle of the spectrum.
 
     Returns
     -------
@@ -90,14 +92,15 @@ def expose(
     Raises
     ------
     InvalidParameter
-        For a number of samples out of range or too many pixels, for blur or radiometry of a camera that is no
-        sensor, or if the scene cannot be seen from where the camera is, or cuts through its mirror.
+        If the number of samples is out of range or there are too many pixels, if blur or radiometry
+        are given for a camera that is not a sensor, or if the scene cannot be rendered from the
+        position of the camera or intersects its mirror.
 
     Notes
     -----
-    Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
-    cut off. Without blur all rays are chief rays. A sensor's housing is in its pictures, as is what a tube or a dome
-    does to what is seen through it.
+    Light outside the mirror image is 0, and a pixel at the rim is dimmed by the fraction that is
+    cut off. Without blur all rays are chief rays. Images of a sensor include its housing, and the
+    effects of a tube or a dome.
 
     Examples
     --------
@@ -129,7 +132,9 @@ def exposed(
     workers: int | None = None,
     wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> NDArray[Any]:
-    """What a medium reads of the light that falls on it, (rows, columns, 3); parameters as of :func:`expose`."""
+    """Return the response of a medium to the light, (rows, columns, 3); parameters as in
+    :func:`expose`.
+    """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")
     _check_size(camera)
@@ -170,7 +175,7 @@ def exposed(
 
 
 def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
-    """The sensor in red, green and blue light; None where they are all alike."""
+    """Return the sensor for red, green and blue light; None if all colours are equal."""
     if wavelengths_nm is None:
         return None
     if not isinstance(camera, Sensor):
@@ -189,7 +194,7 @@ def _check_size(camera: Camera) -> None:
 
 
 def _distant(scene: Scene) -> Scene:
-    """The scene infinitely far away; a tube or a dome stays where it is."""
+    """Return the scene at infinity; a tube or a dome is unchanged."""
     return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
 
 
@@ -214,7 +219,7 @@ def _of_scene(
 
 
 def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
-    """Light (rows, columns, n, 3) that comes back along the rays."""
+    """Return the light (rows, columns, n, 3) along the rays."""
     light = np.zeros(bundle.origins.shape, np.float32)
     seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
     light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
@@ -225,7 +230,7 @@ def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
 
 
 def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
-    """The rays of a part of the picture."""
+    """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
         pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
@@ -251,7 +256,7 @@ def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows:
 
 
 def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
-    """The same rays without anything compiled."""
+    """Trace the same rays without the compiled module."""
     pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
@@ -259,7 +264,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
-    # rays through the aperture of a real lens are vignetted by its edges; chief rays alone stand for all of them
+    # Edges of a real lens vignette rays through its aperture; chief rays represent all of them
     clipped = plan.blur and not sensor.lens.IS_THIN
     weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)

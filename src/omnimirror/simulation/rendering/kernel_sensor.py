@@ -1,4 +1,4 @@
-"""A sensor as the compiled kernels take it: numbers of its lens, its mirror and what stands in the light."""
+"""Sensor parameters for the compiled kernels: lens, mirror and obstructions."""
 
 from __future__ import annotations
 
@@ -18,33 +18,35 @@ from ..radiometry import Radiometry
 
 Array = NDArray[np.float64]
 
-NODES = 2049  # along the meridian; between them sag is a cubic, good to a millionth of a millimetre
+NODES = 2049  # nodes of the meridian; cubic interpolation of the sag is accurate to 1e-6 mm
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
-FARTHEST = 1e3  # tangent; nothing is seen there
-SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
+FARTHEST = 1e3  # tangent; beyond the field
+SAME_MM = 1e-9  # tolerance of a mirror that equals a conic
 
 
 def is_for_kernels(sensor: Sensor) -> bool:
-    """Whether the compiled kernels are there, and know the sensor: an ideal lens, perhaps distorted, and poses."""
+    """Return True if the compiled kernels support the sensor: ideal lens, possibly distorted, and
+    poses.
+    """
     return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_but_for_pose
 
 
 class SceneFrame(NamedTuple):
-    """How a scene lies about the sensor's world."""
+    """Placement of a scene in the sensor world."""
 
     turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     """Rotation (9,) from the world, row by row."""
     shift_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Of the world's origin (3,), mm."""
+    """World origin (3,), mm."""
     distant: bool = False
-    """Whether all rays start there: the scene is infinitely far away."""
+    """True if all rays start there: the scene is at infinity."""
 
 
 @lru_cache(maxsize=8)
 def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, frame: SceneFrame = SceneFrame()) -> object:  # noqa: B008
-    """The compiled optics of a sensor, whose rays end up in the frame of a scene.
+    """Create the compiled optics of a sensor with rays in the frame of a scene.
 
-    Their origin is the entrance pupil.
+    The origin is the entrance pupil.
     """
     mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.optical_train.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
@@ -81,7 +83,9 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, frame: Sce
 
 
 def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
-    """What stands in the light, its heights from the lens's entrance pupil; the walls of tubes and domes left out."""
+    """Return the obstructions with heights from the entrance pupil; without the walls of tubes and
+    domes.
+    """
     camera, rod, rim = standing.camera, standing.rod, standing.rim
     return {
         "body_z": m + camera.height_mm if camera else 0.0,
@@ -95,11 +99,11 @@ def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
 
 
 TERMS = 8
-MARGIN = np.radians(2.0)  # of the angle of incidence, for rays through the edge of the aperture
+MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
 def steepest_incidence(sensor: Sensor) -> float:
-    """The largest angle of incidence on the mirror, radians, and a little more."""
+    """Return the maximum angle of incidence on the mirror, radians, with a margin."""
     aligned, pose = sensor.aligned(), sensor.mirror_pose
     gamma = aligned.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, 257)).gamma
     tilt = np.radians(np.hypot(pose.tilt_x_deg, pose.tilt_y_deg))
@@ -107,10 +111,10 @@ def steepest_incidence(sensor: Sensor) -> float:
 
 
 def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
-    """Coefficients (8,) of a series in 1 - cos(gamma) for what the mirror returns, up to an angle.
+    """Return coefficients (8,) of a series in 1 - cos(gamma) for the reflectivity up to an angle.
 
-    Least squares at Chebyshev's points: of aluminium, silver and gold good to 2e-5 up to 75.5 deg, which no
-    bundled sensor exceeds, and to 1e-3 up to 89 deg.
+    Least squares at Chebyshev points: for aluminium, silver and gold accurate to 2e-5 up to
+    75.5 deg, which no bundled sensor exceeds, and to 1e-3 up to 89 deg.
     """
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
@@ -122,12 +126,16 @@ def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
 
 
 def _object_scale(lens: Lens) -> float:
-    """Tangent of the viewing angle (mm under a telecentric lens) for each mm of the imager, without distortion."""
+    """Return the tangent of the field angle (mm for a telecentric lens) per mm of the image sensor,
+    without distortion.
+    """
     return float(1 / lens.ideal_height(np.ones(1), np.ones(1))[0])
 
 
 def _stop(lens: Lens) -> float:
-    """Radius of the aperture, mm; tangent of the half angle of its cone if telecentric, which it turns over."""
+    """Return the aperture radius, mm; for a telecentric lens, the negative tangent of the half
+    angle of its cone.
+    """
     if isinstance(lens, Orthographic):
         return -lens.aperture_slope
     assert isinstance(lens, Perspective)
@@ -135,11 +143,13 @@ def _stop(lens: Lens) -> float:
 
 
 def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
-    """Curvature and conic constant of the conic most like the mirror, and nodes where that is not the mirror."""
+    """Return curvature and conic constant of the conic nearest to the mirror, and nodes if it is
+    not that conic.
+    """
     x = np.linspace(0.0, mirror.rim_radius_mm, NODES)
     profile = mirror.profile(x)
     z = profile[0]
-    # on a conic c (x^2 + (1 + k) z^2) = 2 z
+    # Conic: c (x^2 + (1 + k) z^2) = 2 z
     (c, ck), *_ = np.linalg.lstsq(np.stack([x**2, z**2], axis=-1), 2 * z, rcond=None)
     conic = float(ck / c - 1) if c > 0 else -1.0
     with np.errstate(invalid="ignore"):

@@ -1,7 +1,7 @@
-"""The picture that a camera takes of a scene.
+"""Rendering of the image of a scene captured by a camera.
 
-Pictures are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as everywhere in Python; OpenCV
-wants BGR, which is ``picture[..., ::-1]``.
+Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
+OpenCV requires BGR, ``picture[..., ::-1]``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 16
 SHOWN_SAMPLES = 16
-"""Rays of a pixel of pictures to look at."""
+"""Rays per pixel of images for display."""
 
 
 def take_picture(
@@ -42,39 +42,40 @@ def take_picture(
     workers: int | None = None,
     low_pass: bool = False,
 ) -> Picture:
-    """The picture (rows, columns, 3), uint8 sRGB in RGB order, that a camera takes of a scene.
+    """Render the image (rows, columns, 3), uint8 sRGB in RGB order, of a scene captured by a
+    camera.
 
-    Without ``blur`` it is perfectly sharp: chief rays only, so neither focus nor diffraction blurs it. Each
-    pixel is the mean of ``samples`` rays in linear light; where the camera sees nothing it is black, and a pixel
-    cut by the rim is dimmed by the share that is cut off. The parameters are those of
-    :func:`~omnimirror.expose`, which gives the linear light.
+    Without ``blur`` it is perfectly sharp: chief rays only, without defocus or diffraction. Each
+    pixel is the mean of ``samples`` rays in linear light; it is black outside the field, and a
+    pixel at the rim is dimmed by the fraction that is cut off. The parameters are those of
+    :func:`~omnimirror.expose`, which returns the linear light.
 
-    With ``low_pass`` there is an optical low-pass filter before the imager, as in most cameras: each pixel gathers
-    light from a tent of twice its width. Pixels that stand side by side without one turn edges and thin lines into
-    combs, which a view that enlarges them shows.
+    With ``low_pass`` there is an optical low-pass filter in front of the image sensor, as in most
+    cameras: each pixel integrates light over a tent of twice its width. Adjacent pixels without
+    filter alias edges and thin lines, which is visible in magnified views.
 
     Parameters
     ----------
     camera
-        A sensor, or a calibrated camera.
+        Sensor, or a calibrated camera.
     scene
-        Such as :class:`omnimirror.Room`, or what :func:`omnimirror.load_scene` gives.
+        Scene, such as :class:`omnimirror.Room` or the result of :func:`omnimirror.load_scene`.
     samples
         Rays per pixel.
     blur
-        Whether the lens's whole aperture blurs what is out of focus.
+        Render defocus blur with the whole aperture of the lens.
     distant
-        Take the scene for infinitely far away: no parallax.
+        Render the scene as infinitely distant: no parallax.
     radiometry
-        What the mirror reflects and the lens lets pass, and how the housing looks.
+        Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
     seed
-        Of the places of samples in a blurred picture.
+        Random seed of the sample positions in a blurred image.
     progress
-        Called with the number of rows done, and of all.
+        Callback with the number of finished rows and the total.
     workers
-        Number of threads; as many as there are processors by default.
+        Number of threads; the number of processors by default.
     low_pass
-        Whether there is an optical low-pass filter before the imager.
+        Simulate an optical low-pass filter in front of the image sensor.
 
     Returns
     -------
@@ -84,7 +85,7 @@ def take_picture(
     Raises
     ------
     InvalidParameter
-        As :func:`~omnimirror.expose`; or a low-pass filter before a camera that is no sensor.
+        As in :func:`~omnimirror.expose`; or for a low-pass filter of a camera that is not a sensor.
 
     Examples
     --------
@@ -114,11 +115,11 @@ def take_picture(
 
 
 TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
-"""Shares of light of pixels half as wide: a tent that reaches a whole pixel to either side."""
+"""Weights of half-width pixels: a tent that extends one pixel to either side."""
 
 
 def _finer(camera: Camera) -> Sensor:
-    """The sensor with pixels half as wide."""
+    """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
         raise InvalidParameter(
             "only a sensor has a low-pass filter; a calibrated camera has taken its pictures already"
@@ -130,7 +131,7 @@ def _finer(camera: Camera) -> Sensor:
 
 
 def _low_passed(light: Light) -> Light:
-    """Light (2 n, 2 m, 3) on half pixels, gathered by whole ones (n, m, 3)."""
+    """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
         padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
         count = light.shape[axis] // 2
@@ -140,13 +141,13 @@ def _low_passed(light: Light) -> Light:
 
 @checked
 def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
-    """The picture that an ideal camera at the world's origin takes: the truth for what was straightened.
+    """Render the image of an ideal camera at the world origin: the reference for dewarped images.
 
     Parameters
     ----------
     scene
     directions : (rows * samples, columns * samples, 3) array
-        World directions of any length; NaN comes out black.
+        World directions of any length; NaN results in black.
     samples
         Directions per pixel and side, averaged in linear light.
 
@@ -157,7 +158,7 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
     Raises
     ------
     InvalidParameter
-        If the shape of the directions does not fit.
+        If the shape of the directions is inconsistent.
 
     Examples
     --------
@@ -186,6 +187,6 @@ def _check_samples(samples: int) -> None:
 
 
 def _develop(light: Light, samples: int) -> Picture:
-    """Pixels of the light of their samples, (rows * samples, columns * samples, 3)."""
+    """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
     return srgb_bytes(light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3)))

@@ -1,4 +1,4 @@
-"""A detector that reads light as it falls, so that the light is never there as a whole."""
+"""Readout of a detector during exposure, which avoids storing the light of the whole image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .tiles import Medium
 
 
 class Readout:
-    """What a detector makes of one picture's light, the same as :meth:`Detector.read` of all of it.
+    """Detector readout of one image, identical to :meth:`Detector.read` of its light.
 
     Parameters
     ----------
     detector
     seed
-        Of the noise.
+        Random seed of the noise.
 
     Examples
     --------
@@ -37,7 +37,7 @@ class Readout:
 
     @property
     def medium(self) -> Medium:
-        """What the light falls on."""
+        """Medium that receives the light."""
         detector, electrons = self._detector, self._electrons
         if detector.is_of_values:
             return Medium(detector.dtype, detector.read)
@@ -50,5 +50,5 @@ class Readout:
         return numbers_of(self._detector, kept) if self._electrons is None else self._electrons.counted(kept)
 
     def numbers(self, taken: NDArray[Any]) -> NDArray[Any]:
-        """The picture's numbers, of what was taken on :attr:`medium`, whose memory they may use."""
+        """Return the values of the image recorded on :attr:`medium`, possibly in its memory."""
         return taken if self._electrons is None else self._electrons.read(taken)

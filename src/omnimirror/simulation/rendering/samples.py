@@ -1,8 +1,8 @@
-"""Where the rays of a pixel go: places on the pixel and on the lens's aperture.
+"""Sampling of rays: positions on the pixel and on the lens aperture.
 
-Rays spread evenly in all four dimensions at once (an additive recurrence), shifted in each pixel by an amount
-of its own, so that what error is left is fine grain and no pattern. Sharp pictures need two dimensions only and
-take a regular grid.
+Rays are uniform in all four dimensions (an additive recurrence), with a different shift in each
+pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
+dimensions only and use a regular grid.
 """
 
 from __future__ import annotations
@@ -20,35 +20,36 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 1 << 16
 PLASTIC = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
-"""The roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
+"""Roots of g^(d+1) = g + 1, whose powers are the steps of the recurrence (Roberts, 2018)."""
 
 
 class Samples(NamedTuple):
-    """The samples of every pixel."""
+    """Samples of every pixel."""
 
     points: NDArray[np.float32]
-    """(n, 4) in [0, 1): across and down the pixel, and on the aperture."""
+    """Points (n, 4) in [0, 1): across and down the pixel, and on the aperture."""
     blur: bool
-    """Whether they spread over the aperture; then each pixel shifts them, all around, by an amount of its own."""
+    """True if samples are distributed over the aperture; each pixel then has its own cyclic shift.
+    """
     seed: int
 
 
 def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
-    """So many samples for each pixel.
+    """Return samples for each pixel.
 
     Parameters
     ----------
     samples
         Rays per pixel.
     blur
-        Whether they spread over the aperture, too; else all go through its middle.
+        True to sample the aperture, too; otherwise all rays pass through its centre.
     seed
-        Of the shifts.
+        Random seed of the shifts.
 
     Raises
     ------
     InvalidParameter
-        For a number of samples out of range, or a seed that is no whole number of 32 bits.
+        If the number of samples is out of range, or the seed is not a 32-bit integer.
 
     Examples
     --------
@@ -69,8 +70,8 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     elif side * side == samples:
         u = (np.arange(side) + 0.5) / side
         points[:, :2] = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
-    else:  # the same in every pixel: half of them, and their reflections in its middle, or the picture would be shifted
-        half = _recurrence(samples // 2 + 1, 2)[1:]  # without the middle itself
+    else:  # identical in every pixel: half of the points, and their reflections at its centre, to avoid a shift
+        half = _recurrence(samples // 2 + 1, 2)[1:]  # without the centre itself
         points[:, :2] = np.concatenate([half, 1 - half, np.full((samples % 2, 2), 0.5)])
     return Samples(np.minimum(points, 1 - 2.0**-24).astype(np.float32), blur, int(seed))
 
@@ -82,9 +83,10 @@ def _recurrence(count: int, dimensions: int) -> Array:
 
 
 def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
-    """Pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given by column and row.
+    """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given
+    by column and row.
 
-    As in the compiled kernels: shifts come from a hash of the pixel (Wellons, "lowbias32").
+    Shifts are a hash of the pixel, as in the compiled kernels (Wellons, "lowbias32").
     """
     columns, rows = np.broadcast_arrays(np.asarray(columns, np.int64), np.asarray(rows, np.int64))
     p = samples.points.astype(float)

@@ -1,4 +1,4 @@
-"""Where pixels look and what stands in their way: rays off the mirror, past rod, camera and rim, through a wall."""
+"""Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall."""
 
 from __future__ import annotations
 
@@ -20,34 +20,40 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Fates = NDArray[np.uint8]
 
-LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # what becomes of a ray; numbers of the compiled kernels
-LINES = 64  # from the vertex to the rim
+LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels
+LINES = 64  # lines from the vertex to the rim
 
 
 class Followed(NamedTuple):
-    """Rays (n,) from the lens on, in the camera frame; where the mirror is missed, as they left the lens."""
+    """Rays (n,) traced from the lens, in the camera frame; as they leave the lens for rays that
+    miss the mirror.
+    """
 
     points: Array
-    """(n, 3) mm: where they leave the mirror."""
+    """Points (n, 3) on the mirror, mm."""
     directions: Array
-    """(n, 3): whereto."""
+    """Directions (n, 3)."""
     from_lens: Array
-    """(n, 3): directions in which they left the lens."""
+    """Directions (n, 3) at the lens."""
     hit: Mask
-    """(n,): whether they meet the mirror."""
+    """Mask (n,) of rays that meet the mirror."""
     fate: Fates
-    """(n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or rim."""
+    """Fate (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
+    or rim.
+    """
 
 
 def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> Followed:
-    """Rays of pixels (n, 2) through points (n, 2) of the aperture's unit disk, in double precision."""
+    """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
+    precision.
+    """
     start, towards = sensor.lens_rays(pixels, pupil)
     found = sensor.optical_train.posed_mirror.trace(start, towards)
     hit = found.valid
     points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
-    fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
-    if pupil.any():  # chief rays alone take the vignetting of the lens as a weight
+    fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
+    if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
     standing = sensor.obstructions
     fate[hit & standing.meets_front(points, directions, -towards)] = HIDDEN
@@ -56,7 +62,9 @@ def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) 
 
 
 def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: Array) -> Array:
-    """How light (n,) what mirrored rays (n, 3) meet is, against grey: the camera's front has parts, all else is 1."""
+    """Return the relative brightness (n,) of the targets of mirrored rays (n, 3): parts of the
+    camera front; 1 elsewhere.
+    """
     standing = sensor.obstructions
     if standing.camera is None:
         return np.ones(len(points))
@@ -67,7 +75,7 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
 
 
 def check_housing_is_shown(sensor: Sensor) -> None:
-    """Raise InvalidParameter for a housing that pictures do not show: one around two mirrors."""
+    """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
         raise InvalidParameter(
             f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: "
@@ -76,21 +84,25 @@ def check_housing_is_shown(sensor: Sensor) -> None:
 
 
 def mirror_net(sensor: Sensor) -> Array:
-    """Points (lines from the vertex, lines around, 3) of the mirror in the world, mm, the rim's among them."""
+    """Return world points (lines from the vertex, lines around, 3) of the mirror, mm, including the
+    rim.
+    """
     x = np.linspace(0.0, sensor.mirror.rim_radius_mm, LINES // 2 + 1)
     turn = np.linspace(0, 2 * np.pi, LINES + 1)
     across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
     sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
     rotation = sensor.mount.rotation()
     points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
-    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])  # a lens that sees it in a second mirror looks the other way
+    # A lens that views it via a second mirror has the opposite direction
+    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])
     return turned(points, rotation.T).reshape(*across.shape[:2], 3)
 
 
 def check_clear(sensor: Sensor, scene: Scene) -> None:
-    """Raise InvalidParameter if something of a scene cuts the mirror: lines from its vertex to its rim, and around.
+    """Raise InvalidParameter if a scene intersects the mirror, tested along lines from the vertex
+    to the rim and around it.
 
-    Scenes that tell no distances are taken at their word.
+    Scenes without distances are not tested.
     """
     scene = scene.scene if isinstance(scene, ThroughShell) else scene
     if not isinstance(scene, Measured):
@@ -105,28 +117,31 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
 
 
 class Sights(NamedTuple):
-    """What pixels (n,) look along, in the sensor's world frame; NaN where not valid."""
+    """Lines of sight of pixels (n,) in the world frame of the sensor; NaN if not valid."""
 
     origins: Array
-    """(n, 3) mm: where they leave the sensor: its mirror, the outer side of its tube or dome, or, past the mirror,
-    its lens."""
+    """Origins (n, 3), mm: on the mirror, on the outer side of a tube or dome, or, past the mirror,
+    at the lens.
+    """
     directions: Array
-    """(n, 3) unit vectors, from there on."""
+    """Unit vectors (n, 3) of the directions."""
     valid: Mask
-    """(n,) whether they leave it at all."""
+    """Mask (n,) of rays that leave the sensor."""
     hidden: Mask
-    """(n,) whether they end at camera, rod, rim or a lid, or at the secondary or the bore of two mirrors."""
+    """Mask (n,) of rays that end at camera, rod, rim or a lid, or at the secondary or the bore of
+    two mirrors.
+    """
 
 
 def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> Sights:
-    """Where the chief rays of pixels (n, 2) look, past what stands in the light and through a tube or a dome.
+    """Return the chief rays of pixels (n, 2) past obstructions and through a tube or a dome.
 
     Parameters
     ----------
     camera
     pixels
     radiometry
-        Of a sensor of one mirror: whether it sees past its mirror.
+        Radiometry of a single-mirror sensor, which determines the visibility past its mirror.
 
     Raises
     ------
@@ -135,7 +150,7 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
 
     Examples
     --------
-    In the middle the sensor sees its own camera:
+    In the centre, the sensor images its own camera:
 
     >>> import omnimirror as om
     >>> from dataclasses import replace
@@ -171,14 +186,14 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
 
 
 def seen_at(camera: Camera, points_mm: ArrayLike) -> Projection:
-    """Pixels (n, 2) in whose chief rays points (n, 3) mm of the camera's world lie, of a sensor by way of its mirror.
+    """Return pixels (n, 2) of points (n, 3) mm in the camera world; for a sensor, via its mirror.
 
-    Not valid are points that the housing hides.
+    Points hidden by the housing are not valid.
 
     Raises
     ------
     InvalidParameter
-        As :func:`sights`.
+        As in :func:`sights`.
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = camera.project(points)

@@ -1,4 +1,4 @@
-"""Parts of a picture that fill a cache with their rays, one for each thread at a time."""
+"""Image tiles whose rays fit into a cache, one per thread at a time."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from ...base.colour import Light, srgb_bytes
 from ...base.native import usable_cores
 
 Progress = Callable[[int, int], None]
-"""Called with the number of rows done and of all rows."""
+"""Callback with the number of finished rows and the total."""
 Tile = tuple[slice, slice]
 """Rows and columns."""
 
 
 @dataclass(frozen=True)
 class Medium:
-    """What light falls on: numbers take a quarter of the room of their light, which is never there as a whole.
+    """Recording medium for light: stored values take 1/4 of the memory of the light, which is never
+    stored as a whole.
 
     Attributes
     ----------
     dtype
-        Of the picture.
+        Data type of the image.
     read
-        Its part (rows, columns, 3) for the light of a part; of each value by itself.
+        Conversion of the light of a tile to values (rows, columns, 3), elementwise.
     in_order
-        Whether parts have to be whole rows that follow each other, from the first on: chance draws them so.
+        True if tiles must be whole consecutive rows, as random numbers are drawn in this order.
     is_grey
-        Whether a picture is (rows, columns), as a mosaic of colours is.
+        True if the image is (rows, columns), as for a colour mosaic.
     """
 
     dtype: DTypeLike
@@ -43,15 +44,15 @@ class Medium:
     is_grey: bool = False
 
     def empty(self, size: tuple[int, int]) -> NDArray[Any]:
-        """A picture (rows, columns, 3) of so many columns and rows."""
+        """Return an uninitialised image (rows, columns, 3) of the given columns and rows."""
         return np.empty((size[1], size[0]) if self.is_grey else (size[1], size[0], 3), self.dtype)
 
 
 LIGHT = Medium(np.float32, lambda light: light)
 BYTES = Medium(np.uint8, srgb_bytes)
 
-AHEAD = 2  # rows of parts for each thread that are under way before they are read
-RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
+AHEAD = 2  # rows of tiles per thread that are rendered ahead of their readout
+RAYS_PER_TILE = 1 << 16  # larger tiles exceed the cache, smaller ones cause idle threads
 
 
 def picture_of_tiles(
@@ -62,27 +63,29 @@ def picture_of_tiles(
     workers: int | None = None,
     medium: Medium = LIGHT,
 ) -> NDArray[Any]:
-    """The picture (rows, columns, 3) whose parts a function gives, on threads: kernels let go of the interpreter.
+    """Render an image (rows, columns, 3) tile by tile with threads; the kernels release the
+    interpreter lock.
 
     Parameters
     ----------
     light_of
-        The light (rows, columns, 3) of a part.
+        Function that returns the light (rows, columns, 3) of a tile.
     size
         Columns and rows.
     samples
-        Rays of a pixel.
+        Rays per pixel.
     progress
-        Called in this thread.
+        Callback in the calling thread.
     workers
-        Number of threads; as many as this process may use cores by default.
+        Number of threads; the number of available cores by default.
     medium
-        What the light falls on.
+        Medium that receives the light.
     """
     width, height = size
     picture = medium.empty(size)
 
-    light_of((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
+    # Initialises caches once instead of once per thread
+    light_of((slice(height // 2, height // 2 + 1), slice(0, 1)))
     workers = workers or usable_cores()
     fill = _row_by_row if medium.in_order else _as_they_come
     for done in fill(picture, light_of, _tiles(width, height, samples), medium, workers):
@@ -94,7 +97,7 @@ def picture_of_tiles(
 def _as_they_come(
     picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
 ) -> Iterator[int]:
-    """Fill a picture, each thread reading its own light; how many rows are done."""
+    """Fill an image, with readout in each thread; yield the number of finished rows."""
 
     def fill(tile: Tile) -> int:
         picture[tile] = medium.read(light_of(tile))
@@ -107,7 +110,9 @@ def _as_they_come(
 def _row_by_row(
     picture: NDArray[Any], light_of: Callable[[Tile], Light], tiles: Iterator[Tile], medium: Medium, workers: int
 ) -> Iterator[int]:
-    """The same in whole rows that follow each other, read in this thread while others take what comes next."""
+    """Fill an image in consecutive rows, with readout in this thread while others render the next
+    rows.
+    """
     waiting: deque[tuple[slice, list[Future[Light]]]] = deque()
 
     def read() -> int:

@@ -1,1 +1,1 @@
-"""Scenes to take pictures of: the contract, environments far away, and the scenes that come with the project."""
+"""Scenes for rendering: interface, distant environments, and bundled scenes."""

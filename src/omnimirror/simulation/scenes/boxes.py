@@ -1,7 +1,7 @@
-"""Boxes along the world's axes: the rays that meet them, and the faces that are met.
+"""Axis-aligned boxes: intersection with rays, and the intersected faces.
 
-A face is numbered 2 axis + side: 0 and 1 are the low and the high x face, and so on to 5. Each face is
-a picture: it has a right and an up as the viewer sees them who faces it.
+A face has the number 2 axis + side: 0 and 1 are the low and the high x face, up to 5. Each face is
+an image with right and up directions as seen by a viewer facing it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Index = NDArray[np.int32]
 Point = tuple[float, float, float]
 
 FACES = range(6)
-TINY = 1e-300  # stands for zero in directions: 1/0 is infinite, and 0 * (1/0) no number
+TINY = 1e-300  # replaces zero in directions: 1/0 is infinite, and 0 * (1/0) is NaN
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box between two corners, mm in the world frame."""
+    """Box between two corners, mm in the world frame."""
 
     low: Point
     high: Point
@@ -35,35 +35,35 @@ class Box:
 
 @dataclass(frozen=True)
 class Face:
-    """A rectangle with a picture on it: its lower left corner (mm), and unit vectors as the viewer sees them."""
+    """Rectangle with an image: its lower left corner (mm), and unit vectors as seen by a viewer."""
 
     corner: Array
     right: Array
     up: Array
     normal: Array
-    """Towards the viewer."""
+    """Normal towards the viewer."""
     width_mm: float
     height_mm: float
 
     def point(self, x: Array | float, y: Array | float) -> Array:
-        """World points (..., 3) mm of places on the picture, mm from its lower left corner."""
+        """Return world points (..., 3) mm of positions on the image, mm from its lower left corner."""
         return self.corner + np.multiply.outer(x, self.right) + np.multiply.outer(y, self.up)
 
 
 class BoxHits(NamedTuple):
-    """Where rays (n,) end."""
+    """Intersections of rays (n,)."""
 
     distance: Array
-    """In lengths of the ray's direction."""
+    """Distance in lengths of the ray direction."""
     face: Index
-    """6 box + face, the room being box 0."""
+    """Face index, 6 box + face; the room is box 0."""
 
 
 def face_of(box: Box, number: int, inside: bool) -> Face:
-    """A face of a box, seen from inside it or from outside.
+    """Return a face of a box, seen from inside or from outside.
 
-    Up is the world's up on walls; on level faces it is forward where one looks down at them and
-    backward where one looks up, so that the right hand is right in both.
+    On walls, up is the up direction of the world; on horizontal faces it is forward for a viewer
+    facing down and backward for a viewer facing up, with the right side on the right in both cases.
 
     >>> front = face_of(Box((-1, -1, -1), (3, 2, 1)), 1, inside=True)
     >>> front.corner, front.right, front.up
@@ -82,10 +82,11 @@ def face_of(box: Box, number: int, inside: bool) -> Face:
 
 
 def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
-    """First faces that rays (n, 3) from inside the room meet: of a solid, or of the room itself.
+    """Return the first faces of solids or of the room that rays (n, 3) from inside the room meet.
 
     A ray is inside a box between the last of the three entries and the first of the three exits
-    through its pairs of planes. A ray that starts inside a solid meets that solid at distance 0.
+    through its pairs of planes (slab method). A ray that starts inside a solid meets it at distance
+    0.
     """
     if backend.is_compiled:
         distance, face = np.empty(len(origins_mm)), np.empty(len(origins_mm), np.int32)
@@ -95,7 +96,7 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
 
 
 def meet_in_numpy(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
-    """The same as :func:`meet`, with nothing compiled."""
+    """Compute :func:`meet` without the compiled module."""
     towards = _without_zeros(directions)
     inverse = 1 / towards
     exits = _crossings(np.where(towards > 0, room.high, room.low), origins_mm, inverse)
@@ -119,12 +120,12 @@ def meet_in_numpy(room: Box, solids: Sequence[Box], origins_mm: Array, direction
 
 
 def rays_inside(box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-    """Rays (n, 3), (n, 3) of a scene that is a box, whose name the message says.
+    """Validate rays (n, 3), (n, 3) of a box scene, whose name is used in messages.
 
     Raises
     ------
     InvalidParameter
-        For what are no rays, or one that starts outside.
+        If the arguments are not rays, or a ray starts outside.
     """
     origins, towards = rays_from(origins_mm, directions)
     inside = ((origins >= box.low) & (origins <= box.high)).all(axis=1)
@@ -137,7 +138,7 @@ def rays_inside(box: Box, what: str, origins_mm: ArrayLike, directions: ArrayLik
 
 
 def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
-    """Which straight ways (n, 3), from origins along segments and no farther, lead through a solid."""
+    """Return the mask of segments (n, 3), starting at the origins, that intersect a solid."""
     if backend.is_compiled:
         through = np.empty(len(origins_mm), np.bool_)
         backend.kernels.lead_through_boxes(_corners(solids), *_rows(origins_mm, segments), through.view(np.uint8))
@@ -146,7 +147,7 @@ def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArra
 
 
 def blocked_in_numpy(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
-    """The same as :func:`blocked`, with nothing compiled."""
+    """Compute :func:`blocked` without the compiled module."""
     origins, inverse = _by_axes(origins_mm, 1 / _without_zeros(segments))
     through = np.zeros(len(origins_mm), dtype=bool)
     for solid in solids:
@@ -156,12 +157,12 @@ def blocked_in_numpy(solids: Sequence[Box], origins_mm: Array, segments: Array) 
 
 
 def _corners(boxes: Sequence[Box]) -> Array:
-    """Low and high corners (2, n, 3)."""
+    """Return low and high corners (2, n, 3)."""
     return np.array([[box.low for box in boxes], [box.high for box in boxes]], float).reshape(2, len(boxes), 3)
 
 
 def _rows(origins_mm: Array, directions: Array) -> tuple[Array, Array]:
-    """As kernels take them."""
+    """Convert rays to the format of the kernels."""
     return kernel_array(origins_mm, np.float64), kernel_array(directions, np.float64)
 
 
@@ -170,17 +171,19 @@ def _without_zeros(directions: Array) -> Array:
 
 
 def _by_axes(origins_mm: Array, inverse: Array) -> tuple[Array, Array]:
-    """Rays (n, 3) as rows (3, n) that lie together in memory."""
+    """Return rays (n, 3) as contiguous rows (3, n)."""
     return np.ascontiguousarray(np.transpose(origins_mm)), np.ascontiguousarray(inverse.T)
 
 
 def _crossings(corners: Array, origins: Array, inverse: Array) -> Array:
-    """Distances (3, n) to the three planes through a corner."""
+    """Return distances (3, n) to the three planes through a corner."""
     return np.ascontiguousarray(((corners - origins) * inverse).T)
 
 
 def _passage(box: Box, origins: Array, inverse: Array) -> tuple[Array, Array]:
-    """Where rays (3, n) enter and leave a box; they miss it where they would leave before they enter."""
+    """Return entry and exit distances of rays (3, n) for a box; a ray with exit before entry misses
+    it.
+    """
     near, far = np.full((2, origins.shape[1]), [[-np.inf], [np.inf]])
     for low, high, start, per_mm in zip(box.low, box.high, origins, inverse, strict=True):
         a, b = (low - start) * per_mm, (high - start) * per_mm

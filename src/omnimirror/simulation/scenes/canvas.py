@@ -1,7 +1,7 @@
-"""Painting on a flat surface, in millimetres from its lower left corner as the viewer faces it.
+"""Painting on a flat surface, in millimetres from its lower left corner as seen by a viewer.
 
-Shapes are painted with the share of each texel that they cover, so edges are smooth and in place
-however coarse the canvas is.
+Shapes are painted with the covered fraction of each texel (antialiasing); edges are smooth and
+unbiased at any resolution.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from .lettering import lettering
 Array = NDArray[np.float64]
 
 ALBEDO, EMISSION, CLEAR, SENT = slice(0, 3), slice(3, 6), 6, slice(3, 7)
-"""The channels of a canvas: share of light thrown back, light sent out, share of outside light let in, the last two."""
+"""Channels of a canvas: albedo, emitted light, transmitted fraction of outside light, and the last
+two combined.
+"""
 
 
 class Extent(NamedTuple):
-    """A rectangle on a canvas, mm from its lower left corner."""
+    """Rectangle on a canvas, mm from its lower left corner."""
 
     left: float
     bottom: float
@@ -34,37 +36,37 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class Paint:
-    """What a surface is covered with: a colour that is lit, a glow of its own, or clear glass."""
+    """Surface properties: a reflecting colour, an emitting colour, or clear glass."""
 
     colour: str = "#000000"
     glow: float = 0.0
-    """Light that it sends out by itself, in its colour; white paper in the room is about 0.7."""
+    """Emitted light in its colour; white paper in the room is about 0.7."""
     clear: float = 0.0
-    """Share of the light from outside that it lets in."""
+    """Transmitted fraction of outside light."""
 
     @property
     def sends(self) -> bool:
-        """Whether light comes from it, its own or from outside."""
+        """True if it emits or transmits light."""
         return self.glow != 0 or self.clear != 0
 
     @cached_property
     def channels(self) -> Light:
-        """Its seven channels."""
+        """All seven channels."""
         colour = hex_colour(self.colour)
         lit = colour * (self.glow == 0) * (1 - self.clear)
         return np.concatenate([lit, colour * self.glow, [self.clear]]).astype(np.float32)
 
 
 class Canvas:
-    """A rectangle to paint on.
+    """Rectangular canvas.
 
     Parameters
     ----------
     width_mm, height_mm : mm
     texel_mm : mm
-        Size of a texel; rounded so that a whole number of them fits.
+        Texel size; rounded to fit a whole number of texels.
     ground
-        The paint that covers it at first.
+        Initial paint.
 
     Examples
     --------
@@ -82,7 +84,7 @@ class Canvas:
         self.texels: Light = np.empty((rows, columns, 7), np.float32)
         self.texels[:] = ground.channels
         self.sends = ground.sends
-        """Whether any texel may send light, its own or from outside."""
+        """True if any texel may emit or transmit light."""
 
     def rectangle(self, left: float, bottom: float, right: float, top: float, paint: Paint) -> None:
         """Paint a rectangle between two corners, mm."""
@@ -112,14 +114,14 @@ class Canvas:
         self._cover(down, across, np.clip((radius - distance) / self.texel.mean() + 0.5, 0, 1), paint)
 
     def checkerboard(self, x: float, y: float, tile: float, paint: Paint) -> None:
-        """Paint every other square tile, one with its corner in (x, y), mm."""
+        """Paint every other square tile, one with its corner at (x, y), mm."""
         xs, ys = self.grid()
         across = _square_wave((xs - x) / tile, self.texel[0] / tile)
         up = _square_wave((ys - y) / tile, self.texel[1] / tile)
         self._cover(slice(None), slice(None), (1 + up[:, None] * across) / 2, paint)
 
     def text(self, word: str, x: float, y: float, cap_height: float, paint: Paint) -> Extent:
-        """Letter a word centred on (x, y), mm, to the nearest texel; gives back where its ink is."""
+        """Paint a word centred on (x, y), mm, to the nearest texel; return the extent of its ink."""
         ink = lettering(word, cap_height / float(self.texel[1]))
         rows, columns = ink.shape
         left = round(x / self.texel[0] - columns / 2)
@@ -129,7 +131,9 @@ class Canvas:
         return Extent(left * dx, self.height_mm - (top + rows) * dy, (left + columns) * dx, self.height_mm - top * dy)
 
     def grid(self) -> tuple[Array, Array]:
-        """Centres of the texels, mm: x of the columns from the left, y of the rows from the bottom."""
+        """Return the texel centres, mm: x of the columns from the left, y of the rows from the
+        bottom.
+        """
         rows, columns, _ = self.texels.shape
         return (np.arange(columns) + 0.5) * self.texel[0], self.height_mm - (np.arange(rows) + 0.5) * self.texel[1]
 
@@ -143,13 +147,14 @@ class Canvas:
 
 
 def _touched(start: float, stop: float, count: int) -> slice:
-    """Which of ``count`` cells an interval touches, in cells from the first edge."""
+    """Return the slice of ``count`` cells that an interval overlaps, in cells from the first edge."""
     first = max(0, int(np.floor(start)))
     return slice(first, max(first, min(count, int(np.ceil(stop)))))
 
 
 def _covered(start: float, stop: float, count: int) -> list[tuple[slice, float]]:
-    """Of the cells that an interval touches those at its ends, and all between them, with how much it covers of each.
+    """Return the cells overlapped by an interval, separately at its ends, with the covered fraction
+    of each.
 
     >>> _covered(0.5, 4.25, 9)
     [(slice(0, 1, None), 0.5), (slice(1, 4, None), 1.0), (slice(4, 5, None), 0.25)]
@@ -161,7 +166,7 @@ def _covered(start: float, stop: float, count: int) -> list[tuple[slice, float]]
 
 
 def _square_wave(x: Array, width: float) -> Array:
-    """A wave of +1 on [0, 1) and -1 on [1, 2), averaged over ``width`` about each x."""
+    """Return a square wave of +1 on [0, 1) and -1 on [1, 2), averaged over ``width`` about each x."""
 
     low, high = (1 - np.abs(np.mod(x + shift, 2) - 1) for shift in (-width / 2, width / 2))  # its integral: a triangle
     return np.asarray((high - low) / width)

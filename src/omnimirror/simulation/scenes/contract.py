@@ -1,4 +1,4 @@
-"""The Scene contract: light that comes back along rays."""
+"""Scene interface: radiance along rays."""
 
 from __future__ import annotations
 
@@ -17,27 +17,32 @@ Array = NDArray[np.float64]
 
 @runtime_checkable
 class Scene(Protocol):
-    """Whatever can be looked at, in the world frame (x forward, y left, z up, origin at the mirror vertex).
+    """Scene in the world frame (x forward, y left, z up, origin at the mirror vertex).
 
-    Answers must not depend on which rays are asked for together: pictures are taken in tiles, on threads.
+    Results must not depend on the grouping of rays: images are rendered in tiles by several
+    threads.
     """
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3), white at 1 and lamps above, of rays from origins (n, 3) mm in directions (n, 3)."""
+        """Return linear RGB (n, 3), white at 1 and lamps above, of rays from origins (n, 3) mm in
+        directions (n, 3).
+        """
         ...
 
 
 @runtime_checkable
 class Measured(Protocol):
-    """A scene that also tells how far rays go, for ground truth."""
+    """Scene with distances, for ground truth."""
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """How far (n,) rays from origins (n, 3) mm in directions (n, 3) of any length go; infinite at nothing."""
+        """Return distances (n,) of rays from origins (n, 3) mm in directions (n, 3) of any length;
+        infinite without a surface.
+        """
         ...
 
 
 def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-    """Rays as scenes take them: where each begins (n, 3), and where it leads (n, 3).
+    """Return validated rays for scenes: origins (n, 3) and directions (n, 3).
 
     >>> rays_from([[0, 0, 0]], [[0, 0, -2]])
     (array([[0., 0., 0.]]), array([[ 0.,  0., -2.]]))
@@ -45,7 +50,7 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
     Raises
     ------
     InvalidParameter
-        For what are no vectors, or not as many of both, and a direction that is zero or not finite.
+        If the arguments are not vectors, differ in number, or a direction is zero or not finite.
     """
     origins = vectors("origins_mm", origins_mm, 3, is_list=True)
     towards = vectors("directions", directions, 3, is_list=True)
@@ -61,12 +66,12 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
 
 
 def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
-    """How far (n,) rays go in a scene.
+    """Return distances (n,) of rays in a scene.
 
     Raises
     ------
     InvalidParameter
-        If the scene cannot tell.
+        If the scene provides no distances.
     """
     if not isinstance(scene, Measured):
         raise InvalidParameter(f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs")
@@ -75,9 +80,9 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
 
 @dataclass(frozen=True)
 class Distant:
-    """A scene moved infinitely far away: every ray sees what the world's origin sees in its direction.
+    """Scene moved to infinity: every ray has the radiance at the world origin in its direction.
 
-    So a camera's picture of it has no parallax, whatever viewpoints the mirror has.
+    Images of it have no parallax, independent of the viewpoints of the mirror.
 
     >>> from omnimirror import Room
     >>> room = Distant(Room(texel_mm=40.0))
@@ -89,9 +94,9 @@ class Distant:
     scene: Scene
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) in directions (n, 3); the origins do not matter."""
+        """Return linear RGB (n, 3) in directions (n, 3), independent of the origins."""
         return self.scene.radiance(np.zeros_like(origins_mm), directions)
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """Infinite (n,)."""
+        """Return infinite distances (n,)."""
         return np.full(len(directions), np.inf)

@@ -1,4 +1,4 @@
-"""Environments infinitely far away: equirectangular pictures, looked up by direction."""
+"""Environments at infinity: equirectangular images, indexed by direction."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ FULL_OF_DEPTH = {"uint8": 255.0, "uint16": 65535.0}
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """What is seen in every direction from far away, as an equirectangular picture (HDR, EXR, JPEG, ..).
+    """Distant environment as an equirectangular image (HDR, EXR, JPEG, ...).
 
-    Its middle column lies ahead (pan 0) and columns run to the right, its first row is the zenith; between
-    the centres of its pixels light is interpolated linearly, all around.
+    Its middle column is ahead (pan 0) with columns to the right, and its first row is the zenith.
+    Light is interpolated bilinearly between pixel centres, and periodic in pan.
 
     Parameters
     ----------
     light : (h, w, 3) array, float32
         Linear RGB.
     heading_deg : deg
-        Pan in which the middle of the picture is seen; right is positive.
+        Pan of the image centre; positive to the right.
 
     Raises
     ------
     InvalidParameter
-        If the array is no such picture, or holds what is no light.
+        If the array is not such an image, or contains invalid light values.
 
     Examples
     --------
@@ -66,27 +66,28 @@ class Environment:
 
     @classmethod
     def load(cls, path: str | Path, heading_deg: float = 0.0, gain: float = 1.0) -> Environment:
-        """Read an equirectangular picture; whole numbers are sRGB, floats linear light, ``gain`` multiplies it.
+        """Read an equirectangular image; integers are sRGB, floats linear light, multiplied by
+        ``gain``.
 
         Parameters
         ----------
         path
-            Name of the file.
+            File name.
         heading_deg
-            Pan in which the middle of the picture is seen, deg.
+            Pan of the image centre, deg.
         gain
-            Factor on its light.
+            Factor of its light.
 
         Returns
         -------
         Environment
-            What it shows.
+            Environment of the image.
 
         Raises
         ------
         MediaError
-            If the file cannot be read; or is not about twice as wide as high, and so cannot be equirectangular, or
-            has but a few pixels.
+            If the file cannot be read, or its aspect is not about 2:1, as required for
+            equirectangular images, or it has too few pixels.
         """
         image = read_image(path)
         height, width = image.shape[:2]
@@ -99,14 +100,15 @@ class Environment:
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) in directions (n, 3) of any length but 0; the origins do not matter.
+        """Return linear RGB (n, 3) in directions (n, 3) of any length but 0, independent of the
+        origins.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
@@ -123,46 +125,49 @@ class Environment:
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """Infinite (n,).
+        """Return infinite distances (n,).
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
         (n,) array
-            mm; infinite where nothing is met.
+            Distances, mm; infinite without a surface.
         """
         return np.full(len(rays_from(origins_mm, directions)[1]), np.inf)
 
     def heading(self) -> Array:
-        """Rotation (3, 3) of world directions into the picture's own, whose middle lies along x.
+        """Return the rotation (3, 3) of world directions to the image frame, whose centre is along
+        x.
 
         Returns
         -------
         (3, 3) array
-            The rotation.
+            Rotation matrix.
         """
         c, s = np.cos(np.radians(self.heading_deg)), np.sin(np.radians(self.heading_deg))
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     @cached_property
     def _closed(self) -> Light:
-        """With its last column again before the first, and the first behind the last."""
+        """Image with periodic margins: the last column before the first, and the first after the
+        last.
+        """
         return np.concatenate([self.light[:, -1:], self.light, self.light[:, :1]], axis=1)
 
     @cached_property
     def native(self) -> object:
-        """The compiled environment, without its heading."""
+        """Compiled environment, without its heading."""
         return backend.kernels.Environment(kernel_array(self.light))
 
 
 def _linear(image: NDArray[Any]) -> Array | Light:
-    """Linear RGB of a picture as files hold it."""
+    """Return linear RGB of an image as stored in files."""
     rgb = image[..., :3] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
     if image.dtype.name in FULL_OF_DEPTH:
         return linear_from_srgb(rgb / FULL_OF_DEPTH[image.dtype.name])

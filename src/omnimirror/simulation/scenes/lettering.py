@@ -1,4 +1,4 @@
-"""Lettering: words as coverage maps, drawn from the font that comes with matplotlib."""
+"""Lettering: words as coverage maps, with the font of matplotlib."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 
-OVERSAMPLING = 8  # letters are drawn this much finer, and then averaged, for edges of 65 greys
+OVERSAMPLING = 8  # oversampling of letters before averaging, for edges with 65 grey levels
 FONT = "DejaVu Sans"
 
 
 @cache
 def lettering(text: str, cap_height_px: float) -> Light:
-    """Coverage (h, w) of a word in bold letters, 1 inside and 0 outside them, cropped to the ink.
+    """Return the coverage (h, w) of a word in bold letters, 1 inside and 0 outside, cropped to the
+    ink.
 
-    Row 0 is the top of the letters and column 0 their left, as one reads them.
+    Row 0 is the top of the letters and column 0 their left, in reading direction.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ def lettering(text: str, cap_height_px: float) -> Light:
     Raises
     ------
     InvalidParameter
-        If the text leaves no ink.
+        If the text has no ink.
 
     Examples
     --------
@@ -51,6 +52,7 @@ def lettering(text: str, cap_height_px: float) -> Light:
     width, height = np.ceil((np.ptp(points, axis=0) - 1e-6) / OVERSAMPLING).astype(int)
     fine = np.zeros((height * OVERSAMPLING, width * OVERSAMPLING), dtype=np.float32)
     shapes = [np.rint(np.column_stack([p[:, 0] - left, top - p[:, 1]])).astype(np.int32) for p in outlines]
-    cv2.fillPoly(fine, shapes, 1.0)  # filled even-odd, all at once: the hole of an O stays open
+    # Even-odd filling of all shapes at once keeps holes open, as in an O
+    cv2.fillPoly(fine, shapes, 1.0)
     ink: Light = fine.reshape(height, OVERSAMPLING, width, OVERSAMPLING).mean(axis=(1, 3))
     return ink

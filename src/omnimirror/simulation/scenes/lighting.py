@@ -1,7 +1,8 @@
-"""How light falls on the surfaces: lamps and windows with soft shadows, and what all the rest returns.
+"""Illumination of surfaces: lamps and windows with soft shadows, and indirect light.
 
-Light is found once, on a coarse grid over each face, and painted on. It makes the room look like a
-room; it is no radiometry: light is thrown back once, and the rest is an even glow that corners dim.
+Light is computed once on a coarse grid over each face, and baked into its texture. The result is
+plausible rather than radiometric: a single diffuse reflection, plus uniform ambient light with
+ambient occlusion.
 """
 
 from __future__ import annotations
@@ -18,32 +19,32 @@ from .canvas import CLEAR, EMISSION, SENT, Canvas
 
 Array = NDArray[np.float64]
 
-GRID_MM = 100.0  # of the light on a face: the shadows are softer than this
-SOURCE_MM = 400.0  # size of the patches that lamps and windows are cut into
-LIFT_MM = 1.0  # from the face to where its light is gathered, so that it does not shade itself
+GRID_MM = 100.0  # grid spacing of the light on a face: shadows are softer than this
+SOURCE_MM = 400.0  # patch size of lamps and windows
+LIFT_MM = 1.0  # offset of sample points from the face, which avoids self-shadowing
 DAYLIGHT = 2.0 * hex_colour("#e8f1fb")
-LAMPLIGHT = 10.0  # lamps give more light than they show, as a photographer would dim their glare
+LAMPLIGHT = 10.0  # ratio of emitted to visible light of lamps, as glare is dimmed in photographs
 GLOW = 0.55 * hex_colour("#fff8ee")
 SUNLIGHT = 0.85 * hex_colour("#fff3dc")
 SKYLIGHT, EARTHLIGHT = 0.55 * hex_colour("#e2e9f2"), 0.35 * hex_colour("#e8ddc8")
-HORIZON_MM = 1e6  # as far as shadows reach
-REACH_MM = 1500.0  # things nearer than this keep the glow away
-WAYS = 40  # in which the glow is looked for
+HORIZON_MM = 1e6  # maximum range of shadows
+REACH_MM = 1500.0  # maximum distance of ambient occlusion
+WAYS = 40  # number of directions for ambient occlusion
 
 
 class LightSources(NamedTuple):
-    """Lamps and windows, cut into patches."""
+    """Lamps and windows, divided into patches."""
 
     points: Array
-    """(n, 3) mm."""
+    """Positions (n, 3), mm."""
     normals: Array
-    """(n, 3) into the room."""
+    """Normals (n, 3) into the room."""
     strength: Array
-    """(n, 3) radiance times area, mm^2."""
+    """Radiance times area (n, 3), mm^2."""
 
 
 def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
-    """The patches of all faces that send light: those that glow, and those that let daylight in."""
+    """Return the patches of all light sources: emitting faces, and faces that transmit daylight."""
     points, normals, strength = [], [], []
     for face, canvas in painted:
         if not canvas.sends:
@@ -53,7 +54,7 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
         for down in _parts(y.size, rows):
             for across in _parts(x.size, columns):
                 texels = canvas.texels[down, across]
-                if texels[..., SENT].any():  # the patch stands where its light comes from, not in its middle
+                if texels[..., SENT].any():  # the patch is at the centroid of its light
                     patch = LAMPLIGHT * texels[..., EMISSION] + texels[..., CLEAR, None] * DAYLIGHT
                     weight = patch.sum(axis=2)
                     points.append(face.point(*_centroid(weight, x[across], y[down])))
@@ -63,7 +64,7 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
 
 
 def _parts(size: int, count: int) -> list[slice]:
-    """About equal parts of a row of so many."""
+    """Divide a row of a given size into about equal slices."""
     return [slice(p[0], p[-1] + 1) for p in np.array_split(np.arange(size), count) if p.size]
 
 
@@ -73,7 +74,7 @@ def _centroid(weight: Light, x: Array, y: Array) -> tuple[float, float]:
 
 
 def light_on(painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence[Box]) -> Iterator[Light]:
-    """For each face the light (rows, columns, 3) that its texels throw back, were they perfectly white."""
+    """Yield for each face the light (rows, columns, 3) that perfectly white texels would reflect."""
     sources = find_sources(painted)
     points = [_grid_points(face, room) for face, _ in painted]
     normals = [np.tile(face.normal, (len(p), 1)) for (face, _), p in zip(painted, points, strict=True)]
@@ -87,17 +88,18 @@ def light_on(painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence
 def under_sky(
     painted: Iterable[tuple[Face, Canvas]], solids: Sequence[Box], sun: Array, grid_mm: float
 ) -> Iterator[Light]:
-    """For each face the light (rows, columns, 3) that white would throw back under the sun and an even sky.
+    """Yield for each face the light (rows, columns, 3) that white would reflect under the sun and a
+    uniform sky.
 
     Parameters
     ----------
     painted
-        One after the other, so that canvases need not be kept.
+        Painted faces, processed one by one without keeping the canvases.
     solids
-        What casts shadows.
+        Solids that cast shadows.
     sun : (3,) unit vector towards it
     grid_mm
-        Between points at which light is found, where texels are not coarser.
+        Grid spacing of the light, if texels are not coarser.
     """
     import cv2
 
@@ -111,14 +113,14 @@ def under_sky(
             grid = in_sun.astype(float).reshape(_grid_shape(face, step))
             lit = np.asarray(
                 towards * cv2.GaussianBlur(grid, (0, 0), 1.0).ravel(), dtype=float
-            )  # or shadows would have steps
+            )  # avoids steps in shadows
         open_sky = 0.5 + 0.5 * face.normal[2]
         light = lit[:, None] * SUNLIGHT + open_sky * SKYLIGHT + (1 - open_sky) * EARTHLIGHT
         yield _spread(light, np.ones(len(points), dtype=bool), face, canvas, step)
 
 
 def _grid_points(face: Face, room: Box) -> Array:
-    """Points (n, 3) mm just before a face and inside the room, in rows from its top."""
+    """Return points (n, 3) mm just in front of a face and inside the room, in rows from its top."""
     inside: Array = np.clip(_points_before(face, GRID_MM), np.array(room.low) + LIFT_MM, np.array(room.high) - LIFT_MM)
     return inside
 
@@ -136,7 +138,9 @@ def _grid_shape(face: Face, grid_mm: float) -> tuple[int, int]:
 
 
 def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, grid_mm: float) -> Light:
-    """Light on each texel, between the points of the grid that no solid covers; a dim glow where all are covered."""
+    """Interpolate light to texels between grid points that are not covered by solids; dim ambient
+    light if all are covered.
+    """
     import cv2
 
     weight = np.where(free, 1.0, 1e-3)[:, None]
@@ -149,9 +153,10 @@ def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, g
 
 
 def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightSources) -> Array:
-    """Light (n, 3) from lamps and windows that white faces throw back at points (n, 3) mm with normals (n, 3).
+    """Return light (n, 3) of lamps and windows reflected by white at points (n, 3) mm with normals
+    (n, 3).
 
-    Each patch adds radiance x area x cos x cos / (pi distance^2) unless a solid stands in its way.
+    Each patch adds radiance x area x cos x cos / (pi distance^2) unless a solid occludes it.
 
     >>> lamp = LightSources(np.array([[0.0, 0.0, 1000.0]]), np.array([[0.0, 0.0, -1.0]]), np.full((1, 3), 1e6 * np.pi))
     >>> points, up = np.array([[0.0, 0.0, 0.0], [0.0, 1000.0, 0.0]]), np.array([[0.0, 0.0, 1.0]] * 2)
@@ -162,7 +167,8 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
     for point, towards, strength in zip(*sources, strict=True):
         ways = point - points
         square, facing = (np.einsum("ij,ij->i", ways, other) for other in (ways, normals))
-        square = np.maximum(square, SOURCE_MM**2 / 16)  # a patch is no point: no pole beside it
+        # A patch is not a point source: limits the singularity
+        square = np.maximum(square, SOURCE_MM**2 / 16)
         share = np.maximum(facing, 0) * np.maximum(-ways @ towards, 0) / (np.pi * square**2)
         lit = np.flatnonzero(share)
         lit = lit[~blocked(solids, points[lit], ways[lit])]
@@ -171,7 +177,9 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
 
 
 def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
-    """Share (n,) of the even glow that reaches points (n, 3) mm of a face: 1 far from everything."""
+    """Return the fraction (n,) of ambient light at points (n, 3) mm of a face: 1 far from all
+    objects.
+    """
     ways = _hemisphere() @ np.stack([face.right, face.up, face.normal])
     low, high = points.min(axis=0), points.max(axis=0)
     near = [solid for solid in solids if _may_dim(solid, low, high, face)]
@@ -180,7 +188,9 @@ def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Arr
 
 
 def _may_dim(solid: Box, low: Array, high: Array, face: Face) -> bool:
-    """Whether a solid may be within reach of points of a face between corners (3,) mm, and not all of it is behind."""
+    """Return True if a solid may be within range of points of a face between corners (3,) mm, and
+    not entirely behind it.
+    """
     ends = np.array([solid.low, solid.high])
     apart = np.maximum(0, np.maximum(ends[0] - high, low - ends[1]))
     foremost = np.where(face.normal > 0, ends[1], ends[0])
@@ -188,7 +198,7 @@ def _may_dim(solid: Box, low: Array, high: Array, face: Face) -> bool:
 
 
 def _hemisphere() -> Array:
-    """Directions (WAYS, 3) about z, as dense as their cosine, on a golden spiral."""
+    """Return cosine-weighted directions (WAYS, 3) about z on a golden spiral."""
     i = np.arange(WAYS) + 0.5
     radius, turn = np.sqrt(i / WAYS), i * np.pi * (3 - np.sqrt(5))
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)], axis=1)

@@ -1,4 +1,4 @@
-"""Scenes out of files: triangle meshes in glTF, GLB, OBJ, PLY and STL, through trimesh."""
+"""Scenes from files: triangle meshes in glTF, GLB, OBJ, PLY and STL, read with trimesh."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ TO_WORLD = {
     "y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
     "z": np.eye(3),
 }
-"""From a file's axes to forward, left and up: y up is looked at along -z, z up along x."""
+"""Rotation from file axes to forward, left and up: y-up files face -z, z-up files x."""
 USUAL = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
-"""Unit (mm) and upward axis, where a file's kind has its own."""
+"""Unit (mm) and upward axis defined by file formats."""
 SUN = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
 FROM_SKY, FROM_SUN = 0.55, 0.45
 
@@ -33,27 +33,27 @@ def load_mesh(
 ) -> Surroundings:
     """Read a mesh.
 
-    Textures are shown as they are, as light that was painted in; corner colours and plain ones are shaded by
-    a sun and an even sky.
+    Textures are rendered unchanged, as baked light; vertex colours and uniform colours are shaded
+    by a sun and a uniform sky.
 
     Parameters
     ----------
     path
-        A .glb, .gltf, .obj, .ply or .stl file with what belongs to it.
+        A .glb, .gltf, .obj, .ply or .stl file with its referenced files.
     unit_mm
-        What one unit of the file is, mm; by default a metre, as glTF says, and a millimetre in an STL.
+        Unit of the file, mm; by default 1 m, as defined by glTF, and 1 mm for STL.
     up : "y" or "z"
-        The axis that points up; by default y, as glTF says, which then looks along -z, and z in an STL.
+        Upward axis; by default y, as defined by glTF, facing -z, and z for STL.
     background
-        What is seen beside the mesh, such as an :class:`Environment`; nothing by default.
+        Background of the mesh, such as an :class:`Environment`; black by default.
 
     Raises
     ------
     MediaError
-        The file cannot be read, holds no triangles or none that can be seen, or names files that are not there; or
+        If the file cannot be read, contains no visible triangles, or references missing files; or
         trimesh is not installed.
     InvalidParameter
-        For an unknown axis or a unit that is no length.
+        If the axis is unknown or the unit is not a length.
     """
     path = Path(path)
     usual_unit, usual_up = USUAL.get(path.suffix.lower(), USUAL[".glb"])
@@ -65,16 +65,16 @@ def load_mesh(
     meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
     for mesh in meshes:
         check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
-    with np.errstate(all="ignore"):  # what overflows is refused
+    with np.errstate(all="ignore"):  # overflows are rejected below
         corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
         check_corners(path, corners)
-    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # as glTF says; others say nothing and mean sRGB
+    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # defined by glTF; other formats imply sRGB
     parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
     return Surroundings(combined(parts), background)
 
 
 def _meshes(path: Path) -> list[Any]:
-    """The meshes of a file, where they stand in its scene."""
+    """Return the meshes of a file, placed in its scene."""
     try:
         import trimesh
     except ImportError:
@@ -87,7 +87,7 @@ def _meshes(path: Path) -> list[Any]:
     try:
         loaded = trimesh.load_scene(path, process=False)
         meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
-    except Exception as e:  # readers of so many formats raise whatever they meet
+    except Exception as e:  # readers of many formats raise arbitrary exceptions
         reason = str(e).strip().splitlines()
         raise MediaError(f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}") from None
     if not meshes:
@@ -105,7 +105,9 @@ def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linea
 
 
 def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
-    """Triangles (n, 3, 3) with a picture at places (n, 3, 2), counted from its lower left corner to 1."""
+    """Return triangles (n, 3, 3) with an image at coordinates (n, 3, 2), from 0 to 1 from its lower
+    left corner.
+    """
     height, width = picture.shape[:2]
     at = np.stack([uv[..., 0] * width - 0.5, (1 - uv[..., 1]) * height - 0.5], axis=-1)
     at[:, 1:] -= at[:, :1]
@@ -113,7 +115,7 @@ def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
 
 
 def _texture(visual: Any) -> Light | None:
-    """Texels (h, w, 4) of a mesh's material, or None: linear colours, and how far one sees through."""
+    """Return texels (h, w, 4) of the material of a mesh, or None: linear colours, and transparency."""
     material = getattr(visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None:
@@ -126,7 +128,7 @@ def _texture(visual: Any) -> Light | None:
 
 
 def _linear_factor(factor: Any) -> NDArray[np.float32]:
-    """A material's factor, which is linear; trimesh keeps it in bytes."""
+    """Return a linear material factor, which trimesh stores in bytes."""
     if factor is None:
         return np.ones(3, np.float32)
     numbers = np.asarray(factor)
@@ -134,7 +136,7 @@ def _linear_factor(factor: Any) -> NDArray[np.float32]:
 
 
 def _corner_colours(mesh: Any, are_linear: bool) -> Light:
-    """Linear RGB (n, 3, 3) of the corners of the triangles."""
+    """Return linear RGB (n, 3, 3) of the vertices of the triangles."""
     visual, shape = mesh.visual, (len(mesh.faces), 3, 3)
     if visual.kind == "vertex":
         corners = np.asarray(visual.vertex_colors)[mesh.faces][..., :3] / np.float32(255)

@@ -1,4 +1,4 @@
-"""What makes a mesh no scene: said of the file before anything is seen of it."""
+"""Validation of mesh files before rendering."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ COLOURS = re.compile(rb"^[ \t]*map_Kd[ \t]+(.+?)[ \t\r]*$", re.M)
 TEXTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t\r]*$", re.M)
 HEAD = 1 << 16
 LARGEST_MESH = 256 << 20
-"""Bytes of a mesh, and of each file that it names."""
+"""Maximum size in bytes of a mesh, and of each file that it references."""
 MOST_CORNERS = 50_000_000
-"""Values of the accessors of a glTF file."""
+"""Maximum number of values in the accessors of a glTF file."""
 
 
 def check_mesh_file(path: Path) -> None:
-    """Check the kind and size of a mesh's file and of the files that it names, and the text of OBJ and glTF files.
+    """Check the type and size of a mesh file and of its referenced files, and the text of OBJ and
+    glTF files.
 
     Raises
     ------
     MediaError
-        A file is missing, is not an ordinary file, or is too large; or the text is wrong.
+        If a file is missing, is not a regular file, or is too large; or the text is invalid.
     """
     try:
         check_file(path, LARGEST_MESH)
@@ -51,7 +52,7 @@ def check_mesh_file(path: Path) -> None:
 
 
 def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
-    """Raise MediaError if triangles (n, 3) name corners that a mesh does not have."""
+    """Raise MediaError if triangles (n, 3) reference missing vertices."""
     if (wrong := (faces < 0) | (faces >= count)).any():
         raise MediaError(
             f"the mesh {path} has {int(wrong.any(axis=1).sum())} triangles of corners that are not there, such as "
@@ -60,7 +61,7 @@ def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
 
 
 def check_corners(path: Path, corners_mm: list[Array]) -> None:
-    """Raise MediaError unless triangles (n, 3, 3) mm are a thing that can be seen."""
+    """Raise MediaError unless triangles (n, 3, 3) mm are a visible object."""
     bad = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
     count = sum(len(corners) for corners in corners_mm)
     if bad:
@@ -89,22 +90,22 @@ def _check_obj(path: Path) -> None:
         _check_there(path, "material file", name)
         for options in COLOURS.findall(read_bytes(path.parent / name, LARGEST_MESH)):
             texture = _text(options)
-            if not (path.parent / texture).is_file():  # options come before the name
+            if not (path.parent / texture).is_file():  # options precede the name
                 texture = texture.split()[-1]
             _check_there(path, "texture", texture)
 
 
 def _check_gltf(path: Path) -> None:
     content = read_bytes(path, LARGEST_MESH)
-    if content.startswith(b"glTF"):  # the binary form: a header, and the JSON as the first chunk
+    if content.startswith(b"glTF"):  # binary form: a header, and JSON in the first chunk
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     try:
         data: Any = parse_json(content)
         parts = [(what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])]
         corners = sum(each.get("count", 0) for each in data.get("accessors", []))
-        too_many = corners > MOST_CORNERS  # those without a buffer are zeros, and take no room in the file
+        too_many = corners > MOST_CORNERS  # accessors without a buffer are zeros, without data in the file
     except (ValueError, AttributeError, TypeError):
-        return  # the reader gives the reason
+        return  # the reader reports the reason
     if too_many:
         raise MediaError(f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}")
     for what, uri in parts:

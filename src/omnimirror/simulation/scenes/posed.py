@@ -1,4 +1,4 @@
-"""Where a sensor stands in a scene, and the scene as it is seen from there."""
+"""Pose of a sensor in a scene, and the scene in the sensor frame."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from .contract import Array, Scene, distances_mm
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the mirror's vertex stands in a scene, and how the sensor's world is turned there.
+    """Position of the mirror vertex in a scene, and orientation of the sensor world.
 
     Parameters
     ----------
     x_mm, y_mm, z_mm
-        The vertex in the scene's frame: x forward, y left, z up.
+        Mirror vertex in the scene frame: x forward, y left, z up.
     pan_deg, tilt_deg, roll_deg
-        Where the sensor's forward direction points: to the right, up, and then turned clockwise about it.
+        Forward direction of the sensor: pan to the right, tilt up, and then clockwise roll about
+        it.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range.
+        If a number is out of range.
 
     Examples
     --------
@@ -59,36 +60,36 @@ class Pose:
 
     @property
     def shift_mm(self) -> Array:
-        """The vertex (3,) in the scene's frame."""
+        """Mirror vertex (3,) in the scene frame."""
         return np.array([self.x_mm, self.y_mm, self.z_mm])
 
     def rotation(self) -> Array:
-        """Rotation (3, 3) from the sensor's world to the scene's frame.
+        """Return the rotation (3, 3) from the sensor world to the scene frame.
 
         Returns
         -------
         (3, 3) array
-            From directions of the sensor's world to those of the scene.
+            Rotation of directions from the sensor world to the scene.
         """
         return turn_of(self.pan_deg, self.tilt_deg, self.roll_deg)
 
     def to_scene(self, points_mm: Array) -> Array:
-        """Points (n, 3) of the sensor's world in the scene's frame.
+        """Convert points (n, 3) of the sensor world to the scene frame.
 
         Parameters
         ----------
         points_mm : (n, 3)
-            Points in the sensor's world, mm.
+            Points in the sensor world, mm.
 
         Returns
         -------
         (n, 3) array
-            The same in the scene, mm.
+            Points in the scene, mm.
         """
         return turned(points_mm, self.rotation().T) + self.shift_mm
 
     def to_sensor(self, points_mm: Array) -> Array:
-        """Points (n, 3) of the scene's frame in the sensor's world.
+        """Convert points (n, 3) of the scene frame to the sensor world.
 
         Parameters
         ----------
@@ -98,7 +99,7 @@ class Pose:
         Returns
         -------
         (n, 3) array
-            The same in the sensor's world, mm.
+            Points in the sensor world, mm.
         """
         moved: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
         return moved
@@ -109,14 +110,14 @@ POSE_NAMES = tuple(f.name for f in fields(Pose))
 
 @dataclass(frozen=True)
 class PosedScene:
-    """A scene as a sensor sees it that stands somewhere in it.
+    """Scene in the frame of a sensor with a pose.
 
     Parameters
     ----------
     scene
-        What is seen.
+        Scene to be rendered.
     pose
-        Where the sensor stands in it.
+        Pose of the sensor in the scene.
 
     Examples
     --------
@@ -135,14 +136,14 @@ class PosedScene:
         check_fields(self)
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) of rays of the sensor's world.
+        """Return linear RGB (n, 3) of rays of the sensor world.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
@@ -152,19 +153,19 @@ class PosedScene:
         return self.scene.radiance(*self._in_scene(origins_mm, directions))
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """How far (n,) rays of the sensor's world go.
+        """Return distances (n,) of rays of the sensor world.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
         (n,) array
-            mm; infinite where nothing is met.
+            Distances, mm; infinite without a surface.
         """
         return distances_mm(self.scene, *self._in_scene(origins_mm, directions))
 

@@ -1,4 +1,4 @@
-"""Scenes by name: those that come with the project, and those in files."""
+"""Scenes by name: bundled scenes, and scene files."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ BYTES_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True)
 class SceneSource:
-    """Where a scene comes from.
+    """Source of a scene.
 
     Parameters
     ----------
     name
-        Of a scene of the project, or an equirectangular picture's or a mesh's file.
+        Name of a bundled scene, or file of an equirectangular image or a mesh.
     texel_mm
-        Fineness of a scene of the project; its own by default.
+        Texel size of a bundled scene; its own by default.
     heading_deg
-        Where the middle of an environment is seen; also of the one behind a mesh.
+        Pan of the centre of an environment, also of the background of a mesh.
     unit_mm, up, background
-        Of a mesh: its unit, the axis that points up, and the file of the environment behind it.
+        Properties of a mesh: its unit, the upward axis, and the file of its background environment.
 
     Examples
     --------
@@ -49,21 +49,21 @@ class SceneSource:
 
     @property
     def is_mesh(self) -> bool:
-        """Whether it is a mesh's file."""
+        """True for the file of a mesh."""
         return Path(self.name).suffix.lower() in MESHES
 
     @property
     def is_environment(self) -> bool:
-        """Whether it is an equirectangular picture's file."""
+        """True for the file of an equirectangular image."""
         return Path(self.name).suffix.lower() in ENVIRONMENTS
 
     def load(self) -> Scene:
-        """The scene.
+        """Load the scene.
 
         Raises
         ------
         OmnimirrorError
-            There is no such scene, or its file cannot be read.
+            If the scene does not exist, or its file cannot be read.
         """
         if self.is_mesh:
             from .mesh import load_mesh
@@ -90,33 +90,34 @@ def load_scene(
     up: str | None = None,
     background: str | Path | None = None,
 ) -> Scene:
-    """A scene by its name, or from the file of an environment or a mesh; as ``omnimirror simulate --scene`` takes it.
+    """Load a scene by name, or from an environment or mesh file, as ``omnimirror simulate --scene``
+    does.
 
     Parameters
     ----------
     name
-        ``"room"``, ``"street"``, ``"hall"``, ..; or an equirectangular picture (HDR, EXR, JPEG, ..); or a mesh (GLB,
-        glTF, OBJ, PLY, STL).
+        ``"room"``, ``"street"``, ``"hall"``, ...; or an equirectangular image
+        (HDR, EXR, JPEG, ...); or a mesh (GLB, glTF, OBJ, PLY, STL).
     texel_mm
-        Fineness of a scene of the project, mm; its own by default.
+        Texel size of a bundled scene, mm; its own by default.
     heading_deg
-        Where the middle of an environment is seen, deg right of forward; also of the one behind a mesh.
+        Pan of the centre of an environment, deg right of forward; also of the background of a mesh.
     unit_mm
-        Unit of a mesh, mm; 1000 by default, of an STL 1.
+        Unit of a mesh, mm; 1000 by default, 1 for STL.
     up
-        Axis of a mesh that points up, ``"y"`` or ``"z"``; y by default, of an STL z.
+        Upward axis of a mesh, ``"y"`` or ``"z"``; y by default, z for STL.
     background
-        File of the environment behind a mesh; nothing by default.
+        File of the background environment of a mesh; none by default.
 
     Returns
     -------
     Scene
-        For :func:`omnimirror.take_picture` and :func:`omnimirror.expose`.
+        Scene for :func:`omnimirror.take_picture` and :func:`omnimirror.expose`.
 
     Raises
     ------
     OmnimirrorError
-        There is no such scene, or its file cannot be read.
+        If the scene does not exist, or its file cannot be read.
 
     Examples
     --------
@@ -129,7 +130,9 @@ def load_scene(
 
 
 def record_of(scene: Scene | SceneSource) -> dict[str, Any] | None:
-    """A scene as JSON holds it, files with their place and SHA-256; None for one that was made in Python."""
+    """Convert a scene to JSON data, files with their path and SHA-256; None for scenes created in
+    Python.
+    """
     if not isinstance(scene, SceneSource):
         names = [name for name, kind in BUNDLED.items() if type(scene) is kind]
         return record_of(SceneSource(names[0], vars(scene)["texel_mm"])) if names else None
@@ -142,12 +145,12 @@ def record_of(scene: Scene | SceneSource) -> dict[str, Any] | None:
 
 
 def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
-    """The source of a record; its files where they were, or in a folder.
+    """Return the source of JSON data; files at their original path, or in a folder.
 
     Raises
     ------
     MediaError
-        The scene was made in Python, or a file is not there any more or is another one.
+        If the scene was created in Python, or a file is missing or has changed.
     """
     if record is None:
         raise MediaError("the set's scene was made in Python, and no file says how; take it with the same program")
@@ -168,12 +171,12 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
 
 
 def sha256_of(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal.
+    """Return the SHA-256 of a file in hexadecimal.
 
     Raises
     ------
     MediaError
-        The file cannot be read.
+        If the file cannot be read.
     """
     digest = hashlib.sha256()
     try:

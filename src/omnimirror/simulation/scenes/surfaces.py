@@ -1,4 +1,4 @@
-"""Scenes of flat textured surfaces: parallelograms and triangles, lit once and for all."""
+"""Scenes of flat textured surfaces: parallelograms and triangles with baked light."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from ...base.native import CompiledSurfaces, backend, kernel_array
 from ...base.numerics.lazy import cached_property
 from .contract import Array
 
-BESIDE = 1e-6  # of a side: neighbours that share an edge leave no gap
-RAYS_AT_ONCE = 1 << 22  # times surfaces, in NumPy
+BESIDE = 1e-6  # relative to a side: no gaps between surfaces that share an edge
+RAYS_AT_ONCE = 1 << 22  # rays times surfaces, in NumPy
 
 
 class Texture(NamedTuple):
-    """A picture on surfaces."""
+    """Texture of surfaces."""
 
     texels: Light
-    """(h, w, 4): linear red, green, blue, and the share of what is behind that comes through."""
+    """Texels (h, w, 4): linear red, green, blue, and the transmitted fraction of the background."""
     repeats: bool = False
-    """Whether it starts again beyond its edge; else its edge goes on."""
+    """True for a periodic texture; otherwise its edge is repeated."""
 
 
 class Seen(NamedTuple):
-    """What rays (n,) meet first."""
+    """First intersections of rays (n,)."""
 
     light: Light
-    """(n, 3), 0 where they meet nothing."""
+    """Light (n, 3), 0 without intersection."""
     clear: NDArray[np.float32]
-    """(n,) share of what is behind, 0 where they meet nothing."""
+    """Transmitted fraction (n,) of the background, 0 without intersection."""
     distance: NDArray[np.float32]
-    """(n,) in lengths of the direction, infinite where they meet nothing."""
+    """Distances (n,) in lengths of the direction, infinite without intersection."""
 
 
 RECORD = np.dtype([
@@ -44,19 +44,21 @@ RECORD = np.dtype([
     ("texel_sides", "<f4", (2, 2)),
     ("kind", "<i4"),
 ])  # fmt: skip
-"""A surface as compiled kernels have it: corner and sides in mm, column and row of the corner in its texture and what
-the sides add; and which texture that is, of a triangle (the half of the parallelogram that adjoins the corner) -1 minus
-it."""
+"""Surface record of the compiled kernels: corner and sides in mm, column and row of the corner in
+its texture and the increments along the sides; and the texture index, or -1 minus the index for a
+triangle (the half of the parallelogram at the corner).
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Surfaces, each a corner and two sides; seen from both sides.
+    """Two-sided surfaces, each a corner and two sides.
 
     Parameters
     ----------
     records : (n,) array of :data:`RECORD`
-        In any order; once they are compiled, in that of their tree, and in its memory: there may be millions.
+        Records in any order; compilation reorders them in place to the order of their tree, because
+        there may be millions.
     textures
 
     Examples
@@ -77,18 +79,18 @@ class Surfaces:
         cls, places: Array, texture_coordinates: NDArray[np.floating], texture_of: NDArray[np.integer] | int,
         is_triangle: NDArray[np.bool_] | bool, textures: tuple[Texture, ...],
     ) -> Surfaces:  # fmt: skip
-        """Surfaces of their parts.
+        """Create surfaces from their parts.
 
         Parameters
         ----------
         places : (n, 3, 3) array, mm
-            Corner and the two sides, in the world frame.
+            Corner and both sides, in the world frame.
         texture_coordinates : (n, 3, 2) array, texels
-            Column and row of the corner in its texture, and what the sides add.
+            Column and row of the corner in its texture, and the increments along the sides.
         texture_of : (n,) array, or of all
-            Index of each surface's texture.
+            Texture index of each surface.
         is_triangle : (n,) array, or of all
-            Whether it is the half of the parallelogram that adjoins the corner.
+            True for the half of the parallelogram at the corner.
         textures
         """
         records = np.empty(len(places), RECORD)
@@ -98,7 +100,7 @@ class Surfaces:
         return cls(records, textures)
 
     def seen(self, origins_mm: Array, directions: Array) -> Seen:
-        """What rays from origins (n, 3) mm in directions (n, 3) meet first."""
+        """Return the first intersections of rays from origins (n, 3) mm in directions (n, 3)."""
         if not backend.is_compiled:
             return self._seen_by_all(origins_mm, directions)
         count = len(origins_mm)
@@ -109,7 +111,7 @@ class Surfaces:
 
     @cached_property
     def native(self) -> CompiledSurfaces:
-        """The compiled surfaces."""
+        """Compiled surfaces."""
         texels = [t.texels.reshape(-1, 4) for t in self.textures]
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
         made = backend.kernels.Surfaces(
@@ -120,10 +122,10 @@ class Surfaces:
         object.__setattr__(self, "records", made.records.view(RECORD)[:, 0])
         return made
 
-    # -- without anything compiled ---------------------------------------------------------------
+    # -- without the compiled module -------------------------------------------------------------
 
     def _seen_by_all(self, origins: Array, directions: Array) -> Seen:
-        """Every ray against every surface; the same answers, slowly."""
+        """Intersect every ray with every surface; same results, slowly."""
         step = max(1, RAYS_AT_ONCE // max(1, len(self.records)))
         parts = [
             self._seen_at_once(origins[i : i + step], directions[i : i + step]) for i in range(0, len(origins), step)
@@ -149,7 +151,9 @@ class Surfaces:
         return Seen(light[:, :3], light[:, 3], nearest.astype(np.float32))
 
     def _meet(self, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
-        """Distances (n, surfaces), infinite where missed, and places on the sides (Moeller and Trumbore, 1997)."""
+        """Return distances (n, surfaces), infinite without intersection, and positions on the sides
+        (Moeller and Trumbore, 1997).
+        """
         corner, sides = (self.records[name].astype(float) for name in ("corner", "sides"))
         side, other = np.moveaxis(sides, 1, 0)
         p = np.cross(directions[:, None], other)
@@ -166,8 +170,11 @@ class Surfaces:
 
 
 def joined(one: Surfaces, other: Surfaces) -> Surfaces:
-    """The surfaces of both, in an order of their own: where two lie in one place rays meet the same one, whatever
-    order compiled surfaces have brought either into."""
+    """Combine surfaces in a canonical order.
+
+    Rays meet the same one of two coincident surfaces, independent of the order of compiled
+    surfaces.
+    """
     added = other.records.copy()
     added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(np.int32)
     records = np.concatenate([one.records, added])
@@ -175,7 +182,7 @@ def joined(one: Surfaces, other: Surfaces) -> Surfaces:
 
 
 def _look_up(texture: Texture, place: Array) -> Light:
-    """Texels (n, 4), interpolated linearly, at columns and rows (n, 2)."""
+    """Return texels (n, 4), interpolated bilinearly, at columns and rows (n, 2)."""
     size = np.array(texture.texels.shape[1::-1])
     if not texture.repeats:
         place = np.clip(place, 0, size - 1)

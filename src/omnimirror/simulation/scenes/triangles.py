@@ -1,4 +1,4 @@
-"""Triangles of plain or blended colours, as surfaces, and crowns of trees made of them."""
+"""Triangles with uniform or interpolated colours, as surfaces, and tree crowns made of them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .surfaces import Surfaces, Texture
 
 
 def facets(triangles: Array, colours: Light) -> Surfaces:
-    """Triangles (n, 3, 3), mm, with the linear RGB (n, 3, 3) of their corners, blended between them.
+    """Return triangles (n, 3, 3), mm, with interpolated linear RGB (n, 3, 3) of their vertices.
 
-    Each has four texels of its own, whose last continues the others' plane, so that blending is exact.
+    Each has four texels; the last one continues the plane of the others, for exact interpolation.
 
     >>> red_to_blue = facets(np.array([[[9.0, 3, -3], [9, -3, -3], [9, 3, 3]]]), np.eye(3)[None].astype(np.float32))
     >>> red_to_blue.seen(np.zeros((1, 3)), np.array([[9.0, 1.0, -1.0]])).light.round(3)
@@ -36,13 +36,15 @@ def facets(triangles: Array, colours: Light) -> Surfaces:
 
 
 def halves(triangles: Array, at: NDArray[np.floating], texture: Texture) -> Surfaces:
-    """Triangles (n, 3, 3), mm, and where in their texture the first corner lies and what both sides add (n, 3, 2)."""
+    """Return triangles (n, 3, 3), mm, with the texture position of the first vertex and the
+    increments along both sides (n, 3, 2).
+    """
     places = np.concatenate([triangles[:, :1], triangles[:, 1:] - triangles[:, :1]], axis=1)
     return Surfaces.of(places, at, 0, True, (texture,))
 
 
 def combined(parts: Sequence[Surfaces]) -> Surfaces:
-    """Several sets of surfaces as one."""
+    """Combine several sets of surfaces."""
     records = np.concatenate([part.records for part in parts])
     firsts = np.cumsum([0, *(len(part.textures) for part in parts[:-1])])
     shifts = np.repeat(firsts, [len(part.records) for part in parts])
@@ -54,7 +56,7 @@ RINGS, SPOKES = 7, 14
 
 
 def crown(box: Box, colour: str, sun: Array) -> Surfaces:
-    """The crown of a tree: an uneven ball that fills a box, lit by the sun."""
+    """Return the crown of a tree: an irregular ball that fills a box, lit by the sun."""
     low, high = np.array(box.low), np.array(box.high)
     chance = np.random.default_rng(int(abs(low).sum()))
     polar, turn = np.meshgrid(np.linspace(0, np.pi, RINGS), 2 * np.pi * np.arange(SPOKES) / SPOKES, indexing="ij")
@@ -75,4 +77,4 @@ def crown(box: Box, colour: str, sun: Array) -> Surfaces:
 
 
 _QUAD = ((slice(None, -1), 0), (slice(1, None), 0), (slice(1, None), -1), (slice(None, -1), -1))
-"""Rows and turns of the four corners of the faces between two rings."""
+"""Row and azimuth indices of the four vertices of the faces between two rings."""

@@ -1,1 +1,1 @@
-"""The scenes that come with omnimirror, and what they are painted and built with."""
+"""Bundled scenes, and their paint and parts."""

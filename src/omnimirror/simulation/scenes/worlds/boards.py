@@ -1,4 +1,4 @@
-"""Checkerboards for calibration, at places that are known exactly."""
+"""Calibration checkerboards with exactly known positions."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ BLACK, WHITE, LABEL = Paint("#141414"), Paint("#f2f2f0"), Paint("#9aa4ab")
 
 @dataclass(frozen=True)
 class HallBoard:
-    """A checkerboard of 12 x 8 squares of 100 mm within a white margin: 11 x 7 inner corners.
+    """Checkerboard with 12 x 8 squares of 100 mm and a white margin: 11 x 7 inner corners.
 
-    Its middle lies at a pan, a tilt and a distance from the scene's origin, which it faces but for a turn
-    (to the right), a lean (backwards) and a roll (clockwise) of its own.
+    Its centre has a pan, a tilt and a distance from the scene origin. It faces the origin except
+    for its own rotations: turn (to the right), backward tilt and clockwise roll.
     """
 
     name: str
@@ -35,7 +35,7 @@ class HallBoard:
 
     @property
     def face(self) -> Face:
-        """The whole board."""
+        """Face of the whole board."""
         middle = self.distance_mm * pan_tilt_direction(np.radians(self.pan_deg), np.radians(self.tilt_deg))
         forward, right, down = view_axes(self.pan_deg + self.turn_deg, self.tilt_deg + self.lean_deg, self.roll_deg)
         width, height = (count * SQUARE_MM + 2 * MARGIN_MM for count in SQUARES)
@@ -43,14 +43,16 @@ class HallBoard:
         return Face(corner, right, -down, -forward, width, height)
 
     def inner_corners_mm(self) -> Array:
-        """The inner corners (7, 11, 3), mm in the scene: rows from the top, columns from the left, as one reads it."""
+        """Return the inner corners (7, 11, 3), mm in the scene: rows from the top, columns from the
+        left, in reading direction.
+        """
         face, (columns, rows) = self.face, SQUARES
         x = MARGIN_MM + SQUARE_MM * np.arange(1, columns)
         y = face.height_mm - MARGIN_MM - SQUARE_MM * np.arange(1, rows)
         return face.point(*np.meshgrid(x, y))
 
     def paint(self, texel_mm: float) -> Canvas:
-        """Its picture; the squares end where texels do."""
+        """Paint the board, with square edges aligned to texel edges."""
         face, (columns, rows) = self.face, SQUARES
         canvas = Canvas(face.width_mm, face.height_mm, SQUARE_MM / max(1, round(SQUARE_MM / texel_mm)), WHITE)
         for row in range(rows):

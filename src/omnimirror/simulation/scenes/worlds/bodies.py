@@ -1,4 +1,4 @@
-"""Boxes that move in a scene, and the scene as it is with them at a moment."""
+"""Moving boxes in a scene, and the scene with them at one time."""
 
 from __future__ import annotations
 
@@ -23,47 +23,49 @@ from ..surfaces import joined
 from .painted import Painted, Surroundings, surfaces_of
 
 SHADES = np.array([0.75, 0.55, 1.0])
-"""How light sides, fronts and tops are: enough to tell them apart."""
+"""Brightness of sides, fronts and tops, to make them distinguishable."""
 NOTHING, BACKGROUND = 0, 1
 MOST = 1000
-"""Bodies of one scene."""
+"""Maximum number of bodies in a scene."""
 MOST_ORDERED_ANEW = 20_000
-"""Surfaces of a scene to which kernels see bodies added, at each moment."""
+"""Maximum number of scene surfaces for rendering bodies with kernels, which reorder all surfaces
+for each time.
+"""
 
 
 @runtime_checkable
 class Labelled(Protocol):
-    """A scene that tells what rays meet."""
+    """Scene with labels of the surfaces."""
 
     @property
     def label_names(self) -> tuple[str, ...]:
-        """Of labels from 1 on."""
+        """Names of the labels from 1 on."""
         ...
 
     def labels(self, origins_mm: Array, directions: Array) -> NDArray[np.int64]:
-        """What rays (n,) meet: from 1 on; 0 is nothing."""
+        """Return labels (n,) of rays from 1 on; 0 without a surface."""
         ...
 
 
 @dataclass(frozen=True)
 class MovingBox:
-    """A box that moves in a scene.
+    """Moving box in a scene.
 
     Parameters
     ----------
     size_mm : (3,)
-        Its length ahead, width and height; its pose is that of its middle.
+        Length along forward, width and height; its pose is that of its centre.
     path
-        Poses over time, as of :func:`omnimirror.load_path`.
+        Poses over time, as returned by :func:`omnimirror.load_path`.
     colour
-        As ``"#c0392b"``.
+        Colour such as ``"#c0392b"``.
     name
-        Of its label.
+        Name of its label.
 
     Raises
     ------
     InvalidParameter
-        A size that is none, a colour that is not known, or a path of something else than poses.
+        If the size or the colour is invalid, or the path does not contain poses.
 
     Examples
     --------
@@ -85,42 +87,43 @@ class MovingBox:
             raise InvalidParameter(f"path has {other!r}; valid are {', '.join(POSE_NAMES)}")
 
     def pose_at(self, time_s: float) -> Pose:
-        """Where it is at a time.
+        """Return the pose at a time.
 
         Parameters
         ----------
         time_s
-            s
+            Time, s.
 
         Returns
         -------
         Pose
-            Of its middle, in the scene.
+            Pose of its centre in the scene.
         """
         return Pose(**self.path.at(time_s))
 
 
 @checked
 def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
-    """Read a TOML file of boxes that move: a table for each, by its name.
+    """Read moving boxes from a TOML file with one table per name.
 
-    In it stand ``size_mm``, perhaps ``colour``, and its poses over time as :func:`omnimirror.load_path` takes them: in
-    ``[[name.keyframe]]`` tables, or as ``path``, a file beside this one.
+    A table contains ``size_mm``, an optional ``colour``, and poses over time as for
+    :func:`omnimirror.load_path`: in ``[[name.keyframe]]`` tables, or as ``path``, a file in the
+    same folder.
 
     Parameters
     ----------
     path
-        Name of the file.
+        File name.
 
     Returns
     -------
     tuple of MovingBox
-        In the order of the file.
+        Boxes in the order of the file.
 
     Raises
     ------
     SpecError
-        There is no such file, or it holds no bodies; the message names the body.
+        If the file does not exist or contains no bodies; the message names the body.
 
     Examples
     --------
@@ -159,16 +162,16 @@ def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
 
 @dataclass(frozen=True)
 class SceneWithBodies:
-    """A scene with boxes in it, at a moment.
+    """Scene with boxes at one time.
 
     Parameters
     ----------
     scene
-        Whatever tells distances.
+        Scene that provides distances.
     bodies
-        What moves in it.
+        Moving bodies.
     time_s
-        The moment.
+        Time.
 
     Examples
     --------
@@ -184,7 +187,7 @@ class SceneWithBodies:
     time_s: float = 0.0
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3)."""
+        """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3)."""
         light = self.scene.radiance(origins_mm, directions)
         _, body, axis = self._first(origins_mm, directions)
         for number, box in enumerate(self.bodies):
@@ -193,10 +196,11 @@ class SceneWithBodies:
         return light
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between corners (3,), (3,) mm: the scene's surfaces and the bodies'.
+        """Return the surfaces of the scene and the bodies for rays that start in a box between
+        corners (3,), (3,) mm.
 
-        None where the scene is more than surfaces, where it has so many that they are not ordered anew for a moment,
-        and where rays may start in a body.
+        None if the scene contains more than surfaces, has too many surfaces to reorder for each
+        time, or if rays may start in a body.
         """
         own = self.scene.surroundings_from(low_mm, high_mm) if isinstance(self.scene, Painted) else None
         if own is None or not self.bodies:
@@ -212,17 +216,17 @@ class SceneWithBodies:
         return Surroundings(joined(own.surfaces, surfaces_of(faces, pictures)), own.background)
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """How far (n,) rays go, mm."""
+        """Return distances (n,) of rays, mm."""
         return self._first(origins_mm, directions)[0]
 
     @property
     def label_names(self) -> tuple[str, ...]:
-        """Of labels from 1 on: the scene's own, and those of the bodies after them."""
+        """Names of the labels from 1 on: those of the scene, followed by those of the bodies."""
         own = self.scene.label_names if isinstance(self.scene, Labelled) else ("scene",)
         return own + tuple(box.name for box in self.bodies)
 
     def labels(self, origins_mm: Array, directions: Array) -> NDArray[np.int64]:
-        """What rays (n,) meet."""
+        """Return labels (n,) of rays."""
         distance, body, _ = self._first(origins_mm, directions)
         if isinstance(self.scene, Labelled):
             labels = self.scene.labels(origins_mm, directions)
@@ -232,7 +236,9 @@ class SceneWithBodies:
         return np.where(body >= 0, first + body, labels)
 
     def _first(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-        """How far (n,) rays go, which body they meet, -1 for none of them, and across which axis of that."""
+        """Return distances (n,) of rays, body indices, -1 for none, and the axis of the intersected
+        face.
+        """
         nearest = distances_mm(self.scene, origins, directions).copy()
         body, axis = np.full(len(nearest), -1), np.zeros(len(nearest), np.int64)
         length = np.linalg.norm(directions, axis=1)
@@ -251,7 +257,7 @@ class SceneWithBodies:
 
 
 def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
-    """Its sides in the scene, in the order of their numbers."""
+    """Return its faces in the scene, ordered by number."""
     length, width, height = (side / 2 for side in box.size_mm)
     own, turn, placed = Box((-length, -width, -height), (length, width, height)), pose.rotation().T, []
     for face in (face_of(own, number, inside=False) for number in FACES):
@@ -262,10 +268,10 @@ def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
 
 
 def _plain(box: MovingBox, axis: int) -> Light:
-    """The picture (1, 1, 4) of a side that lets nothing through."""
+    """Return the image (1, 1, 4) of an opaque side."""
     return np.array([[[*(hex_colour(box.colour) * SHADES[axis]), 0.0]]], np.float32)
 
 
 def with_bodies(scene: Scene, bodies: Sequence[MovingBox], time_s: float) -> Scene:
-    """A scene at a moment (s), as it is where nothing moves in it."""
+    """Return a scene with bodies at a time (s); the scene itself if there are no bodies."""
     return SceneWithBodies(scene, tuple(bodies), time_s) if len(bodies) else scene

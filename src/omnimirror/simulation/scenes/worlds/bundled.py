@@ -1,4 +1,4 @@
-"""The scenes that come with the project, by name."""
+"""Bundled scenes by name."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ BUNDLED: dict[str, Callable[..., Scene]] = {"room": Room, "street": Street, "hal
 
 
 def bundled_scene(name: str) -> Scene:
-    """A scene by its name.
+    """Return a bundled scene by name.
 
     Raises
     ------
     InvalidParameter
-        If there is none of that name.
+        If there is no scene of that name.
     """
     if name not in BUNDLED:
         raise InvalidParameter(f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}")

@@ -1,7 +1,7 @@
-"""The room's furniture and the painting of its walls: all that is a matter of taste.
+"""Furniture and wall painting of the room: purely decorative definitions.
 
-Solids stand in the world frame (mm, sensor at the origin); walls are painted in millimetres from
-their lower left corner, as one faces them.
+Solids are defined in the world frame (mm, sensor at the origin); walls are painted in millimetres
+from their lower left corner, as seen by a viewer.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ..boxes import Box
 from ..canvas import Canvas, Extent, Paint
 
 ROOM = Box((-2600.0, -2700.0, -1200.0), (3400.0, 2300.0, 1800.0))
-"""6 x 5 x 3 m; the sensor stands 1.2 m high and off the middle."""
+"""Room of 6 x 5 x 3 m; the sensor is 1.2 m high and off-centre."""
 
 INK, CREAM, WHITE = Paint("#26323c"), Paint("#ece6d8"), Paint("#f4f2ec")
 OAK, WALNUT, STEEL = Paint("#b08a5e"), Paint("#6a4a35"), Paint("#4a5056")
@@ -21,13 +21,13 @@ LAMP, GLASS = Paint("#fff1dc", glow=1.4), Paint(clear=1.0)
 
 
 class Sign(NamedTuple):
-    """A word on a wall."""
+    """Word on a wall."""
 
     face: int
     word: str
     x: float
     y: float
-    """Its middle, mm on the wall."""
+    """Centre, mm on the wall."""
     cap_height: float
     paint: Paint
 
@@ -41,7 +41,7 @@ SIGNS = (
 
 
 def paint_room(face: int, texel_mm: float, width_mm: float, height_mm: float) -> tuple[Canvas, dict[str, Extent]]:
-    """One of the room's six faces, and where the words on it are."""
+    """Paint one of the six faces of the room; return the canvas and the extents of its words."""
     painters: tuple[tuple[str, Callable[[Canvas], None]], ...] = (
         ("#b3bfa8", _back_wall),
         ("#b9c7cf", _front_wall),
@@ -60,7 +60,9 @@ def paint_room(face: int, texel_mm: float, width_mm: float, height_mm: float) ->
 
 
 def _wall(canvas: Canvas, dado: str) -> None:
-    """The lower part of a wall: a darker field, a rail over it, a skirting board under it."""
+    """Paint the lower part of a wall: a darker field with a rail above it and a skirting board
+    below it.
+    """
     canvas.rectangle(0, 0, canvas.width_mm, 820, Paint(dado))
     canvas.rectangle(0, 820, canvas.width_mm, 860, CREAM)
     canvas.rectangle(0, 0, canvas.width_mm, 110, CREAM)
@@ -99,7 +101,7 @@ def _floor(canvas: Canvas) -> None:
 
 
 def _compass(canvas: Canvas, x: float, y: float) -> None:
-    """Four letters right under the sensor; north is forward."""
+    """Paint four letters below the sensor; north is forward."""
     for radius, paint in ((620.0, CREAM), (595.0, Paint("#2f4858")), (240.0, CREAM), (220.0, Paint("#8a4a41"))):
         canvas.disc(x, y, radius, paint)
     for letter, right, up in (("N", 0, 1), ("E", 1, 0), ("S", 0, -1), ("W", -1, 0)):
@@ -107,7 +109,7 @@ def _compass(canvas: Canvas, x: float, y: float) -> None:
 
 
 def _ceiling(canvas: Canvas) -> None:
-    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # from the front, as seen by who looks up at them
+    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # ordered from the front, as seen by a viewer facing up
         canvas.rectangle(1550, middle - 150, 3450, middle + 150, STEEL)
         canvas.rectangle(1580, middle - 120, 3420, middle + 120, LAMP)
 
@@ -156,7 +158,7 @@ def _clock(canvas: Canvas, x: float, y: float, radius: float) -> None:
 
 
 class Piece(NamedTuple):
-    """A solid, what it is a part of, its paint, and what its faces carry."""
+    """Solid with its object, its paint, and the content of its faces."""
 
     name: str
     box: Box
@@ -165,7 +167,9 @@ class Piece(NamedTuple):
 
 
 def _books(canvas: Canvas) -> None:
-    """Four shelves of books whose sizes and colours repeat so late that one sees no pattern."""
+    """Paint four shelves of books whose sizes and colours have a long period without visible
+    pattern.
+    """
     colours = ("#7a2e2a", "#2f4858", "#d2c4a0", "#3f5e46", "#8a6a3d", "#54415f", "#b9b3a5", "#1f3a52", "#a35a3a")
     for shelf in range(4):
         bottom, x = 60.0 + 490 * shelf, 60.0
@@ -175,7 +179,7 @@ def _books(canvas: Canvas) -> None:
             width, height = 34.0 + 13 * (n * 7 % 5), 270.0 + 24 * (n * 5 % 7)
             if x + width > canvas.width_mm - 60:
                 break
-            if n % 17 != 11:  # a gap here and there
+            if n % 17 != 11:  # occasional gaps
                 canvas.rectangle(x, bottom, x + width, bottom + height, Paint(colours[n * 4 % 9]))
                 canvas.rectangle(x + 5, bottom + 0.7 * height, x + width - 5, bottom + 0.76 * height, CREAM)
             x += width + 4
@@ -196,7 +200,7 @@ def _ribs(canvas: Canvas) -> None:
 
 
 def _legs(name: str, left: float, right: float, back: float, front: float, top: float, paint: Paint) -> list[Piece]:
-    """Four legs within the corners of a table top that lies ``top`` over the sensor's height."""
+    """Return four legs within the corners of a table top at the height ``top`` over the sensor."""
     t, floor = 70.0, ROOM.low[2]
     corners = [(x, y) for x in (left, right - t) for y in (back, front - t)]
     return [Piece(name, Box((x, y, floor), (x + t, y + t, top)), paint) for x, y in corners]
@@ -219,4 +223,4 @@ PIECES: tuple[Piece, ...] = (
     Piece("armchair", Box((-2500, 590, -1160), (-2350, 1610, -330)), CLOTH),
     *(Piece("armchair", Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH) for y in (590.0, 1500.0)),
 )
-"""Everything solid in the room, in world millimetres."""
+"""All solids in the room, in world millimetres."""

@@ -1,4 +1,4 @@
-"""A hall for calibration: checkerboards all around the sensor, at places that are known exactly."""
+"""Calibration hall: checkerboards around the sensor at exactly known positions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .boards import HallBoard
 from .painted import Surroundings, finished, outsides, surfaces_of
 
 TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
-PLAIN = 4.0  # times coarser, where there are no corners to be found
+PLAIN = 4.0  # times coarser on faces without corners
 HALL = Box((-5200.0, -4200.0, -1700.0), (5200.0, 4200.0, 3300.0))
 CRATES = (
     Box((3900.0, 2700.0, -1700.0), (4900.0, 3700.0, -800.0)),
@@ -51,22 +51,23 @@ BOARDS = (
         for i in range(6)
     ),
 )
-"""In three rings: at the sensor's height, below it and above it."""
+"""Boards in three rings: at the height of the sensor, below it and above it."""
 
 
 @dataclass(frozen=True)
 class Hall:
-    """A hall of 10.4 x 8.4 x 5 m with 18 checkerboards, each of 11 x 7 inner corners 100 mm apart.
+    """Hall of 10.4 x 8.4 x 5 m with 18 checkerboards, each with 11 x 7 inner corners 100 mm apart.
 
     Parameters
     ----------
     texel_mm : mm
-        Fineness of the boards. The hall is painted and lit at the first question, once for all alike.
+        Texel size of the boards. The hall is painted and lit at the first use, once for all equal
+        halls.
 
     Raises
     ------
     InvalidParameter
-        For a fineness out of range.
+        If the texel size is out of range.
 
     Examples
     --------
@@ -83,22 +84,23 @@ class Hall:
 
     @property
     def boards(self) -> tuple[str, ...]:
-        """The boards' names, as they stand on their lower margins."""
+        """Names of the boards, as printed on their lower margins."""
         return tuple(board.name for board in BOARDS)
 
     @checked
     def board_corners_mm(self, name: str) -> Array:
-        """The inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its left, as one reads it.
+        """Return the inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its
+        left, in reading direction.
 
         Parameters
         ----------
         name
-            One of :attr:`boards`.
+            Name in :attr:`boards`.
 
         Returns
         -------
         (7, 11, 3) array
-            mm.
+            Corners, mm.
 
         Raises
         ------
@@ -111,14 +113,15 @@ class Hall:
         raise InvalidParameter(f"there is no board {name!r} in the hall; there are {', '.join(self.boards)}")
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
+        """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
+        length but 0.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length but 0.
+            Directions of the rays, of any length but 0.
 
         Returns
         -------
@@ -134,41 +137,41 @@ class Hall:
         return _painted(self.texel_mm).radiance(origins, towards)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between two corners.
+        """Return the surfaces for rays that start in a box between two corners.
 
         Parameters
         ----------
         low_mm, high_mm : (3,)
-            The corners, mm.
+            Corners of the box, mm.
 
         Returns
         -------
         Surroundings
-            The hall; None where the box is not inside it.
+            Surfaces of the hall; None if the box is not inside it.
 
         Raises
         ------
         InvalidParameter
-            For corners that are no points.
+            If the corners are not points.
         """
         low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
         return _painted(self.texel_mm) if inside else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """How far (n,) rays go.
+        """Return distances (n,) of rays.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length but 0.
+            Directions of the rays, of any length but 0.
 
         Returns
         -------
         (n,) array
-            mm.
+            Corners, mm.
 
         Raises
         ------
@@ -198,7 +201,7 @@ THICKNESS_MM = 6.0
 
 
 def _back(face: Face) -> Face:
-    """The other side of a board."""
+    """Return the reverse side of a board."""
     behind = face.corner + face.width_mm * face.right - THICKNESS_MM * face.normal
     return Face(behind, -face.right, face.up, -face.normal, face.width_mm, face.height_mm)
 

@@ -1,4 +1,4 @@
-"""What is seen through the windows: sky and hills, so far away that only the direction counts."""
+"""Landscape outside the windows: sky and hills at infinity, which depend on the direction only."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from ....base.colour import Light, hex_colour
 Array = NDArray[np.float64]
 
 ZENITH, HAZE = hex_colour("#4f86c6"), hex_colour("#e6edf2")
-SOFTNESS_DEG = 0.15  # of the ridges against the sky
+SOFTNESS_DEG = 0.15  # edge width of the ridges
 
 RIDGES = (
     ("#8fa6b8", 7.0, ((1.6, 5, 0.4), (0.9, 13, 1.9), (0.3, 41, 0.0))),
     ("#6f8f74", 3.2, ((1.3, 4, 2.2), (0.6, 17, 0.7), (0.2, 59, 1.0))),
     ("#4d6b45", -1.0, ((0.9, 6, 5.1), (0.4, 23, 0.2), (0.25, 97, 2.0))),
 )
-"""From far to near: colour, height (deg), and the waves of its line (deg, per turn, phase)."""
+"""Ridges from far to near: colour, height (deg), and the waves of their outline
+(deg, per turn, phase).
+"""
 
 
 def landscape_light(directions: Array) -> Light:
-    """Linear RGB (n, 3) of the world outside in directions (n, 3) of any length but 0.
+    """Return linear RGB (n, 3) of the landscape in directions (n, 3) of any length but 0.
 
     >>> blue_sky, meadow = landscape_light(np.array([[0.0, 1.0, 2.0], [0.0, 1.0, -0.2]]))
     >>> bool(blue_sky[2] > blue_sky[0]), bool(meadow[1] > meadow[2])

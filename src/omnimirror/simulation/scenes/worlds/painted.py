@@ -1,4 +1,4 @@
-"""Painted faces as surfaces, and the scenes that are made of them."""
+"""Painted faces as surfaces, and scenes made of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..surfaces import Surfaces, Texture
 
 
 def finished(canvas: Canvas, light: Light) -> Light:
-    """Light that a face sends towards whoever looks, and what it lets through: (rows, columns, 4)."""
+    """Return light emitted and reflected by a face, and its transmittance: (rows, columns, 4)."""
     texels: Light = np.empty((*light.shape[:2], 4), np.float32)
     np.multiply(canvas.texels[..., ALBEDO], light, out=texels[..., :3])
     if canvas.sends:
@@ -26,7 +26,7 @@ def finished(canvas: Canvas, light: Light) -> Light:
 
 
 def surfaces_of(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
-    """Faces with their pictures (rows, columns, 4), whose first row is the top."""
+    """Return surfaces from faces with their images (rows, columns, 4), whose first row is the top."""
     places = np.array([(f.point(0.0, f.height_mm), f.width_mm * f.right, -f.height_mm * f.up) for f in faces])
     texels = np.array([((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float)
     count = len(faces)
@@ -35,25 +35,27 @@ def surfaces_of(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
 
 
 def outsides(boxes: Sequence[Box]) -> list[Face]:
-    """The six faces of each box, seen from outside."""
+    """Return the six faces of each box, seen from outside."""
     return [face_of(box, i, inside=False) for box in boxes for i in range(6)]
 
 
 class Surroundings:
-    """Surfaces, and what is infinitely far behind them.
+    """Surfaces, and their background at infinity.
 
     Parameters
     ----------
     surfaces
     background
-        What rays see that meet no surface, or one that lets light through; nothing, which is black, if None.
+        Background of rays that meet no surface or a transparent one; black if None.
     """
 
     def __init__(self, surfaces: Surfaces, background: Scene | None = None) -> None:
         self.surfaces, self.background = surfaces, background
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0."""
+        """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
+        length but 0.
+        """
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         light, clear, distance = self.surfaces.seen(origins, towards)
         if self.background is not None:
@@ -63,32 +65,34 @@ class Surroundings:
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """How far (n,) rays go to the first surface; infinite where they meet none."""
+        """Return distances (n,) of rays to the first surface; infinite without intersection."""
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         length = np.linalg.norm(towards, axis=1)
-        # of unit directions, so that single precision has all its digits
+        # Unit directions preserve full single precision
         distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(float)
         return distance
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings:
-        """Themselves, whatever box (3,), (3,) mm rays start in."""
+        """Return itself for rays from any box (3,), (3,) mm."""
         return self
 
 
 @runtime_checkable
 class Painted(Protocol):
-    """A scene that is nothing but surfaces and what is behind them, so that kernels see it by themselves."""
+    """Scene that consists of surfaces and a background only, and is supported by the kernels."""
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between corners (3,), (3,) mm; None if some may not start there."""
+        """Return the surfaces for rays that start in a box between corners (3,), (3,) mm; None if
+        the box is not permitted.
+        """
         ...
 
 
 class Landscape:
-    """Sky and hills, infinitely far away."""
+    """Sky and hills at infinity."""
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) in directions (n, 3)."""
+        """Return linear RGB (n, 3) in directions (n, 3)."""
         from .landscape import landscape_light
 
         return landscape_light(directions)

@@ -1,4 +1,4 @@
-"""A furnished room: the bundled scene."""
+"""Furnished room: the main bundled scene."""
 
 from __future__ import annotations
 
@@ -23,37 +23,39 @@ from .landscape import landscape_light
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 
 TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
-AHEAD = 1  # the face of the wall ahead
-PLAIN_MM = 25.0  # fine enough where there is nothing but light and shade
+AHEAD = 1  # face of the wall ahead
+PLAIN_MM = 25.0  # sufficient for faces with shading only
 SOLIDS = tuple(piece.box for piece in PIECES)
 SIDES = ("wall behind", "wall ahead", "wall right", "wall left", "floor", "ceiling")
 FURNITURE = tuple(dict.fromkeys(piece.name for piece in PIECES))
 LABELS = np.array(
     [*range(1, 1 + len(SIDES)), *(1 + len(SIDES) + FURNITURE.index(p.name) for p in PIECES for _ in SIDES)], np.int64
 )
-"""What each face belongs to, from 1 on: the room's sides themselves, then all sides of each solid."""
+"""Label of each face, from 1 on: the sides of the room individually, then one label per solid."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """A room of 6 x 5 x 3 m about the sensor, which stands 1.2 m high and off the middle.
+    """Room of 6 x 5 x 3 m around the sensor, which is 1.2 m high and off-centre.
 
     OMNIMIRROR is written on the wall ahead, GARDEN over the windows to the left, LIBRARY behind and
-    EXIT over the door to the right. The walls are near: each ray is met where it meets, so pictures
-    have the parallax of the mirror's real viewpoints. What is outside the windows is infinitely far.
+    EXIT over the door to the right. The walls are at finite distances and rays are intersected
+    exactly; images therefore include the parallax of the actual viewpoints of the mirror. The
+    landscape outside the windows is at infinity.
 
     Parameters
     ----------
     texel_mm : mm
-        Fineness of the walls. It is painted and lit at the first question, once for all rooms alike.
+        Texel size of the walls. The room is painted and lit at the first use, once for all equal
+        rooms.
     elsewhere_mm : mm
-        Fineness of all but the wall ahead; ``texel_mm`` if None. At 2 mm all of the room takes half a gigabyte, and
-        three times that while it is painted; the wall ahead alone an eighth.
+        Texel size of all faces except the wall ahead; ``texel_mm`` if None. At 2 mm the whole room
+        takes 0.5 GB, and three times as much during painting; the wall ahead alone 1/8 of it.
 
     Raises
     ------
     InvalidParameter
-        For a fineness out of range.
+        If the texel size is out of range.
 
     Examples
     --------
@@ -81,14 +83,15 @@ class Room:
         return _painted(self.texel_mm, self.texel_mm if self.elsewhere_mm is None else self.elsewhere_mm)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
+        """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
+        length but 0.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
@@ -104,53 +107,54 @@ class Room:
         painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
-        hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are met quicker than any surfaces are in NumPy
+        hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are faster than surfaces in NumPy
         light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
         outside = np.flatnonzero(clear)
         light[outside] += clear[outside, None] * landscape_light(towards[outside])
         return light
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between two corners.
+        """Return the surfaces for rays that start in a box between two corners.
 
         Parameters
         ----------
         low_mm, high_mm : (3,)
-            The corners, mm.
+            Corners of the box, mm.
 
         Returns
         -------
         Surroundings
-            The room; None where the box is not inside it.
+            Surfaces of the room; None if the box is not inside it.
 
         Raises
         ------
         InvalidParameter
-            For corners that are no points.
+            If the corners are not points.
         """
         low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         inside = (np.array(ROOM.low) <= low_mm).all() and (np.array(ROOM.high) >= high_mm).all()
         return self._faces.surroundings if inside else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """How far (n,) rays go to a wall or a piece of furniture; window panes count as wall.
+        """Return distances (n,) of rays to a wall or a piece of furniture; window panes count as
+        walls.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
         (n,) array
-            mm; infinite where nothing is met.
+            Distances, mm; infinite without a surface.
 
         Raises
         ------
         InvalidParameter
-            As :meth:`radiance`.
+            As in :meth:`radiance`.
         """
         origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
         length: Array = np.linalg.norm(towards, axis=1)
@@ -158,28 +162,30 @@ class Room:
 
     @property
     def label_names(self) -> tuple[str, ...]:
-        """What :meth:`labels` tells apart, from 1 on: the sides of the room, and what stands in it or hangs there."""
+        """Names of the labels of :meth:`labels`, from 1 on: the sides of the room, and the objects
+        in it.
+        """
         return SIDES + FURNITURE
 
     def labels(self, origins_mm: ArrayLike, directions: ArrayLike) -> NDArray[np.int64]:
-        """What rays meet.
+        """Return the labels of rays.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length.
+            Directions of the rays, of any length.
 
         Returns
         -------
         (n,) array
-            Of :attr:`label_names`, from 1 on.
+            Indices in :attr:`label_names`, from 1 on.
 
         Raises
         ------
         InvalidParameter
-            As :meth:`radiance`.
+            As in :meth:`radiance`.
         """
         origins, towards = rays_inside(ROOM, "the room", origins_mm, directions)
         found: NDArray[np.int64] = LABELS[meet(ROOM, SOLIDS, origins, towards).face]
@@ -187,27 +193,28 @@ class Room:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The words on the walls."""
+        """Words on the walls."""
         return tuple(self._faces.signs)
 
     @checked
     def sign_corners_mm(self, word: str) -> Array:
-        """Corners (4, 3) mm of a word's ink: top left, top right, bottom right, bottom left as one reads it.
+        """Return the corners (4, 3) mm of the ink of a word: top left, top right, bottom right,
+        bottom left.
 
         Parameters
         ----------
         word
-            One of :attr:`words`.
+            Word in :attr:`words`.
 
         Returns
         -------
         (4, 3) array
-            mm.
+            Corners, mm.
 
         Raises
         ------
         InvalidParameter
-            If the word is on no wall.
+            If the word is not on a wall.
         """
         signs = self._faces.signs
         if word not in signs:
@@ -215,11 +222,11 @@ class Room:
         return signs[word].copy()
 
 
-# -- the painted and lit faces -------------------------------------------------------------------------
+# -- painted and lit faces -----------------------------------------------------------------------------
 
 
 class _Painted:
-    """All faces of the room and of the solids, as one list of texels that is looked up by point."""
+    """All faces of the room and of the solids in a single list of texels, indexed by point."""
 
     def __init__(self, faces: list[Face], pictures: list[Light], signs: dict[str, Array]) -> None:
         self.signs = signs
@@ -227,7 +234,7 @@ class _Painted:
         self._sizes = np.array([p.shape[:2] for p in pictures])
         self._starts = np.concatenate([[0], np.cumsum(self._sizes.prod(axis=1))])[:-1]
         self._pictures = pictures
-        # column and row of a point p are A p + b; columns count from the left, rows from the top
+        # Column and row of a point p are A p + b; columns count from the left, rows from the top
         scale = self._sizes[:, ::-1] / np.array([(f.width_mm, f.height_mm) for f in faces])
         axes = np.array([(f.right, -f.up) for f in faces]) * scale[..., None]
         top_left = np.array([f.point(0.0, f.height_mm) for f in faces])
@@ -235,11 +242,13 @@ class _Painted:
 
     @cached_property
     def _texels(self) -> Light:
-        """All of them in a row; where things are compiled nobody asks, and they would be kept twice."""
+        """All texels in a row; unused with the compiled module, which would store them twice."""
         return np.concatenate([p.reshape(-1, 4) for p in self._pictures])
 
     def look_up(self, face: NDArray[np.int32], points_mm: Array) -> tuple[Light, NDArray[np.float32]]:
-        """Light (n, 3) of points (n, 3) on faces (n,), and the share (n,) of what is behind that comes through."""
+        """Return light (n, 3) of points (n, 3) on faces (n,), and the transmitted fraction (n,) of
+        the background.
+        """
         place = np.einsum("nij,nj->ni", self._axes[face], points_mm) + self._shifts[face]
         last = self._sizes[face] - 1
         rows, columns = last.T
@@ -264,7 +273,7 @@ class _Painted:
 
 @lru_cache(maxsize=2)
 def _painted(texel_mm: float, elsewhere_mm: float) -> _Painted:
-    """Paint the faces, find the light that falls on them, and keep both in one picture each."""
+    """Paint and light all faces, and store both in one image per face."""
     faces = [face_of(ROOM, i, inside=True) for i in FACES]
     faces += outsides(SOLIDS)
     canvases: list[Canvas] = []
@@ -285,7 +294,8 @@ def _painted(texel_mm: float, elsewhere_mm: float) -> _Painted:
     pictures = []
     for canvas, light in zip(canvases, lights, strict=True):
         pictures.append(finished(canvas, light))
-        canvas.texels = canvas.texels[:0].copy()  # a fine room takes 500 MB, and its paint twice that
+        # A fine room takes 500 MB, and its paint twice as much
+        canvas.texels = canvas.texels[:0].copy()
     return _Painted(faces, pictures, signs)
 
 

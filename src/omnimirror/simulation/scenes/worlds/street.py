@@ -1,4 +1,4 @@
-"""A street between houses on a sunny day; the sensor stands on the road, 1.6 m high."""
+"""Street between houses on a sunny day; the sensor is on the road, 1.6 m high."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 from .streetside import CARS, GROUND_MM, HOUSES, LANTERNS, TREES, House, paint_car, paint_front, paint_road, paint_side
 
 TEXEL = Parameter("mm", 4.0, 200.0, "fineness of what is painted")
-NEAR_MM = 15_000.0  # what is twice as far is painted half as finely
-GRID_MM = 250.0  # of light and shade
+NEAR_MM = 15_000.0  # beyond twice this distance the texel size is doubled
+GRID_MM = 250.0  # grid spacing of light and shadows
 SUN = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
 ROAD = Box((-45_000.0, -8_000.0, GROUND_MM - 1.0), (60_000.0, 8_000.0, GROUND_MM))
 FIELDS = Box((-400_000.0, -400_000.0, GROUND_MM - 30.0), (400_000.0, 400_000.0, GROUND_MM - 20.0))
@@ -34,17 +34,18 @@ CROWNS = tuple(Box((x - 900, y - 900, GROUND_MM + 2200), (x + 900, y + 900, GROU
 
 @dataclass(frozen=True)
 class Street:
-    """A street 105 m long and 16 m wide between houses with shops, cars, trees and lanterns.
+    """Street of 105 x 16 m between houses with shops, cars, trees and lanterns.
 
     Parameters
     ----------
     texel_mm : mm
-        Fineness of what is near. It is painted and lit at the first question, once for all streets alike.
+        Texel size of nearby faces. The street is painted and lit at the first use, once for all
+        equal streets.
 
     Raises
     ------
     InvalidParameter
-        For a fineness out of range.
+        If the texel size is out of range.
 
     Examples
     --------
@@ -59,14 +60,15 @@ class Street:
         TEXEL.check("texel_mm", self.texel_mm)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
+        """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
+        length but 0.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length but 0.
+            Directions of the rays, of any length but 0.
 
         Returns
         -------
@@ -76,52 +78,54 @@ class Street:
         Raises
         ------
         InvalidParameter
-            If a ray starts under the ground, or in a house or a car, or a direction is zero or not finite.
+            If a ray starts below the ground, or in a house or a car, or a direction is zero or not
+            finite.
         """
         origins, towards = _rays_outside(origins_mm, directions)
         return _painted(self.texel_mm).radiance(origins, towards)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between two corners.
+        """Return the surfaces for rays that start in a box between two corners.
 
         Parameters
         ----------
         low_mm, high_mm : (3,)
-            The corners, mm.
+            Corners of the box, mm.
 
         Returns
         -------
         Surroundings
-            The street; None where the box reaches into something.
+            Surfaces of the street; None if the box intersects an object.
 
         Raises
         ------
         InvalidParameter
-            For corners that are no points.
+            If the corners are not points.
         """
         low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
         is_free = low_mm[2] >= GROUND_MM and not any(_overlap(box, low_mm, high_mm) for _, box in _solids())
         return _painted(self.texel_mm) if is_free else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """How far (n,) rays go; infinite to the sky.
+        """Return distances (n,) of rays; infinite for the sky.
 
         Parameters
         ----------
         origins_mm : (n, 3)
-            Where rays of light begin that are followed backwards, mm.
+            Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Where they lead, of any length but 0.
+            Directions of the rays, of any length but 0.
 
         Returns
         -------
         (n,) array
-            mm; infinite to the sky.
+            Distances, mm; infinite for the sky.
 
         Raises
         ------
         InvalidParameter
-            If a ray starts under the ground, or in a house or a car, or a direction is zero or not finite.
+            If a ray starts below the ground, or in a house or a car, or a direction is zero or not
+            finite.
         """
         origins, towards = _rays_outside(origins_mm, directions)
         return _painted(self.texel_mm).distance_mm(origins, towards)
@@ -150,7 +154,7 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
 
 
 def _solids() -> Iterator[tuple[str, Box]]:
-    """What rays may not start in, and its name."""
+    """Yield names and boxes that must not contain ray origins."""
     yield from (("a house", house.box) for house in HOUSES)
     yield from (("a car", box) for car in CARS for box in car.boxes)
 
@@ -179,7 +183,7 @@ def _painted(texel_mm: float) -> Surroundings:
 
 
 def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
-    """Each face with its paint, one after the other: the street in full would take much memory."""
+    """Yield each face with its paint one by one: the whole street would take much memory."""
     road = face_of(ROAD, 5, inside=False)
     yield road, paint_road(road, texel_mm)
     fields = face_of(FIELDS, 5, inside=False)

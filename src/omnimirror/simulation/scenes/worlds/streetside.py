@@ -1,4 +1,4 @@
-"""The street's houses, cars and trees, and how they are painted: all that is a matter of taste."""
+"""Houses, cars and trees of the street, and their paint: purely decorative definitions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..boxes import Box, Face
 from ..canvas import Canvas, Paint
 
 GROUND_MM = -1600.0
-FRONT_MM = 7_600.0  # of the houses, from the middle of the road
+FRONT_MM = 7_600.0  # distance of the houses from the middle of the road
 KERB_MM = 4_200.0
 STOREY_MM = 3_200.0
 
@@ -19,7 +19,7 @@ DARK, FRAME, TYRE = Paint("#2b3136"), Paint("#f1eee6"), Paint("#17191b")
 
 
 class House(NamedTuple):
-    """A house with a shop in it."""
+    """House with a shop."""
 
     box: Box
     colour: str
@@ -28,7 +28,7 @@ class House(NamedTuple):
 
 
 class Car(NamedTuple):
-    """A parked car."""
+    """Parked car."""
 
     boxes: tuple[Box, Box]
     """Body and cabin."""
@@ -103,7 +103,7 @@ CARS = (
 
 
 def paint_road(face: Face, texel_mm: float) -> Canvas:
-    """Road and walks, from above: up is forward."""
+    """Paint road and pavements from above: up is forward."""
     canvas = Canvas(face.width_mm, face.height_mm, texel_mm, ASPHALT)
     middle = face.width_mm / 2
     for left, right in ((0.0, middle - KERB_MM), (middle + KERB_MM, face.width_mm)):
@@ -126,7 +126,7 @@ def paint_road(face: Face, texel_mm: float) -> Canvas:
 
 
 def paint_front(house: House, face: Face, texel_mm: float) -> Canvas:
-    """The front of a house: a shop below, windows above."""
+    """Paint the front of a house: a shop below, windows above."""
     canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint(house.colour))
     width, height = face.width_mm, face.height_mm
     canvas.rectangle(0, height - 450, width, height, Paint("#8c857a"))
@@ -154,7 +154,7 @@ def _shop(canvas: Canvas, house: House, width: float) -> None:
             continue
         canvas.rectangle(left + 40, 500, right - 40, 2420, Paint("#7b93a3"))
         canvas.rectangle(left + 40, 500, right - 40, 1100, Paint("#54483d"))
-        for i in range(4):  # the goods
+        for i in range(4):  # goods
             x = left + (right - left) * (i + 0.7) / 4.6
             canvas.disc(
                 x, 1230, 120 + 30 * (i % 2), Paint(("#c9583f", "#d8b04c", "#6f9a6b", "#7f9fc0")[(i + pane) % 4])
@@ -177,7 +177,7 @@ def _window(canvas: Canvas, x: float, bottom: float, number: int) -> None:
 
 
 def paint_side(house: House, number: int, face: Face, texel_mm: float) -> Canvas:
-    """Walls without windows, and the roof."""
+    """Paint walls without windows, and the roof."""
     canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint("#6e6a66" if number == 5 else house.colour))
     if number != 5:
         canvas.rectangle(0, face.height_mm - 450, face.width_mm, face.height_mm, Paint("#8c857a"))
@@ -185,7 +185,7 @@ def paint_side(house: House, number: int, face: Face, texel_mm: float) -> Canvas
 
 
 def paint_car(car: Car, number: int, face: Face, texel_mm: float) -> Canvas:
-    """A face of body or cabin."""
+    """Paint a face of body or cabin."""
     canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint(car.colour))
     width, height, is_body, side = face.width_mm, face.height_mm, number < 6, number % 6
     if not is_body and side < 4:
