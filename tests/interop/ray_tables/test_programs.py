@@ -57,7 +57,7 @@ def test_blender_image(name, pose, blender, tmp_path, beside):
     beside(
         "Blender", "images by Cycles with the exported ray table, RMS difference in grey levels", *levels, "", version
     )
-    beside("Blender", "maximum image shift in any of 8 x 8 tiles", shift, 0.02, "px", version)
+    beside("Blender", "maximum image shift in any of eight sectors", shift, 0.02, "px", version)
 
 
 @pytest.mark.full
