@@ -63,4 +63,4 @@ LD_PRELOAD=$libraries "$python" "$build/run.py" tests.fuzz.native_arguments --ca
 LD_PRELOAD=$libraries "$python" "$build/run.py" pytest -p no:cacheprovider -k "not without_memory and not hostile" \
   tests/test_native.py tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py \
   tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/batch tests/manufacturing/tolerancing/test_vectorised_trials.py \
-  tests/test_torch_tables.py tests/simulate/scenes/test_scenes.py tests/simulate/restoration/test_sharp_picture.py "$@"
+  tests/interop/torch/test_torch_tables.py tests/simulate/scenes/test_scenes.py tests/simulate/restoration/test_sharp_picture.py "$@"

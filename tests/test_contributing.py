@@ -34,7 +34,7 @@ runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 
 
 PROGRAM = re.compile(r"(?<![\w/.-])[\w/]+/\w+\.(?:sh|py|cpp)\b")
-NAMED_IN = ("Makefile", "README.md", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
+NAMED_IN = ("Makefile", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
 UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 
