@@ -1,8 +1,8 @@
-"""What a real lens and a clear wall cost: designs by the thousand, and one evaluation of 100 field angles.
+"""Measure the cost of a real lens and a dome in batches of designs and in one evaluation of 100 field angles.
 
-The lens is a triplet of six surfaces, whose entrance pupil moves and which blurs by itself, the wall a dome of acrylic.
-Designs are evaluated at 100 field angles each: mapping, tangential and sagittal images, blur, at their own best focus.
-All in turn in one process; medians, by the clock and of the processors' own time.
+The lens is a triplet of six surfaces with a moving entrance pupil and its own aberrations; the dome is made of acrylic.
+Each design is evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal images, blur. All
+variants run interleaved in one process; results are medians of wall time and processor time.
 
     python benchmarks/built_designs.py --out out/benchmarks
 """

@@ -1,7 +1,7 @@
-"""How well corners, cameras and straight edges come out, by a known truth, and what real photographs leave over.
+"""Measure the accuracy of detected corners, calibrated cameras and straight edges against a known truth.
 
-Nothing here depends on the clock but the seconds that are told. Corners are those of boards rendered by rays through a
-grid of places in each pixel; edges are found in a picture of the simulated room.
+Boards are rendered with a grid of rays per pixel; edges are extracted from an image of the simulated room. Only the
+reported durations depend on the machine. Residuals of real photographs are included.
 
     python benchmarks/calibration.py --out out/benchmarks --data ../shared/data
     python benchmarks/tables_to_docs.py --tables out/benchmarks

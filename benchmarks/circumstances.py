@@ -1,4 +1,4 @@
-"""What the benchmarks of the dewarper share: the picture, the threads, and words for the machine."""
+"""Common functions of the dewarping benchmarks: image, threads and description of the machine."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""What evaluating a design costs: the batch evaluator beside om.evaluate and Optiland's field-curvature analysis.
+"""Measure design evaluations per second: batch evaluator, `om.evaluate` and the field-curvature analysis of Optiland.
 
-A design is evaluated at 100 field angles: mapping, tangential and sagittal images, blur, at the design's own best
-focus. All run interleaved in one process; medians, by the clock and of the processors' own time. A batch of 2,000 is
-about a generation of a global search; of 20,000 the numbers take 160 MB, of which the system clears every page first.
-Optiland's analysis gives mapping aside tangential and sagittal focus only, for fields below 90 deg, and no best focus.
+A design is evaluated at 100 field angles at its own best focus: mapping, tangential and sagittal images, blur. All
+variants run interleaved in one process; results are medians of wall time and processor time. A batch of 2,000
+corresponds to one generation of a global search; the numbers of a batch of 20,000 occupy 160 MB. The analysis of
+Optiland returns tangential and sagittal focus only, for fields below 90 deg, without a best focus.
 
     python benchmarks/design_rate.py --out out/benchmarks
 """

@@ -1,9 +1,9 @@
-"""What 100 field angles cost: omnimirror's whole evaluation beside Optiland's field-curvature analysis.
+"""Measure the evaluation of 100 field angles with omnimirror and with the field-curvature analysis of Optiland.
 
-Both run interleaved in one process; medians of many runs. Optiland's analysis gives two columns (tangential
-and sagittal focus) for fields below 90 deg; omnimirror's gives 27, over the whole field. Optiland aims its
-rays at a stop that lies behind the mirror's aberrations, and past some 15 deg they miss the lens: the table
-says by how much, for a cost comparison is not an accuracy comparison.
+Both run interleaved in one process; results are medians. The analysis of Optiland returns two columns (tangential and
+sagittal focus) for fields below 90 deg, the evaluation of omnimirror 27 columns over the whole field. Optiland aims its
+rays at a stop behind the aberrations of the mirror; beyond about 15 deg, they miss the lens. The table reports the
+distance, because the comparison concerns time and not accuracy.
 
     python benchmarks/evaluation_time.py --out out/benchmarks
 """

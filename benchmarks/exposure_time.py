@@ -1,10 +1,9 @@
-"""What a picture through the whole aperture costs, beside Mitsuba 3 at equal rays, and how much it errs.
+"""Measure the rendering time and the sampling error of an image through the whole aperture against Mitsuba 3.
 
-1000 x 1000 pixels, 64 rays each for all, an environment of 512 x 1024. All run interleaved with all cores; medians of
-wall clock, and of processor time, which a busy machine disturbs less. Mitsuba renders the same lens, mirror (a mesh of
-500 000 triangles; of the sphere its own sphere), environment and box filter; only its rendering is timed, after a first
-one. Each variant runs in a process of its own, since llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH
-names its library where it is not found by itself.
+1000 x 1000 pixels, 64 rays per pixel, an environment map of 512 x 1024. All variants run interleaved on all cores;
+results are medians of wall time and processor time. Mitsuba renders the same lens, mirror (a mesh of 500 000 triangles,
+or its analytic sphere), environment and box filter; only rendering is timed, after a first image. Each variant runs in
+a separate process, because llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH specifies its library.
 
     python benchmarks/exposure_time.py --out out/benchmarks
 """

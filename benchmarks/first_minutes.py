@@ -1,10 +1,10 @@
-"""Four people who open the studio for the first time: presses and seconds until they see what they came for.
+"""Count the interactions and seconds of four first-time users of the studio until their task is complete.
 
-A photographer straightens a picture of a mirror ball, a student compares two mirrors of the paper and looks through
-one, an integrator watches four cameras, an engineer designs a sensor from a requirement file and asks what errors do.
-Each begins at the empty page (the integrator at what ``omnimirror view`` shows). A press is a click, a choice from a
-list, a file that is chosen, or a drag; seconds are by the clock, from the page being asked for, in a headless Chromium
-without a graphics card. A picture of every step, on three screens and in both themes, goes to ``--pictures``.
+A photographer dewarps an image of a mirror ball, a student compares two mirrors of the paper, an integrator watches
+four cameras, and an engineer designs a sensor from a requirement file and analyses its tolerances. Each starts with the
+empty page (the integrator with the page of ``omnimirror view``). An interaction is a click, a selection, a file dialog
+or a drag; seconds are wall time in a headless Chromium without a GPU. ``--pictures`` stores an image of each step, on
+three screen sizes and in both themes.
 
     python benchmarks/first_minutes.py --out out/benchmarks --pictures out/first-minutes
 """

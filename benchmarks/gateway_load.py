@@ -1,9 +1,9 @@
-"""Eight views of 640 x 360 px from one stream of 1920 x 1080 px at 25 frames a second: what the gateway costs.
+"""Measure the load of the gateway: eight views of 640 x 360 px from one stream of 1920 x 1080 px at 25 frames/s.
 
-First each step by itself, one after the other: processor time, of all threads, for a frame of the source or of a view.
-Then the gateway as it runs: another process sends the stream over loopback at its own speed, a third takes all views;
-the gateway's processor time, the frames that it left out and how long after a decoded frame its view was on the way are
-counted. That delay is what comes on top of FFmpeg's own (``live_delay.py`` has that).
+First, the processor time of each step is measured separately, per frame of the source or of a view. Then the gateway
+runs with a sending process on the loopback interface and a receiving process: processor time, dropped frames, and the
+latency from a decoded frame to its transmitted view are measured. The latency of FFmpeg (``live_delay.py``) is not
+included.
 
     python benchmarks/gateway_load.py --out out/benchmarks --picture photograph.jpg
 """

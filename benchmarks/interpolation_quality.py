@@ -1,9 +1,8 @@
-"""How near a straightened picture comes to what the view would really look like: PSNR of every interpolation.
+"""Measure the PSNR of dewarped images for every interpolation method.
 
-The paper's spherical sensor takes a picture of the room, 64 rays a pixel. The truth of a view is what an ideal
-camera with the same screen would record: the mean of the scene's light over each output pixel, 8 x 8 rays of it,
-straight from the scene and not from the sensor's picture. The room is taken for infinitely far away, so that the
-mirror's viewpoints make no difference. Only pixels inside the field count.
+The spherical sensor of the paper captures the room with 64 rays per pixel. The reference is the image of an ideal
+camera with the same screen: the mean radiance of the scene over each output pixel with 8 x 8 rays. The room is treated
+as infinitely distant, which eliminates parallax. Only pixels inside the field are evaluated.
 
     python benchmarks/interpolation_quality.py --out out/benchmarks
 """

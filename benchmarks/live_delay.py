@@ -1,10 +1,10 @@
-"""A live stream on loopback to a view that moves with every frame: rate, delay, and what is dropped.
+"""Measure frame rate, latency and dropped frames of a live stream on the loopback interface with a moving view.
 
-Another process sends H.264 of 1000 x 1000 px, encoded before, at a steady rate. Every frame has its number
-drawn into a corner. The delay of a frame is from the moment at which the sender hands it to the network until its
-view of 1280 x 720 px is finished. Beside it stands the delay where FFmpeg decodes the same stream and nothing else
-is done: it gives a frame when the next one has begun, in MPEG-TS the one after. ``unparsed`` is a stream that is
-opened with ``options={"fflags": "+noparse+nofillin"}``, which saves one of these frames.
+Another process sends pre-encoded H.264 frames of 1000 x 1000 px at a constant rate. The number of each frame is drawn
+in a corner. The latency is the time from the transmission of a frame until its view of 1280 x 720 px is complete, and
+is compared with decoding by FFmpeg alone, which returns a frame after the start of the next one (MPEG-TS: one frame
+later). ``unparsed`` is a stream opened with ``options={"fflags": "+noparse+nofillin"}``, which avoids one of these
+frames.
 
     python benchmarks/live_delay.py --out out/benchmarks --picture photograph.jpg
 """

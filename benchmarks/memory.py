@@ -1,8 +1,8 @@
-"""How much memory commands hold at most, on pictures of 20,000 x 20,000 px.
+"""Measure the peak memory of commands on images of 20,000 x 20,000 px.
 
-Beside it, how much their pictures take, those they read and those they write, in memory: three bytes a pixel, or what a
-table has. The sensor is the paper's, with smaller pixels; its picture is what the first command takes. This program
-stays small itself: what is started counts as much as who starts it held then.
+The reference is the memory of the images and tables that a command reads and writes (three bytes per pixel for images).
+The sensor is that of the paper with smaller pixels; the first command renders its image. This program itself uses
+little memory, because a child process starts with the peak memory of its parent.
 
     python benchmarks/memory.py --out out/benchmarks
 """

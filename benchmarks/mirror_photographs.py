@@ -1,8 +1,8 @@
-"""Photographs of mirrors that were never taken: what a sensor sees, put before clutter, with the rim known exactly.
+"""Generate composite images of mirrors with a known outline.
 
-A sensor's picture of an environment becomes an ellipse somewhere in a larger picture, perhaps beyond its edge; round it
-plain frames or none, behind it a dark, plain or cluttered background, in it the camera's own image. Then glare, uneven
-light, blur, noise and JPEG. Everything follows from the seed.
+The image of an environment in a sensor is transformed to an ellipse in a larger image, possibly beyond its border, with
+or without a plain frame, on a dark, plain or cluttered background, with the image of the camera in its centre. Glare,
+uneven illumination, blur, noise and JPEG compression are added. All values are derived from the seed.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Four more ways to make pictures of mirrors whose rims are known, each made otherwise than ``mirror_photographs``.
+"""Generate images of mirrors with a known outline by four additional methods.
 
-``taken``: a sensor, misaligned and off its imager's middle, takes a scene; beside the mirror it is black, or the camera
-sees past it, or clutter was put there. ``housed``: the same in frames, before what is out of focus. ``pasted``: a
-finished picture of a sensor, its black surround perhaps with it, is laid turned and stretched over clutter. ``drawn``:
-nothing is traced; a panorama of blocks is wound into a disc. In all of them there are hard discs of saturated light,
-rims that the picture cuts, blur, noise and JPEG. Everything follows from the seed.
+``taken``: a misaligned, decentred sensor renders a scene; the area outside the mirror is black, the directly visible
+scene, or clutter. ``housed``: the same with frames and a defocused background. ``pasted``: a finished image of a
+sensor, optionally with its black border, is rotated, stretched and pasted on clutter. ``drawn``: a panorama of blocks
+is mapped to a disk without ray tracing. All contain saturated disks, outlines cut off by the image border, blur, noise
+and JPEG compression. All values are derived from the seed.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Six more ways to make pictures of mirrors whose rims are known, after what real ones stand in.
+"""Generate images of mirrors with a known outline in six types of realistic surroundings.
 
-``bare``: a plain mirror on black that fills the picture, or spokes. ``ball``: a mirror ball on a table, or in a dark
-double frame. ``ridged``: in a turned frame of several ridges. ``enclosed``: a mirror in a dark ring, past which a
-bright, blurred housing is seen through a lens that ends in a circle. ``cut``: a grey picture that cuts the mirror above
-and below, dark and uneven around it. ``outdoors``: little contrast, and a bright sky both in the mirror and behind it.
-What they show is an environment under a random law from radius to field angle, so that no sensor is traced. ``rings``
-shows none: plates, frames, a plain ball. Everything follows from the seed.
+``bare``: a mirror on black that fills the image, or spokes. ``ball``: a mirror ball on a table, or in a dark double
+frame. ``ridged``: a turned frame with several ridges. ``enclosed``: a mirror in a dark ring inside a bright, blurred
+housing, with the circular border of the lens. ``cut``: a grey image that cuts off the mirror at the top and bottom,
+with dark and uneven surroundings. ``outdoors``: low contrast, with a bright sky in the mirror and behind it. The
+content is an environment with a random projection function; no sensor is traced. ``rings`` contains no mirror: plates,
+frames, a plain ball. All values are derived from the seed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""What it takes until the studio shows a sensor that is out of its axis: its tables, and what the page is told of it.
+"""Measure the processor time until the studio displays a misaligned sensor: its tables and the response.
 
-Processor time, which a busy machine leaves as it is.
-
-    python benchmarks/misaligned_tables.py --out out/benchmarks
+python benchmarks/misaligned_tables.py --out out/benchmarks
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""What a view that moves costs, map and sampling for every frame: beside a table map and a plain NumPy map.
+"""Measure the time per frame of a moving view (map and resampling) against a table map and a NumPy map.
 
-A spherical mirror in 1000 x 1000 px to views of 1280 x 720 px, bilinear, uint8 RGB; every run looks elsewhere.
-``table map`` is the best that NumPy and OpenCV do: one product per pixel, the radius from a table, float32,
-buffers kept, and ``cv2.remap``. ``NumPy map`` is what one would write first. Both know distant things only. All run
-interleaved in one process with the same number of threads, a few frames of each in turn as in a video, into pictures
-that are kept; medians. *Samples alone* take their places from a map that was made before: by the same sampler no view
-that moves can be had for less. The last row is a view of 1920 x 1080 px in pictures of 3840 x 2160, YUV 4:2:0, plane by
-plane.
+A spherical mirror in 1000 x 1000 px, views of 1280 x 720 px, bilinear, uint8 RGB; every run has another direction.
+``table map`` is the fastest implementation with NumPy and OpenCV: one product per pixel, the radius from a table,
+float32, reused buffers, and ``cv2.remap``. ``NumPy map`` is the straightforward implementation. Both support distant
+objects only. All variants run interleaved in one process with the same number of threads and several frames per turn,
+into reused images; results are medians. *Samples alone* uses a precomputed map, which is the lower bound for this
+sampler. The last row is a view of 1920 x 1080 px from frames of 3840 x 2160 px in YUV 4:2:0.
 
     python benchmarks/moving_views.py --out out/benchmarks --picture photograph.jpg
 """

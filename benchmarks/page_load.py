@@ -1,7 +1,7 @@
-"""The studio's page: how heavy it is, when it is first seen, and how long after a drag its view has followed.
+"""Measure the size of the studio's page, its first paint, and the latency of the view after a drag.
 
-In a headless Chromium. Where there is no graphics card its shaders run on the processor, and the view takes as long as
-that needs.
+The page runs in a headless Chromium. Without a GPU, the shaders run on the processor, and the latency increases
+accordingly.
 
     python benchmarks/page_load.py --out out/benchmarks
 """

@@ -1,7 +1,7 @@
-"""What the search among parts costs: 200 lenses with 50 imagers, a mirror of its own for each combination.
+"""Measure the search over 200 lenses and 50 imagers with one mirror per combination.
 
-The catalogue is drawn with a seed: focal lengths, F-numbers, circles, pixels, prices as such parts have them. Asked for
-are the ten cheapest that keep everything, and the whole front of price against blur.
+The catalogue is generated from a seed with realistic focal lengths, F-numbers, image circles, pixels and prices. The
+searches are for the ten cheapest feasible combinations and for the Pareto front of price and blur.
 
     python benchmarks/parts_search.py --processes 2 --out out/benchmarks
 """

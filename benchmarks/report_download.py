@@ -1,6 +1,6 @@
-"""How long a report of the studio takes from the press to the file: the first of a server, and those after it.
+"""Measure the time from the click to the complete report in the studio, for the first and for later reports.
 
-The first also imports what draws figures, and paints the room that the sensor looks at.
+The first report includes the import of the plotting package and the preparation of the room.
 
     python benchmarks/report_download.py --out out/benchmarks
 """

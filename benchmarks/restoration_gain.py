@@ -1,19 +1,17 @@
-"""What restoring gains: PSNR against the picture without blur, at 1 % noise, over the radius of the picture.
+"""Measure the gain of restoration: PSNR against the image without blur at 1 % noise, by image radius.
 
-Weights were tuned on three scenes alone: the room, the street, and clouds of noise whose amplitudes fall as the
-frequency, as those of nature do. What counts are scenes of other kinds, which nothing was tuned on: the calibration
-hall, dead leaves with lettering, and photographs given as equirectangular files. The picture without blur samples the
-same areas of the same pixels through a pinhole.
+The weights were tuned on three scenes: the room, the street, and clouds of 1/f noise. The results are for other scenes:
+the calibration hall, dead leaves with lettering, and photographs in equirectangular files. The image without blur
+samples the same areas of the same pixels through a pinhole.
 
-Gains are of the sRGB picture in 8 bits, over the inner two thirds of the radius and the outer third, and the worst of
-its ten tenths. *Blur alone* is the PSNR without noise; noise alone has 40 dB. With --best a column tells what a noise
-told wrongly, from half of the true one to twice, could have gained at most: other weights, chosen by who knows the
-truth.
+Gains are those of the 8-bit sRGB image for the inner two thirds of the radius, the outer third, and the worst of ten
+rings. *Blur alone* is the PSNR without noise; noise alone corresponds to 40 dB. With --best, a column reports the
+maximum gain with a specified noise of half to twice the true value, chosen with knowledge of the truth.
 
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
-    python benchmarks/restoration_gain.py --tuning                # the scenes that weights were tuned on
-    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # where the blur is told wrongly
-    python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # coded, and the noise estimated
+    python benchmarks/restoration_gain.py --tuning                # the scenes used for tuning the weights
+    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # incorrectly specified blur
+    python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # JPEG images with estimated noise
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""The committee that chooses a mirror's rim among rings, learned from pictures made by seed.
+"""Train the classifier that selects the outline of a mirror from candidate rings, with images generated from seeds.
 
     python benchmarks/rim.py --environments ../shared/data/environments --learn 260 --jobs 2
 
-writes ``committee.json`` beside the finder. Every picture gives the rows of numbers of its short list and which of
-those rings, placed in the full picture, are the rim within 1 %. Members differ by their start and by the fifth of the
-pictures that each leaves out. How far their odds are believed is what makes pictures most probable whose seeds were
-left out.
+writes ``committee.json`` next to the detection. Each image contributes the feature vectors of its candidates and the
+information which of them, refined in the full image, are within 1 % of the outline. The members of the ensemble differ
+in their initial values and in the fifth of the images that each omits. The calibration of their probabilities maximises
+the likelihood of images with other seeds.
 """
 
 from __future__ import annotations

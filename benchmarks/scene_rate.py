@@ -1,9 +1,9 @@
-"""How many rays of a picture meet triangles in a core second, and what pictures of the bundled scenes cost.
+"""Measure ray-triangle intersections per second of one core, and the rendering time of the bundled scenes.
 
-Bumpy balls of triangles around the sensor, seen by the mirror of `paper-spherical` at 512 x 512 px: 16 rays a pixel
-through the aperture, or the chief ray; one thread. Pictures are whole: 1000 x 1000 px, 16 rays a pixel, all cores.
-Seconds are of the processor, which a busy machine disturbs less than the clock's. Bytes are what the process grows by,
-with the arrays that the triangles are given in; of few triangles that is not to be seen.
+Triangulated bumpy spheres around the sensor, observed by the mirror of `paper-spherical` at 512 x 512 px: 16 rays per
+pixel through the aperture, or the chief ray; one thread. Images have 1000 x 1000 px, 16 rays per pixel, and use all
+cores. Times are processor times. The number of bytes is the growth of the process, including the triangle arrays, which
+is not measurable for few triangles.
 
     python benchmarks/scene_rate.py --out out/benchmarks
 """

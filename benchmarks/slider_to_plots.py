@@ -1,9 +1,9 @@
-"""How soon the studio's design bench shows what a slider does: plots, simulated picture, and the view in space.
+"""Measure the latency from a slider of the studio's design tab to plots, simulated image and 3-D view.
 
-A headless Chromium without a graphics card drives the page; the server runs beside it on the same machine. All plots
-are shown but the simulated picture, which waits until nothing moves. ``server`` is the processor time of the answer in
-the server alone, without the connection, and ``page`` that of the page's own thread, with the painting that follows.
-``picture`` is the answer with the room's picture and panorama, by the clock: small, while a slider moves, and large.
+A headless Chromium without a GPU controls the page; the server runs on the same machine. All plots are displayed; the
+simulated image is updated when no slider moves. ``server`` is the processor time of the response without the
+connection, ``page`` that of the page thread including painting. ``picture`` is the wall time of the response with
+image and panorama: small while a slider moves, and large afterwards.
 
     python benchmarks/slider_to_plots.py --out out/benchmarks
 """

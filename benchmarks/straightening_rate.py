@@ -1,12 +1,11 @@
-"""What straightening a frame costs: the compiled samplers beside cv2.remap with fixed-point maps.
+"""Measure the dewarping time per frame of the compiled samplers against cv2.remap with fixed-point maps.
 
-All run interleaved in one process with the same number of threads; medians. Bilinear and bicubic, uint8 RGB.
-Maps are made once. The last two columns take panoramas straight from r(row) and (cos, sin)(column).
+All variants run interleaved in one process with the same number of threads; results are medians. Bilinear and bicubic,
+uint8 RGB, precomputed maps. The last two columns compute panoramas directly from r(row) and (cos, sin)(column).
 
-*Copy* is a plain copy that moves as many bytes as a frame must: it reads the map and those lines of 64 bytes of the
-picture in which a value is taken, and writes the output; on one thread. *In cache* is the packed map's sampler with the
-same fractions in a picture of 64 x 64 px, which lies in the nearest cache: its arithmetic, without waiting for the
-picture. By this sampler no frame takes less than the larger of both.
+*Copy* moves the same number of bytes as a frame on one thread: it reads the map and all 64-byte lines of the image that
+contain samples, and writes the output. *In cache* is the packed-map sampler with the same fractions on an image of
+64 x 64 px, which is the arithmetic without memory latency. The larger of both is the lower bound for this sampler.
 
     python benchmarks/straightening_rate.py --out out/benchmarks --picture photograph.jpg
 """

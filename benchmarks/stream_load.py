@@ -1,8 +1,8 @@
-"""One video of 1024 x 1024 px at 25 frames a second, watched by 20 pages of one studio.
+"""Measure the server load of one video of 1024 x 1024 px at 25 frames/s for 20 clients of one studio.
 
-The pages are bare sockets in a process of their own, which ask for a frame as soon as they have one, offer compression
-as browsers do, and decode nothing. Counted are the frames that each of them gets, and the processor time of the server,
-which a busy machine leaves as it is.
+The clients are plain sockets in a separate process, which request a frame as soon as they have received one, offer
+compression like browsers, and do not decode. Results are the frames received per client and the processor time of the
+server.
 
     python benchmarks/stream_load.py --out out/benchmarks
 """

@@ -1,6 +1,6 @@
-"""Puts the tables that the benchmarks wrote into the pages of docs, between the marks that name them.
+"""Insert the benchmark tables into the documentation pages, between the marks with their names.
 
-A table that was not measured stays as it is.
+Tables that were not measured remain unchanged.
 
     python benchmarks/tables_to_docs.py --tables out/benchmarks
 """

@@ -1,4 +1,4 @@
-"""Timing that is fair on a shared machine: every function in turn, and medians."""
+"""Interleaved timing of functions on a shared machine, with medians."""
 
 from __future__ import annotations
 

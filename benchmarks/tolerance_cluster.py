@@ -1,9 +1,9 @@
-"""What a Dask cluster costs beside the threads of one process: the same sweep by both, in processor time.
+"""Measure the overhead of a Dask cluster against the threads of one process, in processor time.
 
-Scheduler and workers, as many as cores, are started on the loopback interface and stand idle before; what all processes
-spend from then on is counted, the client's start and the workers' first import included. Scheduler and workers cost
-something while they wait as well, by the clock: that is measured while nothing runs, and counted for as long as the
-work takes where nothing else runs. What 64 workers would reach follows from it.
+Scheduler and workers (one per core) run on the loopback interface and are idle before the measurement; the processor
+time of all processes from then on is counted, including the start of the client and the first import of the workers.
+The idle load of scheduler and workers is measured separately and counted for the undisturbed duration of the work. The
+throughput of 64 workers is extrapolated.
 
     python benchmarks/tolerance_cluster.py --out out/benchmarks
 """

@@ -1,12 +1,12 @@
-"""What a trial of tolerances costs here and in Optiland, on a case that both can do, with the same launched rays.
+"""Measure the time of a tolerance trial in omnimirror and in Optiland for a case that both support.
 
-A spherical mirror is decentred and tilted about two axes and moved along its axis, and rays from the lens come back
-from it. Four ways of Optiland: its tolerancing module, one Monte Carlo trial with a direction of each ray as an
-operand; the same with one operand; and, written by hand, perturbations and one vectorised call with all rays at once:
-of its tracer, and, as lean as can be, of the one surface of the mirror with rays that were launched before. Here a
-trial also finds where each fixed object is seen, focuses, blurs and calibrates in five depths. All are run in turn in
-one process, on one thread, in processor time; medians. First both are shown to trace the same rays: those that a
-perturbed sensor shows its objects on, launched in Optiland, leave its mirror towards these objects.
+A spherical mirror is decentred, tilted about two axes and displaced along its axis, and reflects rays from the lens.
+Four variants of Optiland: its tolerancing module, one Monte Carlo trial with the direction of each ray as an operand;
+the same with one operand; and two manual implementations, perturbations and one vectorised call with all rays: of the
+tracer, and of the mirror surface alone with given rays. The trial of omnimirror also determines the image of each
+object, focus, blur and five calibrations. All variants run interleaved in one process on one thread; results are
+medians of processor time. Before the measurement, the program verifies that both trace the same rays: the rays by which
+a perturbed sensor images its objects, launched in Optiland, leave its mirror towards these objects.
 
     python benchmarks/tolerance_peers.py --out out/benchmarks
 """

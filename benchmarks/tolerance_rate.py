@@ -1,8 +1,8 @@
-"""What a trial of tolerances costs: a sensor with errors drawn, traced, blurred and calibrated in five depths.
+"""Measure Monte Carlo trials per second: random errors, ray tracing, blur and five calibrations per sensor.
 
-Errors are decentre, displacement and tilt of the mirror and twelve Zernike terms, drawn anew; 97 objects, exact motion
-of the picture, tangential and sagittal blur, each sensor focused for its least rms. The kernel on one thread and on
-two, and the same in NumPy, interleaved in one process; medians.
+Errors are decentre, displacement and tilt of the mirror and twelve Zernike terms; 97 objects, exact image motion,
+tangential and sagittal blur, focus for minimum RMS. The kernel on one and two threads and the NumPy implementation run
+interleaved in one process; results are medians.
 
     python benchmarks/tolerance_rate.py --out out/benchmarks
 """

@@ -1,9 +1,9 @@
-"""What a ray costs in PyTorch, forward and backward, in processor time of one core or on a graphics card.
+"""Measure the time per ray in PyTorch, forward and backward, in processor time of one core or on a GPU.
 
-A million rays each, in double precision: pixels into rays, and points half a metre to five metres away into pixels; of
-the paper's spherical sensor in line and out of line, with and without parameters that learn. Forward is without
-gradients; backward is of sums of all that came out, beside the forward pass that records for it. On a card, 16 million
-rays at once, in both precisions, by the card's own clock.
+One million rays in double precision: pixels to rays, and points at 0.5 to 5 m to pixels, for the spherical sensor of
+the paper, aligned and misaligned, with and without trainable parameters. The forward pass is without gradients; the
+backward pass is that of the sum of all outputs and is compared with the recorded forward pass. On a GPU, 16 million
+rays are computed at once in both precisions, in device time.
 
     python benchmarks/torch_rate.py --out out/benchmarks
     python benchmarks/torch_rate.py --device cuda --out out/benchmarks

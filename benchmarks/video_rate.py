@@ -1,8 +1,8 @@
-"""Video file to video file: omnimirror beside ffmpeg's v360, with the same codecs, sizes and threads.
+"""Measure the conversion of a video file against the filter v360 of FFmpeg with the same codecs, sizes and threads.
 
-v360 runs in PyAV's filter graph, in place of our function between the same reader and writer, and in the
-``ffmpeg`` program where there is one. It takes the picture for a mirror ball's, as ours does; what it shows is
-not the same (it knows one mirror, and reverses the picture), what it has to do is. All in turn; medians.
+v360 runs in the filter graph of PyAV between the same reader and writer, and in the ``ffmpeg`` program if it is
+installed. Both treat the image as that of a mirror ball; the results differ (v360 supports one mirror and reverses the
+image), but the amount of work is the same. Variants run interleaved; results are medians.
 
     python benchmarks/video_rate.py --out out/benchmarks --picture photograph.jpg
 """

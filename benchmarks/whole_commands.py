@@ -1,8 +1,8 @@
-"""Whole commands, from their start to the files written: one large picture beside ImageMagick and ffmpeg; a folder.
+"""Measure complete commands, from their start until the files are written, for one large image and for a folder.
 
-A JPEG of 3840 x 2160 px with a mirror ball in it becomes a panorama, by each program as a shell runs it: ImageMagick's
-``DePolar``, which knows no mirror, and ffmpeg's ``v360``, which knows a ball from afar. Then a folder of such JPEGs of
-1024 x 1024 px, beside what reading and writing the same files by OpenCV takes in a process that does nothing else.
+Each program converts a JPEG of 3840 x 2160 px with a mirror ball to a panorama, as run from a shell: ``DePolar`` of
+ImageMagick, which has no mirror model, and the filter v360 of FFmpeg, which supports a distant ball. Then a folder of
+JPEGs of 1024 x 1024 px is converted and compared with reading and writing the same files with OpenCV.
 
     python benchmarks/whole_commands.py --out out/benchmarks
 """

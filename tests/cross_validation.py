@@ -1,4 +1,4 @@
-"""What tests found beside other programs, as a page: docs/cross-validation.md, which `make test-full` writes."""
+"""Write docs/cross-validation.md from the comparisons with other programs (`make test-full`)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ PROGRAMS = {
     "COLMAP": "pycolmap", "Blender": "bpy", "GStreamer": "gstreamer",
     "OBS Studio": "libobs", "OpenImageIO": "openimageio",
 }  # fmt: skip
-"""In the order of the page, and what each is installed as."""
+"""Sections of the page in order, and the distribution that contains each program."""
 HEAD = """# Cross-validation
 
-What omnimirror computes beside what other programs compute of the same, each with code of its own. The full tests
-write this page (`make test-full`, with `make programs` before it for Blender, GStreamer and OBS): no number in it was
-entered by hand. *Off by* is the most of all cases; the tests fail where it is over *within*.
+Comparison of omnimirror with independent programs. The tests generate this page (`make test-full`, after `make
+programs` for Blender, GStreamer and OBS). *Maximum deviation* is the largest of all cases; the tests fail if it exceeds
+*tolerance*.
 
 """
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
 class Compared(NamedTuple):
-    """One comparison: by how much both differ, and how much is let pass."""
+    """One comparison: deviation and tolerance."""
 
     program: str
     what: str
@@ -40,7 +40,7 @@ Compare = Callable[..., None]
 
 
 def version_of(program: str) -> str:
-    """Of a program that is installed beside the tests."""
+    """Return the version of an installed program."""
     if program == "FFmpeg":
         import av
 
@@ -54,7 +54,7 @@ def version_of(program: str) -> str:
 
 
 def page(found: Iterable[Compared], before: str) -> str:
-    """The page; programs that nothing was compared with keep what stands in the page before."""
+    """Return the page; sections of programs that were not compared are kept from the previous page."""
     kept = dict(SECTION.findall(before))
     by_program: dict[str, list[Compared]] = {}
     for one in found:
@@ -65,10 +65,10 @@ def page(found: Iterable[Compared], before: str) -> str:
 
 
 def section(rows: list[Compared]) -> str:
-    """A table of comparisons with one program, each with the worst of its cases."""
+    """Return the table of one program with the largest deviation of each quantity."""
     lines = [
         f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
-        "| compared | cases | off by | within |", "|---|--:|--:|--:|",
+        "| quantity | cases | maximum deviation | tolerance |", "|---|--:|--:|--:|",
     ]  # fmt: skip
     for what in dict.fromkeys(row.what for row in rows):
         cases = [row for row in rows if row.what == what]
@@ -79,7 +79,7 @@ def section(rows: list[Compared]) -> str:
 
 
 def write(path: Path, found: Iterable[Compared]) -> None:
-    """Write the page, where anything was compared."""
+    """Write the page if there are any comparisons."""
     rows = list(found)
     if rows:
         path.write_text(page(rows, path.read_text() if path.exists() else ""))

@@ -47,7 +47,7 @@ def test_omnidir_projects_the_same_points(tmp_path, flip, beside):
     pixels, points = seen(made.camera)
     assert made.exact
     off = np.abs(omnidir(tmp_path, points) - pixels).max()
-    beside("OpenCV", "points projected by cv2.omnidir with our file", off, 1e-6, "px")
+    beside("OpenCV", "points projected by cv2.omnidir with exported camera files", off, 1e-6, "px")
 
 
 def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
@@ -80,7 +80,7 @@ def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, nam
     pixels, points = seen(camera, 85.0)
     projected = np.array([theirs.img_from_cam(point) for point in points])
     off = np.abs(projected - pixels - 0.5).max()
-    beside("COLMAP", "points projected with our cameras, three models, text and binary", off, 1e-6, "px")
+    beside("COLMAP", "points projected with exported cameras, three models, text and binary", off, 1e-6, "px")
 
 
 def colmap_camera(pycolmap, folder, name):
@@ -116,7 +116,7 @@ def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
         expected = np.array([theirs.img_from_cam(point) for point in points]) - 0.5
         assert found.valid.mean() > 0.5
         off = np.abs(found.pixels[found.valid] - expected[found.valid]).max()
-        beside("COLMAP", "points projected by its own cameras as we read them, thirteen models", off, 1e-6, "px")
+        beside("COLMAP", "points projected with imported COLMAP cameras, thirteen models", off, 1e-6, "px")
 
 
 def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
@@ -135,4 +135,4 @@ def test_colmaps_panorama_is_our_sphere(tmp_path, beside):
     x, y, z = sphere.targets_at(u, v).T
     projected = np.array([theirs.img_from_cam(point) for point in np.stack([-y, -z, x], axis=-1)])
     off = np.abs(projected - np.stack([u, v], axis=-1) - 0.5).max()
-    beside("COLMAP", "points projected into its panorama, which is our sphere", off, 1e-6, "px")
+    beside("COLMAP", "points projected into the panorama of COLMAP (sphere view)", off, 1e-6, "px")

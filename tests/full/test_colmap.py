@@ -21,14 +21,14 @@ def test_reconstruction_of_a_walk(tmp_path, beside):
     poses, project = walked(tmp_path)
     model = reconstructed(pycolmap, project.folder)
     lost = 100 * (1 - model.num_reg_images() / (STEPS * len(project.rig)))
-    beside("COLMAP", "pictures of a walk that it does not place", lost, 5.0, "%")
+    beside("COLMAP", "images of a walk without a reconstructed pose", lost, 5.0, "%")
     stated = project.rig[0].errors_px[3000.0]  # the walls are about that far
     assert model.compute_mean_reprojection_error() < stated
 
     path, truth, points = in_the_room(model, poses, project)
     missed = np.linalg.norm(path - truth, axis=1)
     length = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
-    beside("COLMAP", "the path of that walk, of its length", 100 * missed.max() / length, 1.0, "%")
+    beside("COLMAP", "relative deviation of the path of this walk", 100 * missed.max() / length, 1.0, "%")
 
     nearest = truth[np.linalg.norm(points[:, None] - truth[None], axis=2).argmin(axis=1)]
     away = np.linalg.norm(points - nearest, axis=1)

@@ -68,7 +68,7 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
     assert tolerance < 1e-3
     off = np.abs(np.sort(omega) - field_angles(sensor)).max()
     kinds = "of their own form" if kind in SURFACES_OF_LENS_FILES else "as aspheres of a lens file"
-    beside("Optiland", f"field angles of chief rays through our .zmx files, mirrors {kinds}", off, tolerance, "deg")
+    beside("Optiland", f"field angles of chief rays in exported .zmx files, mirrors {kinds}", off, tolerance, "deg")
 
 
 def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(load, tmp_path):

@@ -116,4 +116,4 @@ def test_spots(pair, beside):
         image = aimed(traced, np.full(len(stop), np.radians(omega)), stop, np.full(len(stop), theta[k])) / PITCH
         for name, ours, theirs in (("tangential", t, image[:, 1]), ("sagittal", s, image[:, 0])):
             off = abs(100 * (ours[k, 0] / theirs.std() - 1))
-            beside("Optiland", f"{name} spots of a mirror before real lenses, rms", off, 5.0, "%")
+            beside("Optiland", f"{name} RMS spot size of a mirror with real lenses", off, 5.0, "%")

@@ -24,4 +24,4 @@ def test_a_sensor_out_of_place_shows_objects_where_optiland_reflects_to_them(fie
     errors = [dict.fromkeys(POSE, 0.0) | {name: 0.1} for name in POSE]
     errors += [{name: float(rng.normal() * 0.3) for name in POSE} for _ in range(5)]
     off = max(largest_angle_rad(sensor, evaluator, values) for values in errors)
-    beside("Optiland", "rays of sensors with their mirrors out of place", off, CLOSE_RAD, "rad")
+    beside("Optiland", "rays of sensors with misaligned mirrors", off, CLOSE_RAD, "rad")

@@ -54,8 +54,10 @@ def test_blender_image(name, pose, blender, tmp_path, beside):
     decibels, shift = compared(sensor, expose(sensor, Box(), samples=16), theirs)
     version = (tmp_path / "version.txt").read_text()
     levels = grey_levels(decibels), grey_levels(55)
-    beside("Blender", "images by Cycles with our ray table, RMS difference in grey levels", *levels, "", version)
-    beside("Blender", "the same, maximum shift of any eighth", shift, 0.02, "px", version)
+    beside(
+        "Blender", "images by Cycles with the exported ray table, RMS difference in grey levels", *levels, "", version
+    )
+    beside("Blender", "maximum image shift in any of eight sectors", shift, 0.02, "px", version)
 
 
 @pytest.mark.full

@@ -116,7 +116,7 @@ def test_openimageio_st_warp(image, dewarped, interior, tmp_path, beside):
     oiio = pytest.importorskip("OpenImageIO", reason="OpenImageIO is installed by `make test-full` only")
     theirs = warped(oiio, image, export("stmap", tmp_path).paths[0])[..., :3]
     off = np.abs(theirs - dewarped)[interior].max()
-    what = "view by st_warp with our ST map, maximum difference in grey levels"
+    what = "view by st_warp with the exported ST map, maximum difference in grey levels"
     beside("OpenImageIO", what, off, 1, "")
 
 
@@ -128,7 +128,7 @@ def test_opencv_float_and_fixed_point_maps(image, dewarped, interior, tmp_path, 
     # OpenCV rounds coordinates of both kinds of maps to 1/32 px, which is visible at hard edges.
     assert np.mean(np.abs(fixed.astype(float) - floats)[interior]) < 0.3
     off = np.mean(np.abs(dewarped.astype(float) - floats)[interior])
-    beside("OpenCV", "view by cv2.remap with our maps, mean difference in grey levels", off, 0.3, "")
+    beside("OpenCV", "view by cv2.remap with exported maps, mean difference in grey levels", off, 0.3, "")
     assert tuple(maps["source_size"]) == (512, 500)
 
 
@@ -149,7 +149,7 @@ def test_ffmpeg_samples_the_nearest_pixel(image, tmp_path, beside):
     near = np.clip(near, 0, [511, 499])
     ours = np.where(valid[..., None], image[near[..., 1], near[..., 0]], 0)
     off = 100 * (theirs != ours).mean()
-    beside("FFmpeg", "differing values of a view by its filter remap with our maps", off, 0.1, "%")
+    beside("FFmpeg", "differing values of a view by the filter remap with exported maps", off, 0.1, "%")
     assert 0.5 < exported.deviation.size <= np.sqrt(0.5)
 
 
@@ -301,7 +301,7 @@ def test_obs_effect(image, dewarped, interior, tmp_path, beside):
     if theirs is None:
         pytest.skip("libobs is not installed: make programs")
     off = max_difference(dewarped, theirs, interior)
-    what = "view by its library with our effect, maximum difference in grey levels"
+    what = "view by libobs with the exported effect, maximum difference in grey levels"
     beside("OBS Studio", what, off, 1, "", (tmp_path / "version.txt").read_text())
     assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
@@ -333,7 +333,7 @@ def test_gstreamer_pipeline(image, dewarped, interior, tmp_path, beside):
     version = subprocess.run(["gst-launch-1.0", "--version"], capture_output=True, text=True).stdout.split("\n")[1]
     beside(
         "GStreamer",
-        "view by glshader with our shader, maximum difference in grey levels",
+        "view by glshader with the exported shader, maximum difference in grey levels",
         off,
         1,
         "",

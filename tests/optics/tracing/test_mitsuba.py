@@ -76,8 +76,8 @@ def reflected(mi, scene, origins, directions):
     return out
 
 
-DIRECTIONS = "directions of pixels, mirrors as meshes, aligned and not, perspective and telecentric lenses"
-PIXELS = "pixels of those directions"
+DIRECTIONS = "directions of pixels, aligned and misaligned mirrors as meshes, perspective and telecentric lenses"
+PIXELS = "pixels of these directions"
 
 
 def pixels_within(sensor, count):
@@ -112,8 +112,8 @@ def test_on_its_own_sphere(mi, pose, beside):
     sensor = replace(sensor_of("sphere"), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, spherical(mi, sensor), 1500)
     # single precision is all that is left
-    beside("Mitsuba 3", "directions of pixels, its own sphere", worst_deg, WITHIN_DEG / 5, "deg")
-    beside("Mitsuba 3", "pixels of those directions, its own sphere", worst_px, WITHIN_PX / 5, "px")
+    beside("Mitsuba 3", "directions of pixels, analytic sphere of Mitsuba", worst_deg, WITHIN_DEG / 5, "deg")
+    beside("Mitsuba 3", "pixels of these directions, analytic sphere of Mitsuba", worst_px, WITHIN_PX / 5, "px")
 
 
 @pytest.mark.full

@@ -114,10 +114,8 @@ def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
 
 def as_mitsuba_has_it(beside, decibels, shift):
     """At most 45 dB apart, single precision and the noise of both in it."""
-    beside(
-        "Mitsuba 3", "pictures with blur, difference in grey levels, rms", grey_levels(decibels), grey_levels(45), ""
-    )
-    beside("Mitsuba 3", "the same, shift of any eighth", shift, 0.02, "px")
+    beside("Mitsuba 3", "images with blur, RMS difference in grey levels", grey_levels(decibels), grey_levels(45), "")
+    beside("Mitsuba 3", "maximum image shift in any of eight sectors", shift, 0.02, "px")
 
 
 def grey_levels(decibels):
