@@ -172,10 +172,11 @@ def command(
 
     A SOURCE is an image, a folder or pattern of images, a video file, a camera or stream
     (/dev/video0, rtsp://...), an image sequence as a video (f%04d.png), a video on standard input
-    (-), or a recording of a robot (.mcap, .db3, .bag, or a rosbag2 folder). The camera is specified
-    by one of --sensor, --ocam and --ball; --auto detects the outline of the mirror instead. The
-    output is drawn from the viewpoint of the camera: not mirrored, with forward at the centre of a
-    panorama and at the top of a dome.
+    (-), or a robot recording (.mcap, .db3, .bag, or a rosbag2 folder).
+
+    Specify the camera with one of --sensor, --ocam and --ball, or use --auto to detect the outline
+    of the mirror. The output is drawn from the viewpoint of the camera: not mirrored, with forward
+    at the centre of a panorama and at the top of a dome.
     """
     auto.check(camera)
     for options in (view, pictures):
