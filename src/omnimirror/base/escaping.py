@@ -72,7 +72,7 @@ def label(text: str, longest: int = MAX_LABEL) -> str:
 
 
 def _is_invisible(character: str) -> bool:
-    """Whether a character has no visible form, or changes how its neighbours are displayed."""
+    """Return whether a character has no visible form, or changes the display of its neighbours."""
     if character in JOINERS:
         return False
     kind, code = unicodedata.category(character), ord(character)
@@ -131,7 +131,9 @@ def c_string(text: str) -> str:
 
 
 def _octal(text: str) -> str:
-    """The bytes of text in UTF-8, those of file names that are not UTF-8 unchanged, as octal escapes."""
+    """Return the bytes of text as octal escapes: UTF-8, with undecodable bytes of file names
+    unchanged.
+    """
     is_bytes = all("\udc80" <= c <= "\udcff" for c in text if "\ud800" <= c <= "\udfff")
     return "".join(f"\\{b:03o}" for b in text.encode("utf-8", "surrogateescape" if is_bytes else "surrogatepass"))
 
@@ -165,7 +167,7 @@ def shell_word(text: str) -> str:
 
 
 def _shell_run(run: str, is_hidden: bool) -> str:
-    """One part of a word: characters that are all visible, or all not."""
+    """Return one part of a word: characters that are all visible, or all invisible."""
     return f"\"$(printf '{_octal(run)}')\"" if is_hidden else shlex.quote(run)
 
 
@@ -221,7 +223,7 @@ def html_text(text: str) -> str:
 
 
 xml_text = html_text
-"""The same of XML and SVG: characters that XML 1.0 excludes have become escapes."""
+"""Escape text for XML and SVG; characters that XML 1.0 excludes become escapes."""
 
 
 def json_text(data: Any, **options: Any) -> str:
@@ -303,7 +305,7 @@ def csv_cell(text: str) -> str:
 def csv_comment(line: str) -> str:
     """Return a comment line of a CSV file in TOML, in which no cell of a spreadsheet is a formula.
 
-    Characters that would begin one after a separator become TOML escapes.
+    Characters that would start a formula after a separator become TOML escapes.
 
     Examples
     --------
@@ -378,15 +380,18 @@ def dxf_mtext(text: str) -> str:
 
 
 def _without_codes(text: str) -> str:
-    """Separate by a space what some DXF readers decode as a character: ``\\U+0041``, ``\\M+18281``."""
+    """Insert a space into sequences that some DXF readers decode as a character: ``\\U+0041``,
+    ``\\M+18281``.
+    """
     return re.sub(r"(?<=\\[UuMm])(?=\+)", " ", text)
 
 
 def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
     """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest`` characters.
 
-    OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string of several lines at
-    ``')``. Hence names are cut to one line, and apostrophes are encoded rather than doubled.
+    OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string
+    of several lines at ``')``. Therefore names are cut to one line, and apostrophes are encoded,
+    not doubled.
 
     Examples
     --------
@@ -398,7 +403,7 @@ def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
 
 
 def _step_code(text: str) -> str:
-    """Text in which all but printable ASCII, backslashes and apostrophes are control directives."""
+    """Return text with control directives for all but printable ASCII, backslashes and apostrophes."""
     return re.sub(r"[^ -&(-\[\]-~]+", lambda run: _directive(run[0]), text)
 
 

@@ -13,7 +13,7 @@ from .escaping import html_text
 Array = NDArray[np.float64]
 Rows = Mapping[str, str]
 
-MAX_HEIGHT_PX, MAX_WIDTH_PX = 190.0, 230.0  # of a drawing
+MAX_HEIGHT_PX, MAX_WIDTH_PX = 190.0, 230.0  # maximum size of a drawing
 MARGIN_PX = 5.0
 LINE_STYLES = {
     "strong": 'stroke-width="2.6"',

@@ -121,12 +121,12 @@ def main(args: list[str] | None = None) -> None:
     Parameters
     ----------
     args
-            Arguments of the command line; ``sys.argv`` by default.
+        Arguments of the command line; ``sys.argv`` by default.
 
     Raises
     ------
     SystemExit
-            The command failed, or a signal stopped it.
+        The command failed, or a signal stopped it.
     """
     began = time.perf_counter()
     is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))

@@ -25,9 +25,9 @@ class DocumentedCommand(click.Command):
     Parameters
     ----------
     page
-            Page in docs/, without ``.md``.
+        Page in docs/, without ``.md``.
     examples
-            Examples as complete command lines.
+        Examples as complete command lines.
     """
 
     def __init__(self, *args: Any, page: str, examples: tuple[str, ...], **attributes: Any) -> None:

@@ -36,7 +36,7 @@ class Output(click.Path):
     Parameters
     ----------
     formats
-            Binary formats for standard output; the first is the default of ``--format``.
+        Binary formats for standard output; the first is the default of ``--format``.
     """
 
     def __init__(self, formats: tuple[str, ...] = ()) -> None:
@@ -60,7 +60,7 @@ def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: cl
     Raises
     ------
     click.UsageError
-            Standard output is already reserved, or it is a terminal and the output an image.
+        Standard output is already reserved, or it is a terminal and the output an image.
     """
     meta = (ctx or click.get_current_context()).meta
     if meta.setdefault(_TAKEN, option) != option:
@@ -76,7 +76,7 @@ def refuse_losses(ctx: click.Context) -> None:
     Raises
     ------
     click.UsageError
-            A file would be written twice, or an input overwritten.
+        A file would be written twice, or an input overwritten.
     """
     written: dict[Path, str] = {}
     read: list[Path] = []

@@ -41,7 +41,7 @@ def prepared(is_quiet: bool) -> Iterator[None]:
     Parameters
     ----------
     is_quiet
-            Suppress Python warnings except :class:`OmnimirrorWarning`, and messages of C libraries,
+        Suppress Python warnings except :class:`OmnimirrorWarning`, and messages of C libraries,
         since the error message of the command describes the problem of a file.
     """
     for number in range(3):  # otherwise the next opened file would become standard output
