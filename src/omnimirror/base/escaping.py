@@ -1,12 +1,14 @@
 """Escaping of text from files and users: one function per target language.
 
-Names, notes and file names may contain any characters. Before such text enters generated source code, markup, drawings,
-tables, terminals or displayed commands, it passes through the function of the target language.
+Names, notes and file names may contain any characters. Before such text enters generated source
+code, markup, drawings, tables, terminals or displayed commands, it passes through the function of
+the target language.
 
-Ordinary letters of all scripts stay readable. Characters without a visible form (control characters, line separators,
-bidirectional controls, lone surrogates, noncharacters) are written as backslash escapes such as ``\\x1b``. Comments and
-labels are limited to one line of :data:`MAX_LABEL` characters and end in ``...`` where they are cut; string literals,
-markup and data keep the whole text.
+Ordinary letters of all scripts stay readable. Characters without a visible form (control
+characters, line separators, bidirectional controls, lone surrogates, noncharacters) are written as
+backslash escapes such as ``\\x1b``. Comments and labels are limited to one line of
+:data:`MAX_LABEL` characters and end in ``...`` where they are cut; string literals, markup and data
+keep the whole text.
 """
 
 from __future__ import annotations
@@ -141,8 +143,8 @@ def _octal(text: str) -> str:
 def c_comment(text: str) -> str:
     """Return text for a comment of C, GLSL, HLSL and OSL, both ``/* */`` and ``//``.
 
-    A space separates the characters of comment delimiters and of trigraphs; a backslash, which would continue a
-    comment on the next line, is followed by a point where it ends the text.
+    A space separates the characters of comment delimiters and of trigraphs; a backslash, which
+    would continue a comment on the next line, is followed by a point where it ends the text.
 
     Examples
     --------
@@ -155,7 +157,8 @@ def c_comment(text: str) -> str:
 
 
 def shell_word(text: str) -> str:
-    """Return one word of a POSIX shell command; characters without a visible form are made by ``printf``.
+    """Return one word of a POSIX shell command; characters without a visible form are made by
+    ``printf``.
 
     Examples
     --------
@@ -183,7 +186,8 @@ def shell_command(words: Iterable[object]) -> str:
 
 
 def gstreamer_comment(text: str) -> str:
-    """Return text for a GLSL comment within a quoted property of ``gst-launch-1.0``, which has escapes of its own.
+    """Return text for a GLSL comment within a quoted property of ``gst-launch-1.0``, which has
+    escapes of its own.
 
     Examples
     --------
@@ -194,10 +198,11 @@ def gstreamer_comment(text: str) -> str:
 
 
 def gcode_comment(text: str) -> str:
-    """Return text for a comment in parentheses of a G-code program: ASCII without the characters that controllers obey.
+    """Return text for a comment in parentheses of a G-code program: ASCII without the characters
+    that controllers obey.
 
-    Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs and what GRBL
-    obeys anywhere (``!``, ``?``, ``~``) become escapes.
+    Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs
+    and what GRBL obeys anywhere (``!``, ``?``, ``~``) become escapes.
 
     Examples
     --------
@@ -387,7 +392,8 @@ def _without_codes(text: str) -> str:
 
 
 def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
-    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest`` characters.
+    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest``
+    characters.
 
     OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string
     of several lines at ``')``. Therefore names are cut to one line, and apostrophes are encoded,

@@ -306,7 +306,8 @@ def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
     Raises
     ------
     OSError
-        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the reason.
+        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the
+        reason.
     """
     try:
         _check_ordinary(os.stat(path), most)
@@ -386,7 +387,8 @@ def read_text(
     Raises
     ------
     OmnimirrorError
-        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is not text.
+        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is
+        not text.
     """
     try:
         return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")

@@ -1,4 +1,6 @@
-"""HTML cards that notebooks display for cameras: a line drawing and a table, for light and dark themes."""
+"""HTML cards that notebooks display for cameras: a line drawing and a table, for light and dark
+themes.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def card(title: str, kind: str, drawing: str, rows: Rows, note: str) -> str:
 
 
 def line_drawing(lines: Sequence[Line], label: str) -> str:
-    """Return an SVG of lines to a common scale, in the colour of the surrounding text; "" without lines."""
+    """Return an SVG of lines to a common scale, in the colour of the surrounding text; "" without
+    lines.
+    """
     if not lines:
         return ""
     x, y = (np.concatenate([line[axis] for line in lines]) for axis in (0, 1))

@@ -142,7 +142,8 @@ def minimise_mean(
     most_steps: int = 200,
     on_step: Callable[[float], None] | None = None,
 ) -> Minimum:
-    """Minimise a single smooth function under constraints: sequential quadratic programming (SciPy's SLSQP).
+    """Minimise a single smooth function under constraints: sequential quadratic programming
+    (SciPy's SLSQP).
 
     Arguments are those of :func:`solve_minimax`, for one objective; the result is the iterate of
     lowest price.

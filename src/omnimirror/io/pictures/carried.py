@@ -69,7 +69,9 @@ class Carried(NamedTuple):
 
 
 def read_carried(data: bytes) -> Carried:
-    """Return the metadata in the bytes of an image file; none for formats without it and for damaged files."""
+    """Return the metadata in the bytes of an image file; none for formats without it and for
+    damaged files.
+    """
     try:
         if data.startswith(b"\xff\xd8"):
             profile, block = _of_jpeg(data)
@@ -226,7 +228,9 @@ def _in_tiff(data: bytes, carried: Carried) -> bytes:
 
 
 def _orientation_of_avif(data: bytes) -> int:
-    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not apply."""
+    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not
+    apply.
+    """
     if data[4:8] != b"ftyp" or data[8:12] not in AVIF:
         return UPRIGHT
     from PIL import Image

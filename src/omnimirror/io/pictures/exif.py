@@ -86,7 +86,9 @@ def exposure_of(exif: Exif | None) -> Exposure:
 
 
 def _rational(entry: Entry | None) -> float | None:
-    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid values."""
+    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid
+    values.
+    """
     if entry is None or entry.kind != RATIONAL or len(entry.values) != 8:
         return None
     above, below = struct.unpack("<II", entry.values)

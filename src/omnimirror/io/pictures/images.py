@@ -115,7 +115,9 @@ def can_be_panorama(path: str | Path) -> bool:
 
 
 def read_picture(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, Carried]:
-    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF, orientation."""
+    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF,
+    orientation.
+    """
     path = Path(path)
     data = _data_of(path)
     carried = read_carried(data)
@@ -135,8 +137,8 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     path
         Name of the file.
     Name of the file.
-        Return the pixels as they are stored, without the orientation applied: for a camera that was calibrated with
-        stored pixels.
+        Return the pixels as they are stored, without the orientation applied: for a camera that was
+        calibrated with stored pixels.
 
     Returns
     -------
@@ -160,7 +162,9 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
 
 
 def orientation_of(path: str | Path) -> int:
-    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be read."""
+    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be
+    read.
+    """
     try:
         return read_carried(_data_of(Path(path))).orientation
     except MediaError:

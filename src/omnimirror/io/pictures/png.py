@@ -29,6 +29,8 @@ def damage(data: bytes) -> str:
 
 
 def decoded_bytes(data: bytes) -> int:
-    """Return the size in memory of the image that the header declares; a palette is expanded to colours."""
+    """Return the size in memory of the image that the header declares; a palette is expanded to
+    colours.
+    """
     width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
     return int(width * height * (2 if depth == 16 else 1) * (4 if colour == 3 else SAMPLES.get(colour, 4)))

@@ -38,7 +38,8 @@ from ...outputs import FIGURES, format_option, json_option, output_console, outp
 def command(
     camera: str, height_mm: float | None, field_deg: float | None, output: Path | None, json_file: Path | None
 ) -> None:
-    """Estimate the uncertainty of directions measured with the calibrated CAMERA, or of points on the floor.
+    """Estimate the uncertainty of directions measured with the calibrated CAMERA, or of points on
+    the floor.
 
     The result is one standard deviation, from the table [uncertainty] that a calibration writes to
     the camera file. It is restricted to the calibrated field: beyond the outermost corner the model

@@ -158,8 +158,8 @@ def _optimised(
 ) -> Design:
     """Return the best design of one or several numbers of terms, with a progress bar.
 
-    ``on_design`` receives the design before the search for relaxations; with several numbers of terms, the best
-    design after the table of convergence.
+    ``on_design`` receives the design before the search for relaxations; with several numbers of
+    terms, the best design after the table of convergence.
     """
     shape = asked.mirror.shape or SHAPE
     counts = searched.terms or [FreeForm.parse(shape).terms]

@@ -140,10 +140,11 @@ def command(
     report_file: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the manufacturing yield.
+    """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the
+    manufacturing yield.
 
-    Prints the yield, the sensitivity to each error, and residuals after calibrations; with --yield, allocates
-    tolerances of minimum cost.
+    Prints the yield, the sensitivity to each error, and residuals after calibrations; with --yield,
+    allocates tolerances of minimum cost.
 
     omnimirror tolerance init SENSOR writes a commented tolerance file to tolerances.toml.
     """

@@ -175,8 +175,8 @@ def command(
     (-), or a robot recording (.mcap, .db3, .bag, or a rosbag2 folder).
 
     Specify the camera with one of --sensor, --ocam and --ball, or use --auto to detect the outline
-    of the mirror. The output is drawn from the viewpoint of the camera: never reversed, with forward
-    at the centre of a panorama and at the top of a dome.
+    of the mirror. The output is drawn from the viewpoint of the camera: never reversed, with
+    forward at the centre of a panorama and at the top of a dome.
     """
     auto.check(camera)
     for options in (view, pictures):
