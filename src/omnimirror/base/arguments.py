@@ -1,4 +1,4 @@
-"""Checks of arguments of public functions; errors contain the name, the value and the valid range."""
+"""Checks of arguments of public functions; errors contain name, value and valid range."""
 
 from __future__ import annotations
 

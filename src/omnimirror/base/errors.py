@@ -75,7 +75,7 @@ class OutsideField(OmnimirrorError):
 
 
 class NotOneToOne(OmnimirrorError):
-    """Field angle that does not increase monotonically with the mirror radius and has no inverse."""
+    """Field angle that is not monotonic in the mirror radius and has no inverse."""
 
 
 class SelfObstruction(OmnimirrorError):
@@ -83,7 +83,7 @@ class SelfObstruction(OmnimirrorError):
 
 
 class SpecError(OmnimirrorError):
-    """Invalid sensor file or requirements; the message contains the location and the valid values."""
+    """Invalid sensor file or requirements; the message contains location and valid values."""
 
 
 class MediaError(OmnimirrorError):

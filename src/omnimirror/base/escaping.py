@@ -82,7 +82,7 @@ def _is_invisible(character: str) -> bool:
     return kind in ("Cc", "Cf", "Cs", "Zl", "Zp") or is_noncharacter
 
 
-# -- programming languages -------------------------------------------------------------------------------
+# -- programming languages ------------------------------------------------------------------------
 
 
 def python_string(text: str) -> str:
@@ -213,7 +213,7 @@ def gcode_comment(text: str) -> str:
     return re.sub(r"[%!?~]", lambda c: f"\\x{ord(c[0]):02x}", text)
 
 
-# -- markup and data -------------------------------------------------------------------------------------
+# -- markup and data ------------------------------------------------------------------------------
 
 
 def html_text(text: str) -> str:
@@ -347,7 +347,7 @@ def http_attachment(name: str) -> str:
     return f'attachment; filename="{plain}"{whole}'
 
 
-# -- drawings and CAD ------------------------------------------------------------------------------------
+# -- drawings and CAD -----------------------------------------------------------------------------
 
 
 def plot_text(text: str) -> str:
@@ -409,7 +409,7 @@ def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
 
 
 def _step_code(text: str) -> str:
-    """Return text with control directives for all but printable ASCII, backslashes and apostrophes."""
+    """Encode all but printable ASCII, and backslashes and apostrophes, as control directives."""
     return re.sub(r"[^ -&(-\[\]-~]+", lambda run: _directive(run[0]), text)
 
 
@@ -418,7 +418,7 @@ def _directive(run: str) -> str:
     return f"\\X{digits}\\{run.encode(encoding).hex().upper()}\\X0\\"
 
 
-# -- streams ---------------------------------------------------------------------------------------------
+# -- streams --------------------------------------------------------------------------------------
 
 
 def terminal_text(text: str) -> str:

@@ -26,7 +26,7 @@ CELL_STYLE = "background:none;border:0;padding:0 1.2em 0 0;text-align:left;verti
 
 
 class Line(NamedTuple):
-    """Polyline of a drawing: coordinates (n,) to the right and up, and one of :data:`LINE_STYLES`."""
+    """Polyline of a drawing: coordinates (n,) to the right and up, and a line style."""
 
     x: Array
     y: Array
@@ -94,7 +94,7 @@ def field_range(low_rad: float, high_rad: float) -> str:
 
 
 def origin(notes: str, calibrated_parameters: int) -> str:
-    """Describe the origin of a camera: its notes, and the number of calibrated parameters, if any."""
+    """Describe the origin of a camera: its notes and the number of calibrated parameters."""
     parts = [notes] if notes else []
     if calibrated_parameters:
         parts.append(f"Calibrated parameters: {calibrated_parameters}, with covariance.")

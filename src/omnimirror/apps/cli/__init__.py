@@ -69,7 +69,7 @@ SERVERS = {"serve", "studio", "view"}
 
 
 class LazyGroup(click.Group):
-    """Command group that imports the module of a command only on use, which keeps ``--help`` fast."""
+    """Command group that imports the module of a command only on use, for a fast ``--help``."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -110,7 +110,7 @@ class LazyGroup(click.Group):
 @click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
-    """Design, evaluate, simulate and calibrate omnidirectional mirror sensors, and dewarp images."""
+    """Design, evaluate, simulate and calibrate omnidirectional sensors, and dewarp images."""
 
 
 def main(args: list[str] | None = None) -> None:

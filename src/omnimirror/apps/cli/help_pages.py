@@ -44,7 +44,7 @@ class DocumentedCommand(click.Command):
             record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
             if record is not None:
                 groups.setdefault(getattr(option, "group", "Options"), []).append(record)
-        if len(groups) == 2 and len(groups["Options"]) <= 2:  # no separate heading for only -o and -h
+        if len(groups) == 2 and len(groups["Options"]) <= 2:  # only -o and -h
             groups = {"Options": [record for records in reversed(groups.values()) for record in records]}
         for title, records in groups.items():
             with formatter.section(title):

@@ -205,7 +205,7 @@ def _bent(linear: Rows, ahead: ObjectiveValues, step: Array) -> Rows:
 def _programme(
     linear: Rows, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool
 ) -> tuple[Array, float]:
-    """Return the step (dim,) within the trust region, and the price predicted by the linear model."""
+    """Return the step (dim,) within the trust region, and its predicted price."""
     dim = y.size
     g, J = _within_reach(linear.objective, linear.objective_jacobian, trust, is_spread)
     c, K = linear.constraints, linear.constraint_jacobian
@@ -230,7 +230,7 @@ def _programme(
 
 
 def _foremost(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Return the rows of (n, dim) that are largest at the centre of a box or of one of its sides."""
+    """Return the rows (n, dim) that are largest at the centre of a box or of one of its sides."""
     is_foremost = np.zeros(len(b), dtype=bool)
     if len(b):
         corners = np.vstack([np.zeros_like(low), np.diag(low), np.diag(high)])

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class SplineBasis(NamedTuple):
-    """Basis of splines on the knots h, 2 h ... n h: polynomials of x from the start of each cell."""
+    """Basis of splines on knots h, 2 h ... n h: polynomials of x from the start of a cell."""
 
     step: float
     cells: Array

@@ -40,7 +40,7 @@ def stream_format(url: str) -> str:
 
 
 class SinkBase:
-    """Base class of sinks: closed at the end of the block, also after errors; audio is discarded."""
+    """Base class of sinks: closed at the end of the block, also on errors; without audio."""
 
     frames_written = 0
     siting: Siting = "left"

@@ -136,7 +136,7 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     ----------
     path
         Name of the file.
-    Name of the file.
+    stored_orientation
         Return the pixels as they are stored, without the orientation applied: for a camera that was
         calibrated with stored pixels.
 
@@ -320,7 +320,7 @@ def _encoded(path: Path, image: Image, panorama: GPano | None, carried: Carried 
 
 
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
-    """Encode an image, grey, RGB or RGBA, with OpenCV's encoder for ``suffix`` and its parameters."""
+    """Encode a grey, RGB or RGBA image with OpenCV's encoder for ``suffix``."""
     with _quiet():
         is_done, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
     if not is_done:

@@ -23,8 +23,7 @@ class JpegCoding(NamedTuple):
     """Coding parameters of an image."""
 
     tables: tuple[NDArray[np.float64], ...]
-    """Quantisation steps (8, 8) of Y, or of Y, Cb and Cr: by vertical, then horizontal frequency.
-    """
+    """Quantisation steps (8, 8) of Y, or of Y, Cb and Cr: by vertical and horizontal frequency."""
     coarser: tuple[int, int] = (1, 1)
     """Chroma subsampling: luma pixels per chroma sample, vertically and horizontally."""
 

@@ -76,7 +76,7 @@ def without_orientation(data: bytes) -> bytes:
 
 
 def _found(block: bytes) -> tuple[int, int, str]:
-    """Return the orientation in the first directory of a TIFF structure, its position and its type."""
+    """Return the orientation in the first directory of a TIFF structure, its offset and type."""
     nothing = UPRIGHT, 0, "<H"
     if block[:4] not in TIFF:
         return nothing

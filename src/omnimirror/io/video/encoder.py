@@ -207,7 +207,7 @@ class Encoder:
         return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
 
     def _set_time(self, frame: av.VideoFrame) -> None:
-        """Set strictly increasing times in the unit of the target, as encoders and players require."""
+        """Set increasing times in the unit of the target, as encoders and players require."""
         if frame.pts is None:
             pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
         else:
@@ -308,7 +308,7 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
 
 
 def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | None) -> str:
-    """Return the requested pixel format, or the closest to that of the input; check the image size."""
+    """Return the requested pixel format, or that closest to the input; check the image size."""
     known = [pixel_format.name for pixel_format in codec.video_formats or []]
     if asked is not None and known and asked not in known:
         raise InvalidParameter(f"{codec.name} does not encode {asked}; valid are {', '.join(known)}")

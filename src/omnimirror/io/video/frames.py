@@ -255,7 +255,7 @@ def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, i
 
 
 def as_frame(made: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.VideoFrame:
-    """Convert the result of an image function for ``like`` to a frame: a frame, an image or planes."""
+    """Convert the result of an image function (frame, image or planes) to a frame."""
     if isinstance(made, av.VideoFrame):
         if made.pts is None:
             _carry_on(like, made)

@@ -41,7 +41,7 @@ class AutoOptions(Options):
     )
 
     def check(self, camera: CameraOptions) -> None:
-        """Raise UsageError for --mirror without --auto, or for another camera together with --auto."""
+        """Raise UsageError for --mirror without --auto, or for another camera with --auto."""
         if not self.auto:
             if self.mirror is not None:
                 raise click.UsageError("--mirror belongs to --auto")
@@ -121,7 +121,7 @@ def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall,
 
 
 def _alike(sources: tuple[str, ...], orientation: OrientationOptions) -> list[NDArray[np.uint8]]:
-    """Return those of the first images that have the size of the first one: they share an outline."""
+    """Return those of the first images that have the size, and thus the outline, of the first."""
     from ....io import read_image
     from ....io.batch import expand_inputs
 

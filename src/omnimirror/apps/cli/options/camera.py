@@ -98,7 +98,7 @@ class CameraOptions(Options):
         return replace(mount, **stands)
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
-        """Return the camera that draws the view: levelled as if plumb if the options keep the tilt."""
+        """Return the camera that draws the view: as if plumb if the options keep the tilt."""
         return replace(camera, mount=camera.mount.upright) if self.keep_lean else camera
 
     def words(self) -> tuple[str, tuple[str, ...]]:

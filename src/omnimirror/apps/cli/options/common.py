@@ -116,7 +116,7 @@ def angle_range(text: str) -> tuple[float, float]:
 
 
 def ball(text: str) -> tuple[float, float, float, float]:
-    """Parse the circle of a mirror ball in pixels and its full field in degrees, ``CX,CY,R,FOV``."""
+    """Parse the circle of a mirror ball (px) and its full field (deg), ``CX,CY,R,FOV``."""
     u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV, the ball's centre, radius and field")
     return u, v, radius, field
 

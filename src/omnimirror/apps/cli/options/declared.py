@@ -28,7 +28,7 @@ class Options:
     def changed(self) -> list[str]:
         """Return the options that differ from their defaults."""
         defaults = {f.name: f.default for f in fields(self)}
-        given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}  # ()
+        given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}
         return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]
 
     def picked(self, *names: str) -> dict[str, Any]:

@@ -243,7 +243,7 @@ class RequirementOptions(Options):
     name: str | None = option(help="Name of the sensor.")
 
     def requirements(self, file: Path | None) -> Requirements:
-        """Return the requirements of a file with the options as overrides, or of the options alone."""
+        """Return the requirements of a file, overridden by options, or of the options alone."""
         if file is not None and self.like is not None:
             raise click.UsageError("give a requirement file or --like, not both")
         given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}

@@ -1,4 +1,4 @@
-"""Housing options, shared by all commands that use them; they override entries of the sensor file."""
+"""Housing options shared by several commands; they override entries of the sensor file."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class HousingOptions(Options):
     )
 
     def on(self, camera: Stood) -> Stood:
-        """Return the sensor with the housing options applied; a calibrated camera has no housing."""
+        """Return the sensor with the housing options; a calibrated camera has no housing."""
         if not self.given:
             return camera
         if not isinstance(camera, Sensor):
@@ -139,7 +139,7 @@ def _supported(housing: Housing, kind: str) -> Housing:
     sizes.
     """
     rod: Rod | None = None
-    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None  # no support
+    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None
     if kind == "rod":
         rod = housing.rod or Rod()
     elif kind in SHELLS:

@@ -54,7 +54,7 @@ def _lasting(index: bytes) -> bytes:
 
 
 def _track(body: bytes, scale: int) -> tuple[bytes, int]:
-    """Return a video track with the duration of its frames, and the duration in units of the movie."""
+    """Return a video track with the duration of its frames, and this duration (movie units)."""
     media = dict(boxes(dict(boxes(body))[b"mdia"]))
     units = _shown(media)
     shown = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as in FFmpeg

@@ -58,7 +58,7 @@ def is_video(track: bytes) -> bool:
 
 
 def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kinds and bodies of consecutive boxes; four zero bytes may end them, as in QuickTime."""
+    """Yield kinds and bodies of consecutive boxes; four zero bytes may end them (QuickTime)."""
     at = 0
     while at + 8 <= len(data):
         size, head = int.from_bytes(data[at : at + 4], "big"), 8

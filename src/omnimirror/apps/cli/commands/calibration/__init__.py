@@ -1,1 +1,1 @@
-"""Calibration commands: targets, camera models, mirror outline, uncertainty, and file conversion."""
+"""Calibration commands: targets, camera models, mirror outlines, uncertainty, conversion."""

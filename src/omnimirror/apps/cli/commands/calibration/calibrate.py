@@ -246,7 +246,7 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
 def _found(
     console: Console, pictures: tuple[str, ...], board: Board, several: bool, orientation: OrientationOptions
 ) -> tuple[list[Detection], int]:
-    """Detect boards in images or video frames; also return the exit code of an interruption, or 0."""
+    """Detect boards in images or video frames; also return the exit code of an interruption."""
     is_stored = orientation.stored_orientation
     with progress_bar(console) as bar, interrupts.deferred():
         task = bar.add_task("looking for boards", total=None)

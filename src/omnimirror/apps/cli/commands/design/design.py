@@ -130,7 +130,7 @@ def command(
 
 
 def _write(console: Console, design: Design, out: Path | None, json_file: Path | None) -> None:
-    """Write the sensor file and the table, then print the table, before the search for relaxations."""
+    """Write the sensor file and the table, and print the table, before searching relaxations."""
     if out:
         save_sensor(design.sensor, out)
     if json_file:

@@ -87,7 +87,7 @@ class SweepOptions(Options):
     )
 
     def of(self, trials: int, out: Path | None) -> Sweep | None:
-        """Return the storage of the trials; None if they fit into one shard and no option is given."""
+        """Return the storage of the trials; None for a single shard without options."""
         size = self.shard_trials or SHARD_TRIALS
         if out is None:
             for name in self.changed:

@@ -109,7 +109,7 @@ class VideoOptions(Options):
     )
 
     def recording(self, kind: str | None) -> Recording:
-        """Return the input range and the output settings of a video; ``kind`` is the pipe format."""
+        """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
             raise click.UsageError(f"--format {kind} belongs to pictures; of a video valid are {valid}")

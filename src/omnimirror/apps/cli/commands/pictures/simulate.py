@@ -49,7 +49,7 @@ OF_PICTURES = ("bits", "bayer", "wavelengths_nm")
 
 
 class Simulate(click.Group):
-    """Command group that treats the first argument as a sensor unless it is the name of a command."""
+    """Command group that treats the first argument as a sensor unless it names a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:

@@ -66,7 +66,7 @@ def _is_live(source: str) -> bool:
 
 
 def _known(source: str, options: CameraOptions) -> Known:
-    """Return the camera of the options; the page adds its mounting to the displayed command line."""
+    """Return the camera of the options; the page adds its mounting to the command line."""
     from ....studio.look.cameras import Known
     from ....studio.look.tables import title_of
 
