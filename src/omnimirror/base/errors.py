@@ -23,7 +23,7 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a message as one line of limited length, whatever names and values it contains.
+    """Return a message as one line of limited length, for any names and values in it.
 
     >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)  # doctest: +ELLIPSIS
     'cannot read a b.png: 7, 7, 7, xxx...xxx..xxx...xxx'

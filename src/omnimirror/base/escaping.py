@@ -7,7 +7,7 @@ the target language.
 Ordinary letters of all scripts stay readable. Characters without a visible form (control
 characters, line separators, bidirectional controls, lone surrogates, noncharacters) are written as
 backslash escapes such as ``\\x1b``. Comments and labels are limited to one line of
-:data:`MAX_LABEL` characters and end in ``...`` where they are cut; string literals, markup and data
+:data:`MAX_LABEL` characters and end in ``...`` if they are cut; string literals, markup and data
 keep the whole text.
 """
 
@@ -144,7 +144,7 @@ def c_comment(text: str) -> str:
     """Return text for a comment of C, GLSL, HLSL and OSL, both ``/* */`` and ``//``.
 
     A space separates the characters of comment delimiters and of trigraphs; a backslash, which
-    would continue a comment on the next line, is followed by a point where it ends the text.
+    would continue a comment on the next line, is followed by a point at the end of the text.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def c_comment(text: str) -> str:
 
 
 def shell_word(text: str) -> str:
-    """Return one word of a POSIX shell command; characters without a visible form are made by
+    """Return one word of a POSIX shell command; characters without a visible form are encoded by
     ``printf``.
 
     Examples
@@ -202,7 +202,7 @@ def gcode_comment(text: str) -> str:
     that controllers obey.
 
     Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs
-    and what GRBL obeys anywhere (``!``, ``?``, ``~``) become escapes.
+    and characters that GRBL interprets anywhere (``!``, ``?``, ``~``) become escapes.
 
     Examples
     --------
@@ -271,7 +271,7 @@ def toml_string(text: str) -> str:
 
 
 def yaml_string(text: str) -> str:
-    """Return a YAML scalar: a plain word where the text is one, else between quotation marks.
+    """Return a YAML scalar: a plain word if possible, otherwise a quoted string.
 
     Examples
     --------
@@ -297,7 +297,7 @@ def markdown_text(text: str) -> str:
 def csv_cell(text: str) -> str:
     """Return text for a field of a CSV file; the writer adds the quotation marks.
 
-    Text that a spreadsheet would compute as a formula begins with an apostrophe.
+    Text that a spreadsheet would evaluate as a formula is prefixed with an apostrophe.
 
     Examples
     --------

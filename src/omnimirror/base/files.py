@@ -196,7 +196,7 @@ def _through(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _stream(path: Path) -> Iterator[BinaryIO]:
-    """Return a binary writer for a stream; an open descriptor continues at its position."""
+    """Yield a binary writer for a stream; an open descriptor continues at its position."""
     number = 1 if is_standard_output(path) else _descriptor_of(path)
     if number is None:
         if stat.S_ISBLK(os.stat(path).st_mode):

@@ -96,7 +96,7 @@ class Keyframes:
 
     @cached_property
     def _curves(self) -> dict[str, tuple[list[float], list[float], Callable[[float], float]]]:
-        """Return times, values without jumps of 360 deg, and their interpolants."""
+        """Times, values without jumps of 360 deg, and their interpolants."""
         curves = {}
         for name, points in self.tracks.items():
             times, values = [time for time, _ in points], [value for _, value in points]

@@ -187,7 +187,7 @@ def _spent(seconds: float) -> str:
 
 
 def _is_interruption(error: BaseException) -> bool:
-    """Return whether an error comes from a signal.
+    """Return whether a signal caused an error.
 
     The interpreter wraps KeyboardInterrupt around ``__set_name__``, and C extensions convert it to
     ImportError.

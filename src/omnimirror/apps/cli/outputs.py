@@ -97,7 +97,7 @@ def refuse_losses(ctx: click.Context) -> None:
 
 
 def _paths(value: Any) -> list[Path]:
-    """Yield possible file names among the values of an option or argument: any text, as for
+    """Return possible file names among the values of an option or argument: any text, as for
     ``os.path``.
     """
     if isinstance(value, tuple | list):
@@ -184,7 +184,7 @@ def remark(text: str) -> None:
 
 
 def say_written(*paths: Path | None, console: Console | None = None) -> None:
-    """Print the names of written files, apart from streams and outputs that were not requested."""
+    """Print the names of written files, except streams and outputs that were not requested."""
     for path in paths:
         if path and not is_standard_output(path):
             say("Wrote ", (str(path), "bold"), console=console)
@@ -212,7 +212,8 @@ def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -
 
 
 def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:
-    """Print columns of numbers under multi-line headings, each row as soon as it is computed.
+    """Print columns of numbers under multi-line headings, each row immediately after its
+    computation.
 
     The output is that of a plain :class:`rich.table.Table` with right-aligned columns, for any
     number of rows.

@@ -95,7 +95,7 @@ def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
 
 @contextmanager
 def _discarded(number: int) -> Iterator[None]:
-    """Discard what is written to a descriptor within the block."""
+    """Discard output to a descriptor within the block."""
     kept, nothing = os.dup(number), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, number)

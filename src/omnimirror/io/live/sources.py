@@ -169,8 +169,8 @@ class LiveSource:
     def close(self) -> None:
         """Stop reading.
 
-        A silent stream is released in the background, after ``timeout_s`` of FFmpeg, which nothing
-        can interrupt.
+        A silent stream is released in the background, after ``timeout_s`` of FFmpeg, which cannot
+        be interrupted.
         """
         self._stopping.set()
         self._end(None)

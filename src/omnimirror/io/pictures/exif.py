@@ -64,7 +64,7 @@ class Exif(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """Settings of the lens for an exposure; None where EXIF does not contain them."""
+    """Settings of the lens for an exposure; None if EXIF does not contain them."""
 
     f_number: float | None = None
     focus_distance_mm: float | None = None

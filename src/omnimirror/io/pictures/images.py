@@ -1,7 +1,7 @@
 """Reading and writing of image files with unchanged bit depth and channels.
 
-Colours are RGB or RGBA in Python, whatever the order in the file; OpenCV's BGR is converted at each
-call.
+Colours are RGB or RGBA in Python, independent of the order in the file; OpenCV's BGR is converted
+at each call.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def orientation_of_block(block: bytes) -> int:
 
 
 def without_orientation(data: bytes) -> bytes:
-    """Return a TIFF file with orientation 1, so that no decoder turns its pixels."""
+    """Return a TIFF file with orientation 1, which prevents decoders from rotating its pixels."""
     orientation, at, kind = _found(data)
     if orientation == UPRIGHT:
         return data

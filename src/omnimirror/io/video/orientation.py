@@ -30,9 +30,7 @@ OF_AXES = {
 columns.
 """
 SITED_LEFT: dict[int, Siting] = {2: "right", 3: "right", 5: "top", 6: "top", 7: "bottom", 8: "bottom"}
-"""Position of chroma samples after an orientation was applied to frames in which they lie at the
-left.
-"""
+"""Position of chroma samples after an orientation of left-sited frames, by orientation."""
 
 
 def orientation_of(frame: av.VideoFrame) -> int | None:

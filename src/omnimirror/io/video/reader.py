@@ -171,7 +171,7 @@ class VideoReader:
 
     @property
     def expected_frames(self) -> int | None:
-        """Return the expected number of frames, if the file contains it."""
+        """Expected number of frames, if the file contains it."""
         stream = self._container.streams.video[0]
         is_whole = self.start_s == 0 and self.duration_s is None
         if is_whole and stream.frames:

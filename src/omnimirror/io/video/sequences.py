@@ -49,7 +49,7 @@ def first_number(pattern: Path) -> int:
 
 
 def numbers_of(pattern: Path) -> Iterator[int]:
-    """Return the numbers of the existing images of a sequence, unsorted."""
+    """Yield the numbers of the existing images of a sequence, unsorted."""
     before, *_, after = NUMBER.split(pattern.name)
     digits = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
     folder = pattern.parent

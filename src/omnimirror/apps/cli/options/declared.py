@@ -21,12 +21,12 @@ class Options:
 
     @property
     def given(self) -> dict[str, Any]:
-        """Return the options that are given, by field name."""
+        """Options that are given, by field name."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
     @property
     def changed(self) -> list[str]:
-        """Return the options that differ from their defaults."""
+        """Options that differ from their defaults."""
         defaults = {f.name: f.default for f in fields(self)}
         given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}
         return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]

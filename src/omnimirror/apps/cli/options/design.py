@@ -109,7 +109,7 @@ def limit(text: str) -> AskedLimit:
     """Parse a limit: quantity, value, and optionally a part of the field,
     ``QUANTITY=NUMBER[@FROM:TO]``.
 
-    One angle may stand for both ends; elevations are allowed; an MTF has its frequency in cycles
+    A single angle is used for both ends; elevations are allowed; an MTF has its frequency in cycles
     per pixel.
 
     >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
@@ -307,7 +307,7 @@ class SearchedOptions(Options):
 
     @property
     def mode(self) -> BlurMode:
-        """Return the blur formula for merits and limits during the search."""
+        """Blur formula for merits and limits during the search."""
         return "paper" if self.paper_mode else "exact"
 
     def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:

@@ -1,4 +1,4 @@
-"""The option for the orientation of images and videos, and the report of what was applied."""
+"""Option for the orientation of images and videos, and reports of applied orientations."""
 
 from __future__ import annotations
 

@@ -269,7 +269,7 @@ def _found(
 
 @contextmanager
 def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Return a progress bar with a description and a percentage."""
+    """Show a progress bar with description and percentage, and yield its update function."""
     with progress_bar(console) as bar:
         task = bar.add_task("calibrating", total=1.0)
         yield lambda what, share: bar.update(task, description=what, completed=share)

@@ -43,7 +43,7 @@ class ApertureOptions(Options):
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
 
     def best(self, sensor: Sensor) -> list[BestAperture]:
-        """The best apertures of a sensor."""
+        """Return the optimum apertures of a sensor."""
         return best_apertures(
             sensor, self.f_number, object_distance_mm=self.object_distance_mm, omega_min_deg=self.omega_min_deg,
             mode="paper" if self.paper_mode else "exact", wavelength_nm=self.wavelength_nm,

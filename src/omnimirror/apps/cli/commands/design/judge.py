@@ -48,7 +48,7 @@ def temperatures(text: str) -> tuple[float, float]:
     "--temperatures",
     type=temperatures,
     metavar="A:B",
-    help="Temperature range, C, for which to report where the requirements are met.",
+    help="Temperature range, C: report the part in which the requirements are met.",
 )
 @takes(HousingOptions, "housing")
 def command(

@@ -42,7 +42,7 @@ class MtfOptions(ImageOptions):
 
     @property
     def frequencies(self) -> Array:
-        """Return the spatial frequencies (k,), cycles/px."""
+        """Spatial frequencies (k,), cycles/px."""
         return np.linspace(0, 1, 51) if self.cycles_per_px is None else self.cycles_per_px
 
 

@@ -120,7 +120,7 @@ def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -
 
 
 def _astigmatic(found: Bracket) -> tuple[str, str]:
-    """Format the field angles at which no focus is sharp, and the minimum blur there."""
+    """Format the range of field angles without a sharp focus, and its minimum blur."""
     if not found.astigmatic.any():
         return "-", "-"
     low, high = found.omega_deg[found.astigmatic][[0, -1]]
