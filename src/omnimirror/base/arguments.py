@@ -228,8 +228,7 @@ def float_of(text: str) -> float:
     return float(text)
 
 
-# -- words, files, objects
-# --------------------------------------------------------------------------
+# -- words, files, objects ------------------------------------------------------------------------
 
 
 def choice(name: str, value: Any, valid: Iterable[str]) -> None:
@@ -267,8 +266,7 @@ def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: s
     return value
 
 
-# -- types by annotations
-# ----------------------------------------------------------------------------
+# -- types by annotations -------------------------------------------------------------------------
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:

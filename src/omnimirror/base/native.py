@@ -164,8 +164,7 @@ class Kernels(Protocol):
     ``pixels`` and similar are outputs.
     """
 
-    # -- samplers: dewarp
-    # ----------------------------------------------------------------------------
+    # -- samplers: dewarp -------------------------------------------------------------------------
 
     def Averages(
         self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
@@ -192,8 +191,7 @@ class Kernels(Protocol):
         self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
     ) -> None: ...
 
-    # -- batch evaluation of designs: batch
-    # -----------------------------------------------------------
+    # -- batch evaluation of designs: batch -------------------------------------------------------
 
     def evaluate_designs(
         self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
@@ -202,8 +200,7 @@ class Kernels(Protocol):
         wall: tuple[int, float, float], columns: Array, results: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- exposure and restoration of images: simulate
-    # --------------------------------------------------
+    # -- exposure and restoration of images: simulate ---------------------------------------------
 
     def Optics(self, **numbers: Any) -> object: ...
     def Environment(self, light: Array) -> object: ...
@@ -229,8 +226,7 @@ class Kernels(Protocol):
     def meet_boxes(self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array) -> None: ...
     def lead_through_boxes(self, corners: Array, origins: Array, segments: Array, through: Array) -> None: ...
 
-    # -- sensors with errors: tolerancing
-    # -------------------------------------------------------------
+    # -- sensors with errors: tolerancing ---------------------------------------------------------
 
     def judge_trials(
         self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
@@ -238,8 +234,7 @@ class Kernels(Protocol):
         refocus: int, floor: float, merits: Array, moved: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- reflection points: tracing, torch
-    # ------------------------------------------------------------
+    # -- reflection points: tracing, torch --------------------------------------------------------
 
     def find_reflections(
         self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
@@ -258,8 +253,7 @@ class Kernels(Protocol):
         rows: Array, states: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- all
-    # -----------------------------------------------------------------------------------------
+    # -- all --------------------------------------------------------------------------------------
 
     def set_threads(self, count: int) -> None: ...
     def get_threads(self) -> int: ...

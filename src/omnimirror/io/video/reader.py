@@ -45,7 +45,7 @@ class VideoReader:
 
     The rotation or mirroring in the display matrix of a file is applied, as by FFmpeg and players,
     unless ``stored_orientation`` is set. Interlaced frames are deinterlaced
-    (:class:`.fields.Fields`). Only the first video stream is read, with all audio streams, text
+    (:class:`.interlace.Fields`). Only the first video stream is read, with all audio streams, text
     subtitles and chapters; ``notes`` names other, dropped tracks. Each pass reads the file again.
 
     Parameters
