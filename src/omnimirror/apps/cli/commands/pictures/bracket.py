@@ -73,7 +73,7 @@ class TakeOptions(Options):
     )
     stands: Pose | None = option(
         "--pose", type=pose, metavar="X,Y,Z,..",
-        help="Pose of the mirror in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
+        help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
     )  # fmt: skip
     samples: int = option("--samples", "--spp", type=WHOLE, default=32, help="Rays per pixel.")
 

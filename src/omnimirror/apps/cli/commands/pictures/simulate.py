@@ -77,7 +77,7 @@ def command() -> None:
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
-              help="Pose of the mirror in the scene: position, mm; pan, tilt, roll, deg.  [default: 0]")  # fmt: skip
+              help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
 @takes(FilmOptions, "film")
 @click.option("--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax.")
 @takes(TakingOptions, "taking")
