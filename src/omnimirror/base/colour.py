@@ -56,6 +56,7 @@ def srgb_from_linear(linear: ArrayLike) -> Light:
     array([0. , 0.5, 1. ], dtype=float32)
     """
     x = np.asarray(np.clip(np.asarray(linear, dtype=np.float32), 0, 1))
+    # IEC 61966-2-1: C = 12.92 L up to L = 0.0031308, otherwise C = 1.055 L^(1/2.4) - 0.055.
     curved = np.asarray(x ** (1 / 2.4))  # in place from here on: images are large
     curved *= 1.055
     curved -= 0.055

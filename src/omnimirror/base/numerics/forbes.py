@@ -17,6 +17,8 @@ def qbfs_values(u: ArrayLike, count: int) -> Array:
     >>> qbfs_values([0.5], 3).round(6)  # Q0 = 1, Q1 = (13 - 16 u^2)/sqrt(19)
     array([[0.1875  , 0.387139, 0.238047]])
     """
+    # Recurrences of Forbes (Opt. Express 18, 13851), which make the slopes orthonormal, x = u^2:
+    # P_m = (2 - 4 x) P_(m-1) - P_(m-2), Q_m = (P_m - g_(m-1) Q_(m-1) - h_(m-2) Q_(m-2)) / f_m.
     x = np.asarray(u, dtype=float) ** 2
     p, q = [2.0 + 0 * x, 6.0 - 8.0 * x], [1.0 + 0 * x, (13.0 - 16.0 * x) / np.sqrt(19.0)]
     f, g = [2.0, np.sqrt(19.0) / 2], [-0.5]

@@ -143,6 +143,8 @@ def _between(a: Array, b: Array, width: Array) -> Array:
     midpoints.
     """
     (x, fa, ga, ja), (_, fb, gb, jb) = a, b
+    # The tangents fa + ga s and fb + gb (s - w) intersect at s = (fb - fa - gb w) / (ga - gb). If one
+    # function is the largest at both ends, the secant zero of its derivative is -ga w / (gb - ga).
     with np.errstate(divide="ignore", invalid="ignore"):
         step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
     good = np.isfinite(step) & (ga < 0) & (gb > 0)

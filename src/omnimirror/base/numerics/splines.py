@@ -119,7 +119,8 @@ def _solved(count: int, end: float, at_zero: Array) -> SplineBasis:
     matrix[:2] = at_zero
     for i in range(1, n + 1):  # values
         matrix[1 + i, i], given[1 + i, i - 1] = 1.0, 1.0
-    for i in range(1, n):  # continuous first derivative
+    for i in range(1, n):
+        # Continuous first derivative: m[i-1] + 4 m[i] + m[i+1] = 6 (y[i-1] - 2 y[i] + y[i+1]) / h^2
         row = n + 1 + i
         matrix[row, n + i : n + i + 3] = 1.0, 4.0, 1.0
         matrix[row, i - 1 : i + 2] = np.array([-6.0, 12.0, -6.0]) / h**2

@@ -43,6 +43,8 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
     """
     from scipy.special import eval_jacobi
 
+    # R_n^m(r) = r^m P_k^(0,m)(2 r^2 - 1) with the Jacobi polynomial of degree k = (n - m) / 2, and
+    # r^m cos(m phi), r^m sin(m phi) are the real and imaginary parts of z^m.
     z = np.asarray(x, dtype=float) + 1j * np.asarray(y, dtype=float)
     argument = 2 * np.abs(z) ** 2 - 1
     radial: dict[tuple[int, int], Array] = {}  # shared by sine and cosine
@@ -81,6 +83,7 @@ def zernike_powers(order: int) -> Array:
     for row in range(terms):
         n, m = noll(row + 1)
         scale = sqrt(n + 1) * (sqrt(2.0) if m else 1.0)
+        # R_n^m = sum_s (-1)^s (n - s)! / (s! ((n + m)/2 - s)! ((n - m)/2 - s)!) r^(n - 2 s)
         for s in range((n - abs(m)) // 2 + 1):
             a = (-1) ** s * factorial(n - s) / factorial(s)
             a /= factorial((n + abs(m)) // 2 - s) * factorial((n - abs(m)) // 2 - s)
