@@ -107,7 +107,7 @@ class Backend:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled kernels are available."""
+        """True if compiled kernels are available."""
         return self.module is not None
 
     @property

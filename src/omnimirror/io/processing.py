@@ -42,11 +42,11 @@ class Outcome(NamedTuple):
     """
 
     is_signal: bool = False
-    """Whether a signal stopped the run, and not the closing of a preview window."""
+    """True if a signal stopped the run, and not the closing of a preview window."""
 
     @property
     def stopped(self) -> bool:
-        """Whether the run was stopped early."""
+        """True if the run was stopped early."""
         return self.exit_code != 0
 
     @property

@@ -62,7 +62,7 @@ class Kind:
 
     @property
     def even(self) -> tuple[bool, bool]:
-        """Whether the format requires an even width and an even height."""
+        """True if the format requires an even width and an even height."""
         return self.colours != "444", self.colours == "420"
 
 

@@ -58,7 +58,7 @@ class Colour:
 
     @property
     def is_hdr(self) -> bool:
-        """Whether the transfer function is PQ or HLG."""
+        """True if the transfer function is PQ or HLG."""
         return self.transfer in (16, 18)
 
     @classmethod

@@ -120,7 +120,7 @@ class ViewOptions(Options):
 
     @property
     def is_near(self) -> bool:
-        """Whether the object distance is finite."""
+        """True if the object distance is finite."""
         return self.distance_mm is not None and bool(np.isfinite(self.distance_mm))
 
     def check(self) -> None:
