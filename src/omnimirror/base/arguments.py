@@ -1,4 +1,4 @@
-"""What public functions ask of what they are given; an error names the argument, the value and what would be valid."""
+"""Checks of arguments of public functions; errors contain name, value and valid range."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 NUMBERS = (float, int)
-LONGEST = 60  # characters of a value that a message repeats
+LONGEST = 60  # maximum number of characters of a value in a message
 LONGEST_PATH = 4096
 LEAST_DISTANCE_MM = 1e-9
-LEAST_RADIUS_PX, LARGEST_RADIUS_PX = 1e-6, 1e9  # that a picture is scaled to
+LEAST_RADIUS_PX, LARGEST_RADIUS_PX = 1e-6, 1e9  # bounds of the image radius
 WHOLE_LIMIT = 2**31 - 1
 
 
 class WrongKind(InvalidParameter, TypeError):
-    """An argument is of the wrong type altogether: text where numbers belong, None where a sensor does."""
+    """Argument of a wrong type: text instead of numbers, None instead of a sensor."""
 
 
-# -- numbers -----------------------------------------------------------------------------------------
+# -- numbers ---------------------------------------------------------------------------------------
 
 
 def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
-    """Numbers of any shape, at least one.
+    """Check numbers of any shape, at least one.
 
     >>> numbers("omega_deg", [0, 90])
     array([ 0., 90.])
@@ -50,9 +50,9 @@ def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
 
 
 def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
-    """Where along an axis something is asked for, (..): perhaps nowhere; one place alone is a row.
+    """Check positions along an axis, (...), possibly empty; a scalar becomes (1,).
 
-    What is infinite becomes NaN, which nothing computes further with; ``is_row`` takes (n,) alone.
+    Infinite values become NaN, which excludes them from computations; ``is_row`` accepts (n,) only.
 
     >>> places("omega", 1), places("omega", [0, np.inf])
     (array([1.]), array([ 0., nan]))
@@ -65,7 +65,8 @@ def places(name: str, value: ArrayLike, *, is_row: bool = False) -> Array:
 
 
 def coordinates(name: str, value: ArrayLike) -> Array:
-    """Numbers of any shape, perhaps none, as they are: what the loops of a trace ask of arrays that they made.
+    """Check numbers of any shape, possibly empty, without conversion: for arrays from inner loops
+    of a ray trace.
 
     >>> coordinates("x_mm", [0, 30]), coordinates("x_mm", 5.0)
     (array([ 0., 30.]), array(5.))
@@ -76,7 +77,9 @@ def coordinates(name: str, value: ArrayLike) -> Array:
 
 
 def _real(name: str, value: ArrayLike, shape: str) -> Array:
-    """Real numbers, perhaps none: no words that look like numbers, no dates, truth values or complex numbers."""
+    """Check real numbers, possibly empty; text, dates, truth values and complex numbers are
+    rejected.
+    """
     try:
         array = np.asarray(value)
         is_mixed = array.dtype.kind == "O" and not all(type(v) in NUMBERS for v in array.flat)
@@ -88,14 +91,14 @@ def _real(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def _is_masked(value: ArrayLike) -> bool:
-    """Whether some of an array are masked: who has one has imported its module, for which others need not wait."""
+    """Return whether an array has masked elements; does not import ``numpy.ma``."""
     return "numpy.ma" in sys.modules and bool(np.ma.is_masked(value))
 
 
 def finite(
     name: str, value: ArrayLike, low: float = -np.inf, high: float = np.inf, *, unit: str = "", last: int | None = None
 ) -> Array:
-    """Finite numbers between two bounds, which are valid themselves.
+    """Check finite numbers between two inclusive bounds.
 
     Parameters
     ----------
@@ -119,9 +122,9 @@ def finite(
 
 
 def vectors(name: str, value: ArrayLike, length: int, *, is_list: bool = False) -> Array:
-    """Vectors (.., n, length), perhaps none; what is infinite becomes NaN, which nothing computes further with.
+    """Check vectors (..., n, length), possibly empty; infinite values become NaN.
 
-    ``is_list`` takes (n, length) alone.
+    ``is_list`` accepts (n, length) only.
 
     >>> vectors("pixels", [[1, np.inf]], 2)
     array([[ 1., nan]])
@@ -134,7 +137,7 @@ def vectors(name: str, value: ArrayLike, length: int, *, is_list: bool = False) 
 
 
 def row(name: str, value: ArrayLike) -> Array:
-    """Numbers in a row (n,); one alone is a row of one."""
+    """Check numbers in a row (n,); a scalar becomes an array of one element."""
     array = np.atleast_1d(numbers(name, value))
     if array.ndim > 1:
         raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)")
@@ -142,7 +145,7 @@ def row(name: str, value: ArrayLike) -> Array:
 
 
 def floats(name: str, value: ArrayLike) -> tuple[float, ...]:
-    """Numbers in a row, perhaps none, as parts keep them.
+    """Return numbers in a row, possibly empty, as stored by parts of a sensor.
 
     >>> floats("coefficients", [1, 2]), floats("coefficients", ())
     ((1.0, 2.0), ())
@@ -154,13 +157,13 @@ def floats(name: str, value: ArrayLike) -> tuple[float, ...]:
 def number(
     name: str, value: Any, *, above: float = -np.inf, low: float = -np.inf, high: float = np.inf, unit: str = ""
 ) -> float:
-    """One finite number, above a bound or between two that are valid themselves.
+    """Check one finite number, above an exclusive bound or between two inclusive bounds.
 
     >>> number("width_px", 12, above=0)
     12.0
     """
     if type(value) is float and -np.inf < value < np.inf and value > above and low <= value <= high:
-        return value  # as most come
+        return value  # fast path
     array = numbers(name, value, "(it takes one)")
     if array.ndim or not (np.isfinite(array) and array > above and low <= array <= high):
         if np.isinf(above):
@@ -173,12 +176,12 @@ def number(
 
 
 def image_radius(value: Any) -> float:
-    """The radius (px) that a picture's circle is scaled to."""
+    """Check the radius (px) to which the circle of the image is scaled."""
     return number("image_radius_px", value, above=0.0, low=LEAST_RADIUS_PX, high=LARGEST_RADIUS_PX, unit="px")
 
 
 def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
-    """One whole number between two bounds, which are valid themselves.
+    """Check one integer between two inclusive bounds.
 
     >>> whole("samples", 4, 1)
     4
@@ -192,12 +195,12 @@ def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
 def optional_number(
     name: str, value: Any, *, above: float = -np.inf, high: float = np.inf, unit: str = ""
 ) -> float | None:
-    """One finite number, or None."""
+    """Check one finite number, or None."""
     return None if value is None else number(name, value, above=above, high=high, unit=unit)
 
 
 def distances(name: str, value: ArrayLike) -> Array:
-    """Distances above 0, infinity allowed; what is nearer than anything can be has no finite inverse."""
+    """Check distances above 0, infinity allowed; values without a finite inverse are rejected."""
     array = numbers(name, value)
     near = ~(array >= LEAST_DISTANCE_MM)
     if near.any():
@@ -209,7 +212,8 @@ def distances(name: str, value: ArrayLike) -> Array:
 
 
 def float_of(text: str) -> float:
-    """A number as people write it: Python's underscores and other scripts' digits are slips.
+    """Parse a number in plain notation; Python underscores and digits of other scripts are
+    rejected.
 
     >>> float_of("1e3"), float_of("-inf")
     (1000.0, -inf)
@@ -217,25 +221,25 @@ def float_of(text: str) -> float:
     Raises
     ------
     ValueError
-        It is none.
+        The text is not a number.
     """
     if not text.isascii() or "_" in text:
         raise ValueError(f"{shown(text)} is not a number")
     return float(text)
 
 
-# -- words, files, things ------------------------------------------------------------------------------
+# -- words, files, objects ------------------------------------------------------------------------
 
 
 def choice(name: str, value: Any, valid: Iterable[str]) -> None:
-    """One of a few words."""
+    """Check that a value is one of several words."""
     words = list(valid)
     if not isinstance(value, str) or value not in words:
         raise InvalidParameter(f"{name} = {shown(value)} is not known; valid are {', '.join(words)}")
 
 
 def file_name(name: str, value: Any) -> Path:
-    """The name of a file."""
+    """Check a file name."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise WrongKind(f"{name} = {shown(value)} is not a file name")
@@ -250,26 +254,27 @@ def file_name(name: str, value: Any) -> Path:
 def _can_be_stored(text: str) -> bool:
     try:
         os.fsencode(text)
-    except UnicodeEncodeError:  # half of a pair of surrogates
+    except UnicodeEncodeError:  # lone surrogate
         return False
     return True
 
 
 def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: str) -> T:
-    """A thing of a kind; ``what`` says in words which: "a sensor"."""
+    """Check that a value has a type; ``what`` describes it for messages: "a sensor"."""
     if not isinstance(value, kind):
         raise WrongKind(f"{name} = {shown(value)} is not {what}")
     return value
 
 
-# -- kinds, by annotations -------------------------------------------------------------------------------
+# -- types by annotations -------------------------------------------------------------------------
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:
-    """Refuse arguments that are not of the kinds a public function's annotations name, before it begins.
+    """Check the types of the arguments of a public function against its annotations before each
+    call.
 
-    Numbers have to be numbers, and no NaN; how large they may be, the function says. What an annotation leaves open
-    (``Any``, ``ArrayLike``) is left to the function too.
+    Numbers must be numbers and not NaN; their ranges are checked by the function itself, as are
+    types that an annotation leaves open (``Any``, ``ArrayLike``).
 
     >>> @checked
     ... def drawn(path: str | Path, count: int = 1) -> None: ...
@@ -284,7 +289,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
         hints = kinds_of(function)
         for name, value in told.bind(*args, **words).arguments.items():
             if name not in hints:
-                continue  # a method's own object
+                continue  # self of a method
             if told.parameters[name].kind is Parameter.VAR_POSITIONAL:
                 for i, one in enumerate(value):
                     _check_kind(f"{name}[{i}]", one, hints[name])
@@ -296,7 +301,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def check_fields(thing: Any) -> None:
-    """The same of the fields of a dataclass, for its ``__post_init__``."""
+    """Check the fields of a dataclass likewise, for its ``__post_init__``."""
     hints = kinds_of(thing.__class__)
     for field in fields(thing):
         _check_kind(field.name, getattr(thing, field.name), hints[field.name])
@@ -304,13 +309,13 @@ def check_fields(thing: Any) -> None:
 
 @cache
 def kinds_of(thing: Any) -> dict[str, Any]:
-    """The annotations of a function or class by the names of arguments or fields."""
+    """Return the annotations of a function or class by name of argument or field."""
     return get_type_hints(thing)
 
 
 @cache
 def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:
-    """What an annotation is of, and what stands in its brackets."""
+    """Return the origin and the arguments of a generic annotation."""
     return get_origin(hint) or hint, get_args(hint)
 
 
@@ -325,7 +330,7 @@ def _check_kind(name: str, value: Any, hint: Any) -> None:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of the kind of an annotation, as far as that says."""
+    """Return whether a value matches an annotation."""
     kind, inner = _parts(hint)
     if kind in (Union, types.UnionType):
         return set(get_args(ArrayLike)) <= set(inner) or any(_fits(value, part) for part in inner)
@@ -339,21 +344,23 @@ def _fits(value: Any, hint: Any) -> bool:
         return _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
     if kind in ROWS:
         of = inner[0] if inner else Any
-        if of is float and type(value) is tuple and set(map(type, value)) == {float}:  # columns of tables may be long
+        if of is float and type(value) is tuple and set(map(type, value)) == {float}:  # fast path
             return not any(map(isnan, value))
         return _is_row(value, kind) and (not isinstance(value, Collection) or all(_fits(v, of) for v in value))
-    if hasattr(kind, "_fields"):  # of a named tuple; a plain one will do
+    if hasattr(kind, "_fields"):  # named tuple; a plain tuple is accepted
         return isinstance(value, tuple) and len(value) == len(kind._fields)
     is_open = kind is Any or not isinstance(kind, type) or getattr(kind, "_is_runtime_protocol", None) is False
     return is_open or isinstance(value, kind)
 
 
 ROWS = {tuple: Sequence, list: Sequence, Sequence: Sequence, Collection: Collection, Iterable: Iterable}
-"""Annotations of several things in a row, and what may stand for it: arrays do too."""
+"""Annotations of sequences with the types that are accepted for them, arrays included."""
 
 
 def _is_number(value: Any) -> bool:
-    """A number with a size: no truth value, no NaN, and none too large for a float."""
+    """Return whether a value is a finite-precision number: no truth value, no NaN, within the float
+    range.
+    """
     if isinstance(value, np.ndarray):
         return value.ndim == 0 and value.dtype.kind in "iuf" and not (_is_masked(value) or np.isnan(value))
     if isinstance(value, bool) or not isinstance(value, float | int | np.integer | np.floating):
@@ -370,7 +377,7 @@ def _is_row(value: Any, kind: Any) -> bool:
 
 
 def _described(hint: Any) -> str:
-    """The kinds of an annotation in words."""
+    """Describe the types of an annotation in words."""
     kind, inner = _parts(hint)
     if kind in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_described(part) for part in inner))
@@ -392,20 +399,20 @@ KINDS = {
 }  # fmt: skip
 
 
-# -- messages ------------------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 
 def shown(value: Any) -> str:
-    """A value as a message repeats it.
+    """Format a value for an error message.
 
     >>> shown("room"), shown(range(3)), shown([1.5] * 100_000)
     ("'room'", 'range(0, 3)', '[1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1...')
     """
     if isinstance(value, str | bytes | list | tuple):
-        value = value[: 2 * LONGEST]  # the rest is not shown, and need not be written out
+        value = value[: 2 * LONGEST]  # the rest is not displayed
     try:
         text = " ".join(repr(value).split())
-    except (ValueError, RecursionError):  # whole numbers of thousands of digits have no text
+    except (ValueError, RecursionError):  # integers of thousands of digits have no text
         text = f"a {type(value).__name__}"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 

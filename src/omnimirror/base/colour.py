@@ -1,4 +1,4 @@
-"""Colours: light is linear and added as floats, pictures are sRGB in bytes, and both are in RGB order."""
+"""Colours: linear light in floats, images in sRGB bytes, both in RGB order."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .errors import InvalidParameter
 
 Light = NDArray[np.float32]
 Picture = NDArray[np.uint8]
-STRETCH = 1 << 16  # values worked on at a time: they stay in the cache, and pictures need no second copy as floats
+STRETCH = 1 << 16  # values per block: fits the cache, and avoids a second copy of images as floats
 
 
 def linear_from_srgb(srgb: ArrayLike) -> Light:
-    """Linear light of sRGB values, both with white at 1 (IEC 61966-2-1).
+    """Convert sRGB values to linear light, both with white at 1 (IEC 61966-2-1).
 
     >>> linear_from_srgb([0.0, 0.5, 1.0]).round(4)
     array([0.   , 0.214, 1.   ], dtype=float32)
@@ -26,7 +26,7 @@ def linear_from_srgb(srgb: ArrayLike) -> Light:
 
 
 def srgb_bytes(linear: ArrayLike) -> Picture:
-    """sRGB bytes of linear light; light above 1 saturates, as it does in an imager.
+    """Convert linear light to sRGB bytes; light above 1 saturates.
 
     >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
     array([  0, 127, 255, 255], dtype=uint8)
@@ -40,7 +40,7 @@ def srgb_bytes(linear: ArrayLike) -> Picture:
 
 
 def stretches(count: int) -> Iterator[slice]:
-    """So many values in parts of at most ``STRETCH``.
+    """Yield slices of at most ``STRETCH`` values.
 
     >>> [part.stop for part in stretches(100_000)]
     [65536, 100000]
@@ -50,20 +50,21 @@ def stretches(count: int) -> Iterator[slice]:
 
 
 def srgb_from_linear(linear: ArrayLike) -> Light:
-    """sRGB values of linear light, both with white at 1; light above 1 saturates.
+    """Convert linear light to sRGB values, both with white at 1; light above 1 saturates.
 
     >>> srgb_from_linear([0.0, 0.214, 7.0]).round(3)
     array([0. , 0.5, 1. ], dtype=float32)
     """
     x = np.asarray(np.clip(np.asarray(linear, dtype=np.float32), 0, 1))
-    curved = np.asarray(x ** (1 / 2.4))  # in place from here on: pictures are large
+    # IEC 61966-2-1: C = 12.92 L up to L = 0.0031308, otherwise C = 1.055 L^(1/2.4) - 0.055.
+    curved = np.asarray(x ** (1 / 2.4))  # in place from here on: images are large
     curved *= 1.055
     curved -= 0.055
     return np.multiply(x, 12.92, out=curved, where=x <= 0.0031308)
 
 
 def hex_colour(text: str) -> Light:
-    """Linear light (3,) of a colour written as on a web page.
+    """Return the linear light (3,) of a hexadecimal colour such as ``#rrggbb``.
 
     Raises
     ------

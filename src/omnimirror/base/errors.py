@@ -1,17 +1,18 @@
-"""The errors a user can cause, each a ``ValueError`` that names the value and what would be valid."""
+"""Errors that a user can cause, each a ``ValueError`` that names the value and the valid range."""
 
 import re
 
 LONGEST_VALUE = 100
-"""Characters of a value that a message repeats."""
+"""Maximum number of characters of a value in a message."""
 LONGEST_SENTENCE = 1000
-TAIL = 40  # characters kept of the end, where the name of a file stands
+TAIL = 40  # characters kept from the end, which contains the name of a file
 LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
 LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])([^'\"]{{{LONGEST_VALUE + 1},}})\1(?!\w)")
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """A value or the name of a file as a message repeats it: one line, without its middle where it is long.
+    """Return a value or a file name for a message: one line, abbreviated in the middle if it is
+    long.
 
     >>> shortened("room\\n1.toml"), len(shortened("x" * 5000))
     ('room 1.toml', 100)
@@ -22,7 +23,7 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
 
 
 def one_line(text: str) -> str:
-    """A message as one line of bearable length, whatever stands in the names and values it holds.
+    """Return a message as one line of limited length, for any names and values in it.
 
     >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)  # doctest: +ELLIPSIS
     'cannot read a b.png: 7, 7, 7, xxx...xxx..xxx...xxx'
@@ -34,7 +35,7 @@ def one_line(text: str) -> str:
 
 
 class OmnimirrorError(ValueError):
-    """Base class of all errors that the package raises on purpose; the command line prints their message.
+    """Base class of the errors of the package; the command line prints their message.
 
     Parameters
     ----------
@@ -56,39 +57,41 @@ class OmnimirrorError(ValueError):
 
 
 class OmnimirrorWarning(UserWarning):
-    """A file is read although its numbers contradict each other; the command line prints the message."""
+    """Warning for a file with contradictory numbers that is read nevertheless; the command line
+    prints it.
+    """
 
 
 class InvalidParameter(OmnimirrorError):
-    """A parameter is outside its range, or parameters do not fit each other."""
+    """Parameter outside its range, or incompatible parameters."""
 
 
 class OutsideMirror(OmnimirrorError):
-    """A point was asked for where the mirror has no surface."""
+    """Point outside the surface of the mirror."""
 
 
 class OutsideField(OmnimirrorError):
-    """A field angle, pixel or mirror position lies outside what the sensor sees."""
+    """Field angle, pixel or mirror position outside the field of the sensor."""
 
 
 class NotOneToOne(OmnimirrorError):
-    """The field angle does not grow steadily with the mirror radius, so it has no inverse."""
+    """Field angle that is not monotonic in the mirror radius and has no inverse."""
 
 
 class SelfObstruction(OmnimirrorError):
-    """The mirror hides part of itself from the lens or from the scene."""
+    """Mirror that obscures part of itself for the lens or the scene."""
 
 
 class SpecError(OmnimirrorError):
-    """A sensor file or requirements are wrong; the message says where and what would be valid."""
+    """Invalid sensor file or requirements; the message contains location and valid values."""
 
 
 class MediaError(OmnimirrorError):
-    """A picture cannot be read or written."""
+    """Image or video that cannot be read or written."""
 
 
 class NotReproduced(OmnimirrorError):
-    """A number of the paper does not get the verdict that is known to be right; the message names the row."""
+    """Number of the paper without its expected verdict; the message names the row."""
 
 
 OPENCV_REMEDY = "pip install --force-reinstall --no-deps opencv-python-headless"

@@ -1,12 +1,14 @@
 """Escaping of text from files and users: one function per target language.
 
-Names, notes and file names may contain any characters. Before such text enters generated source code, markup, drawings,
-tables, terminals or displayed commands, it passes through the function of the target language.
+Names, notes and file names may contain any characters. Before such text enters generated source
+code, markup, drawings, tables, terminals or displayed commands, it passes through the function of
+the target language.
 
-Ordinary letters of all scripts stay readable. Characters without a visible form (control characters, line separators,
-bidirectional controls, lone surrogates, noncharacters) are written as backslash escapes such as ``\\x1b``. Comments and
-labels are limited to one line of :data:`MAX_LABEL` characters and end in ``...`` where they are cut; string literals,
-markup and data keep the whole text.
+Ordinary letters of all scripts stay readable. Characters without a visible form (control
+characters, line separators, bidirectional controls, lone surrogates, noncharacters) are written as
+backslash escapes such as ``\\x1b``. Comments and labels are limited to one line of
+:data:`MAX_LABEL` characters and end in ``...`` if they are cut; string literals, markup and data
+keep the whole text.
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ def label(text: str, longest: int = MAX_LABEL) -> str:
 
 
 def _is_invisible(character: str) -> bool:
-    """Whether a character has no visible form, or changes how its neighbours are displayed."""
+    """Return whether a character has no visible form, or changes the display of its neighbours."""
     if character in JOINERS:
         return False
     kind, code = unicodedata.category(character), ord(character)
@@ -80,7 +82,7 @@ def _is_invisible(character: str) -> bool:
     return kind in ("Cc", "Cf", "Cs", "Zl", "Zp") or is_noncharacter
 
 
-# -- programming languages -------------------------------------------------------------------------------
+# -- programming languages ------------------------------------------------------------------------
 
 
 def python_string(text: str) -> str:
@@ -131,7 +133,9 @@ def c_string(text: str) -> str:
 
 
 def _octal(text: str) -> str:
-    """The bytes of text in UTF-8, those of file names that are not UTF-8 unchanged, as octal escapes."""
+    """Return the bytes of text as octal escapes: UTF-8, with undecodable bytes of file names
+    unchanged.
+    """
     is_bytes = all("\udc80" <= c <= "\udcff" for c in text if "\ud800" <= c <= "\udfff")
     return "".join(f"\\{b:03o}" for b in text.encode("utf-8", "surrogateescape" if is_bytes else "surrogatepass"))
 
@@ -139,8 +143,8 @@ def _octal(text: str) -> str:
 def c_comment(text: str) -> str:
     """Return text for a comment of C, GLSL, HLSL and OSL, both ``/* */`` and ``//``.
 
-    A space separates the characters of comment delimiters and of trigraphs; a backslash, which would continue a
-    comment on the next line, is followed by a point where it ends the text.
+    A space separates the characters of comment delimiters and of trigraphs; a backslash, which
+    would continue a comment on the next line, is followed by a point at the end of the text.
 
     Examples
     --------
@@ -153,7 +157,8 @@ def c_comment(text: str) -> str:
 
 
 def shell_word(text: str) -> str:
-    """Return one word of a POSIX shell command; characters without a visible form are made by ``printf``.
+    """Return one word of a POSIX shell command; characters without a visible form are encoded by
+    ``printf``.
 
     Examples
     --------
@@ -165,7 +170,7 @@ def shell_word(text: str) -> str:
 
 
 def _shell_run(run: str, is_hidden: bool) -> str:
-    """One part of a word: characters that are all visible, or all not."""
+    """Return one part of a word: characters that are all visible, or all invisible."""
     return f"\"$(printf '{_octal(run)}')\"" if is_hidden else shlex.quote(run)
 
 
@@ -181,7 +186,8 @@ def shell_command(words: Iterable[object]) -> str:
 
 
 def gstreamer_comment(text: str) -> str:
-    """Return text for a GLSL comment within a quoted property of ``gst-launch-1.0``, which has escapes of its own.
+    """Return text for a GLSL comment within a quoted property of ``gst-launch-1.0``, which has
+    escapes of its own.
 
     Examples
     --------
@@ -192,10 +198,11 @@ def gstreamer_comment(text: str) -> str:
 
 
 def gcode_comment(text: str) -> str:
-    """Return text for a comment in parentheses of a G-code program: ASCII without the characters that controllers obey.
+    """Return text for a comment in parentheses of a G-code program: ASCII without the characters
+    that controllers obey.
 
-    Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs and what GRBL
-    obeys anywhere (``!``, ``?``, ``~``) become escapes.
+    Letters with accents lose these; parentheses become brackets, semicolons commas. Percent signs
+    and characters that GRBL interprets anywhere (``!``, ``?``, ``~``) become escapes.
 
     Examples
     --------
@@ -206,7 +213,7 @@ def gcode_comment(text: str) -> str:
     return re.sub(r"[%!?~]", lambda c: f"\\x{ord(c[0]):02x}", text)
 
 
-# -- markup and data -------------------------------------------------------------------------------------
+# -- markup and data ------------------------------------------------------------------------------
 
 
 def html_text(text: str) -> str:
@@ -221,7 +228,7 @@ def html_text(text: str) -> str:
 
 
 xml_text = html_text
-"""The same of XML and SVG: characters that XML 1.0 excludes have become escapes."""
+"""Escape text for XML and SVG; characters that XML 1.0 excludes become escapes."""
 
 
 def json_text(data: Any, **options: Any) -> str:
@@ -264,7 +271,7 @@ def toml_string(text: str) -> str:
 
 
 def yaml_string(text: str) -> str:
-    """Return a YAML scalar: a plain word where the text is one, else between quotation marks.
+    """Return a YAML scalar: a plain word if possible, otherwise a quoted string.
 
     Examples
     --------
@@ -290,7 +297,7 @@ def markdown_text(text: str) -> str:
 def csv_cell(text: str) -> str:
     """Return text for a field of a CSV file; the writer adds the quotation marks.
 
-    Text that a spreadsheet would compute as a formula begins with an apostrophe.
+    Text that a spreadsheet would evaluate as a formula is prefixed with an apostrophe.
 
     Examples
     --------
@@ -303,7 +310,7 @@ def csv_cell(text: str) -> str:
 def csv_comment(line: str) -> str:
     """Return a comment line of a CSV file in TOML, in which no cell of a spreadsheet is a formula.
 
-    Characters that would begin one after a separator become TOML escapes.
+    Characters that would start a formula after a separator become TOML escapes.
 
     Examples
     --------
@@ -340,7 +347,7 @@ def http_attachment(name: str) -> str:
     return f'attachment; filename="{plain}"{whole}'
 
 
-# -- drawings and CAD ------------------------------------------------------------------------------------
+# -- drawings and CAD -----------------------------------------------------------------------------
 
 
 def plot_text(text: str) -> str:
@@ -378,15 +385,19 @@ def dxf_mtext(text: str) -> str:
 
 
 def _without_codes(text: str) -> str:
-    """Separate by a space what some DXF readers decode as a character: ``\\U+0041``, ``\\M+18281``."""
+    """Insert a space into sequences that some DXF readers decode as a character: ``\\U+0041``,
+    ``\\M+18281``.
+    """
     return re.sub(r"(?<=\\[UuMm])(?=\+)", " ", text)
 
 
 def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
-    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest`` characters.
+    """Return text for the inside of a string of a STEP file (ISO 10303-21), of at most ``longest``
+    characters.
 
-    OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string of several lines at
-    ``')``. Hence names are cut to one line, and apostrophes are encoded rather than doubled.
+    OpenCASCADE breaks long strings into lines, even within an encoded character, and ends a string
+    of several lines at ``')``. Therefore names are cut to one line, and apostrophes are encoded,
+    not doubled.
 
     Examples
     --------
@@ -398,7 +409,7 @@ def step_string(text: str, longest: int = MAX_STEP_STRING) -> str:
 
 
 def _step_code(text: str) -> str:
-    """Text in which all but printable ASCII, backslashes and apostrophes are control directives."""
+    """Encode all but printable ASCII, and backslashes and apostrophes, as control directives."""
     return re.sub(r"[^ -&(-\[\]-~]+", lambda run: _directive(run[0]), text)
 
 
@@ -407,7 +418,7 @@ def _directive(run: str) -> str:
     return f"\\X{digits}\\{run.encode(encoding).hex().upper()}\\X0\\"
 
 
-# -- streams ---------------------------------------------------------------------------------------------
+# -- streams --------------------------------------------------------------------------------------
 
 
 def terminal_text(text: str) -> str:

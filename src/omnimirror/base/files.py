@@ -1,4 +1,4 @@
-"""Files: complete or untouched outputs, and readers with limits of size, nesting and time for all inputs."""
+"""Files: atomic outputs, and readers with limits of size, nesting and time for all inputs."""
 
 from __future__ import annotations
 
@@ -22,35 +22,39 @@ from typing import Any, BinaryIO
 from .errors import OmnimirrorError, SpecError, shortened
 from .escaping import json_text
 
-if sys.platform != "win32":  # there, what killed runs leave behind stays
+if sys.platform != "win32":  # on Windows, leftovers of killed runs are not removed
     import fcntl
 
 LARGEST_TEXT = 64 << 20
-"""Bytes of a table, a sensor file or the like; a million points of a measured profile are half of it."""
+"""Maximum size of text files in bytes; a measured profile of a million points has half of it."""
 SMALLEST_BUFFER = 1 << 20
 LARGEST_TOML = 4 << 20
-"""Characters of a TOML file, which are parsed in seconds; 200,000 numbers have room."""
+"""Maximum characters of a TOML file, parsed in seconds; sufficient for 200,000 numbers."""
 LARGEST_YAML = 4 << 20
 MOST_YAML_NODES = 100_000
-"""Values and containers of a YAML file; PyYAML builds some 100,000 a second."""
+"""Maximum number of values and containers of a YAML file; PyYAML builds about 100,000 per second.
+"""
 MOST_NESTED = 32
-"""Levels of tables and lists in a TOML, JSON or YAML file."""
+"""Maximum nesting of tables and lists in a TOML, JSON or YAML file."""
 TOO_DEEP = f"it must not be nested more than {MOST_NESTED} levels deep"
 DEEP_KEY = re.compile(
     r"""(?:^[ \t]*\[{0,2}|[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*)"""
     rf"{{{MOST_NESTED}}}", re.M
 )  # fmt: skip
-"""A dotted key of a TOML file that makes too many tables."""
+"""Dotted key of a TOML file that creates too many tables."""
 NONBLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 MARK = ".omnimirror-"
-"""In the name of every temporary file beside an output, so that the next run knows it for one of ours."""
+"""Part of the names of all temporary files next to an output, by which the next run identifies
+them.
+"""
 
 
-# -- writing -----------------------------------------------------------------------------------------
+# -- writing --------------------------------------------------------------------------------------
 
 
 def is_standard_output(path: str | Path) -> bool:
-    """Whether a name stands for standard output: ``-``, or ``-.png`` where the suffix tells the format.
+    """Return whether a name means standard output: ``-``, or ``-.png`` with a suffix for the
+    format.
 
     >>> is_standard_output("-"), is_standard_output("-.png"), is_standard_output("./a/-")
     (True, True, False)
@@ -61,20 +65,22 @@ def is_standard_output(path: str | Path) -> bool:
 
 @contextmanager
 def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = None) -> Iterator[Path]:
-    """A temporary name that takes the place of ``path`` when the block ends without an error.
+    """Yield a temporary name that replaces ``path`` when the block ends without an error.
 
-    It stands beside ``path`` and keeps the suffix, which picture writers look at. Missing folders are made.
-    A symbolic link stays, and the file that it leads to is replaced; a file that is replaced keeps its
-    permissions. What cannot be replaced is written through once the block has ended: standard output
-    (:func:`is_standard_output`), a pipe, a device such as ``/dev/null``.
+    The temporary file is in the folder of ``path`` and has its suffix, which image writers use to
+    select the format. Missing folders are created. A symbolic link is kept, and its target is
+    replaced; a replaced file keeps its permissions. Outputs that cannot be replaced are written at
+    the end of the block: standard output (:func:`is_standard_output`), a pipe, a device such as
+    ``/dev/null``.
 
-    What killed runs left behind of the same output is removed, unless ``rescue``, which is asked about each of these
-    files, gives a name that it shall have.
+    Leftovers of killed runs for the same output are removed, unless ``rescue``, which is called for
+    each of these files, returns a new name for it.
 
     Raises
     ------
     OmnimirrorError
-        The folder cannot be written, or the disk is full; an earlier file at ``path`` is left as it was.
+        The folder is not writable, or the disk is full; an existing file at ``path`` is
+        unchanged.
     """
     if not isinstance(path, str | Path) or "\0" in str(path):
         raise OmnimirrorError(f"{shortened(repr(path))} is not the name of a file")
@@ -87,7 +93,7 @@ def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = N
             with _in_place_of(path, rescue) as temporary:
                 yield temporary
     except BrokenPipeError as e:
-        if is_standard_output(path):  # its reader (head, less) has seen enough
+        if is_standard_output(path):  # the reader (head, less) closed the pipe
             raise
         raise OmnimirrorError(f"cannot write {name_of(path)}: {e.strerror}") from None
     except OSError as e:
@@ -95,26 +101,26 @@ def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = N
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file whole, or leave an earlier one as it was."""
+    """Write a text file atomically; an existing file is unchanged on errors."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="")
 
 
 def write_json(path: str | Path, data: Any) -> None:
-    """Write data as JSON, made fit for it by :func:`json_plain`, at once or not at all."""
+    """Write data as JSON atomically, after conversion by :func:`json_plain`."""
     write_text(path, json_text(json_plain(data), indent=1, allow_nan=False) + "\n")
 
 
 def json_plain(value: Any) -> Any:
-    """The same data as JSON can hold it: tuples and arrays as lists, infinity as a word, and nothing where a number is
-    not known.
+    """Convert data to JSON-serialisable values: tuples and arrays to lists, infinity to a word,
+    NaN to None.
 
     >>> json_plain({"object_distance_mm": (600.0, float("inf")), "focus_mm": float("nan")})
     {'object_distance_mm': [600.0, 'inf'], 'focus_mm': None}
     """
     if isinstance(value, dict):
         return {k: json_plain(v) for k, v in value.items()}
-    if hasattr(value, "tolist"):  # of NumPy, which this file does without
+    if hasattr(value, "tolist"):  # NumPy, without importing it
         return json_plain(value.tolist())
     if isinstance(value, list | tuple):
         return [json_plain(v) for v in value]
@@ -124,7 +130,7 @@ def json_plain(value: Any) -> Any:
 
 
 def is_stream(path: str | Path) -> bool:
-    """Whether what is written to a name flows away: standard output, a pipe, a device.
+    """Return whether a name is a stream that cannot be replaced: standard output, a pipe, a device.
 
     >>> is_stream("-"), is_stream("/dev/null"), is_stream("table.csv")
     (True, True, False)
@@ -141,7 +147,8 @@ def is_stream(path: str | Path) -> bool:
 
 
 def is_same_file(a: str | Path, b: str | Path) -> bool:
-    """Whether two names lead to one file, there or not; links that lead in a circle lead nowhere, and to themselves.
+    """Return whether two names refer to one file, existing or not; a circular link refers only to
+    itself.
 
     >>> is_same_file("a.png", "./b/../a.png")
     True
@@ -150,7 +157,7 @@ def is_same_file(a: str | Path, b: str | Path) -> bool:
 
 
 def name_of(path: str | Path) -> str:
-    """A file's name as people read it."""
+    """Return the name of a file for messages."""
     return "standard output" if is_standard_output(path) else str(path)
 
 
@@ -163,7 +170,7 @@ def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> It
     _remove_leftovers(target, rescue or (lambda leftover: None))
     temporary = target.with_name(f"{_prefix(target)}{os.urandom(4).hex()}{target.suffix}")
     handle = None
-    try:  # from before it is there: a signal may come at any moment, and is raised as an exception
+    try:  # set before the file is created: a signal may raise at any moment
         handle = _made_and_locked(temporary)
         yield temporary
         os.chmod(temporary, _permissions(target))
@@ -179,7 +186,7 @@ def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> It
 
 @contextmanager
 def _through(path: Path) -> Iterator[Path]:
-    """A file of its own, which writers may seek in; it is copied into the stream at the end."""
+    """Yield a seekable temporary file that is copied to the stream at the end."""
     with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
         temporary = Path(folder) / f"output{path.suffix}"
         yield temporary
@@ -189,7 +196,7 @@ def _through(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _stream(path: Path) -> Iterator[BinaryIO]:
-    """What takes the bytes; a descriptor of this process goes on where it stands, and is not emptied first."""
+    """Yield a binary writer for a stream; an open descriptor continues at its position."""
     number = 1 if is_standard_output(path) else _descriptor_of(path)
     if number is None:
         if stat.S_ISBLK(os.stat(path).st_mode):
@@ -197,7 +204,7 @@ def _stream(path: Path) -> Iterator[BinaryIO]:
         with open(os.open(path, os.O_WRONLY), "wb") as sink:
             yield sink
         return
-    for stream in (sys.stdout, sys.stderr):  # what was said before comes before
+    for stream in (sys.stdout, sys.stderr):  # earlier text precedes the new output
         if stream is not None:
             stream.flush()
     buffer = getattr(sys.stdout, "buffer", None)
@@ -210,7 +217,9 @@ def _stream(path: Path) -> Iterator[BinaryIO]:
 
 
 def _descriptor_of(path: str | Path) -> int | None:
-    """The number of an open descriptor of this process that a name stands for: ``/dev/stdout``, ``/dev/fd/3``."""
+    """Return the open descriptor of this process that a name refers to: ``/dev/stdout``,
+    ``/dev/fd/3``.
+    """
     name = os.fspath(path)
     for _ in range(8):
         if match := re.fullmatch(r"/(?:dev|proc/(?:self|\d+))/fd/(\d{1,9})", name):
@@ -224,7 +233,7 @@ def _descriptor_of(path: str | Path) -> int | None:
 
 
 def _permissions(target: Path) -> int:
-    """Those of the file that is replaced, or of any new one."""
+    """Return the permissions of the replaced file, or those of a new file."""
     try:
         return stat.S_IMODE(os.stat(target).st_mode)
     except OSError:
@@ -238,26 +247,26 @@ def _umask() -> int:
 
 
 def _prefix(target: Path) -> str:
-    """How temporary names of one output begin: short, and plain enough for every library that writes to them."""
+    """Return the prefix of temporary names of an output: short and in ASCII, for all libraries."""
     return f".{target.stem.encode('ascii', 'ignore').decode()[:60]}{MARK}"
 
 
 def _made_and_locked(temporary: Path) -> int | None:
-    """Make a file that only its owner reads; it is locked for as long as the handle is open."""
+    """Create a file that is readable by its owner only, and locked while the handle is open."""
     while True:
         handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        if sys.platform == "win32":  # where a file that is open cannot be renamed
+        if sys.platform == "win32":  # an open file cannot be renamed on Windows
             os.close(handle)
             return None
-        with suppress(OSError):  # a file system without locks: see _remove_leftovers
+        with suppress(OSError):  # file systems without locks: see _remove_leftovers
             fcntl.flock(handle, fcntl.LOCK_EX)
         if os.path.exists(temporary):
             return handle
-        os.close(handle)  # another run took it for a leftover before it was locked
+        os.close(handle)  # another run removed it before it was locked
 
 
 def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> None:
-    """Remove or rename temporary files of this output whose run is gone: nobody holds their lock any more."""
+    """Remove or rename unlocked temporary files of this output, left behind by killed runs."""
     if sys.platform == "win32":
         return
     pattern = re.compile(re.escape(_prefix(target)) + r"[a-z0-9_]{8}" + re.escape(target.suffix))
@@ -279,32 +288,34 @@ def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> No
                 os.close(handle)
 
 
-# -- reading -----------------------------------------------------------------------------------------
+# -- reading --------------------------------------------------------------------------------------
 
 
 def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
     """Open an ordinary file for reading in binary mode.
 
-    A FIFO would block the reader and a device may never end: both are rejected, before and after the file is opened.
+    A FIFO would block the reader and a device may be endless: both are rejected, before and after
+    opening.
 
     Parameters
     ----------
     path
     most
-        Maximum size in bytes; None for files that are read piece by piece.
+        Maximum size in bytes; None for files that are read in pieces.
 
     Raises
     ------
     OSError
-        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the reason.
+        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the
+        reason.
     """
     try:
         _check_ordinary(os.stat(path), most)
-    except ValueError:  # a null character in the name
+    except ValueError:  # null character in the name
         raise OSError(errno.EINVAL, "no file can have that name") from None
     file = open(os.open(path, os.O_RDONLY | NONBLOCKING), "rb")  # noqa: SIM115
     try:
-        _check_ordinary(os.fstat(file.fileno()), most)  # the name may lead to another file by now
+        _check_ordinary(os.fstat(file.fileno()), most)  # the file may have been replaced
     except BaseException:
         file.close()
         raise
@@ -312,7 +323,8 @@ def open_file(path: str | Path, most: int | None = None) -> BinaryIO:
 
 
 def check_file(path: str | Path, most: int | None = None, most_unpacked: int | None = None) -> None:
-    """Check a file that a library opens by its name: its kind, its size, and the declared size of a ZIP archive.
+    """Check a file that a library opens by name: its type, its size, and the declared size of a ZIP
+    archive.
 
     Parameters
     ----------
@@ -320,7 +332,8 @@ def check_file(path: str | Path, most: int | None = None, most_unpacked: int | N
     most
         Maximum size in bytes.
     most_unpacked
-        Maximum size in bytes of all members of an archive together; ``zipfile`` reads no more than is declared.
+        Maximum total size in bytes of all members of an archive; ``zipfile`` reads no more than
+        declared.
 
     Raises
     ------
@@ -348,7 +361,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         As :func:`open_file`; ``strerror`` gives the reason.
     """
     with open_file(path, most) as file:
-        # files generated while they are read, as in /proc, have a nominal size of 0
+        # generated files, as in /proc, have a nominal size of 0
         room = min(most, max(os.fstat(file.fileno()).st_size, SMALLEST_BUFFER))
         data = file.read(room + 1)
     if len(data) > room:
@@ -374,7 +387,8 @@ def read_text(
     Raises
     ------
     OmnimirrorError
-        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is not text.
+        The file does not exist, is not an ordinary file, is larger than :data:`LARGEST_TEXT`, or is
+        not text.
     """
     try:
         return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -396,7 +410,7 @@ def _check_ordinary(found: os.stat_result, most: int | None) -> None:
 
 
 def _larger(most: int, size: int | None = None) -> str:
-    """Limit, actual size and remedy, for messages.
+    """Format limit, actual size and remedy for messages.
 
     >>> _larger(64 << 20, 100 << 20), _larger(1000)
     ('larger than 64 MB; got 100 MB; reduce or split it', 'larger than 1000 bytes; reduce or split it')
@@ -406,7 +420,7 @@ def _larger(most: int, size: int | None = None) -> str:
     return f"larger than {most // unit} {name}{got}; reduce or split it"
 
 
-# -- parsing -----------------------------------------------------------------------------------------
+# -- parsing --------------------------------------------------------------------------------------
 
 
 def decompressed(data: bytes, most: int) -> bytes:
@@ -418,9 +432,9 @@ def decompressed(data: bytes, most: int) -> bytes:
     Raises
     ------
     ValueError
-        The stream is damaged or cut short, or holds more.
+        The stream is damaged or truncated, or exceeds the limit.
     """
-    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: the header tells zlib from gzip
+    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
     try:
         content = stream.decompress(data, most + 1)
     except zlib.error as e:
@@ -442,7 +456,7 @@ def parse_json(text: str | bytes) -> Any:
     Raises
     ------
     ValueError
-        It is not valid JSON, or is nested too deeply.
+        The text is not valid JSON, or is nested too deeply.
     """
     try:
         data = json.loads(text)
@@ -459,13 +473,13 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        It is not valid TOML, is larger than :data:`LARGEST_TOML`, is nested too deeply, or holds an integer beyond
-        64 bits; the message begins with the source.
+        The text is not valid TOML, is larger than :data:`LARGEST_TOML`, is nested too deeply,
+        or contains an integer beyond 64 bits; the message starts with the source.
     """
     source = shortened(source)
     if len(text) > LARGEST_TOML:
         raise SpecError(f"{source} must not be {_larger(LARGEST_TOML, len(text))}; tables of numbers belong into CSV")
-    if DEEP_KEY.search(text):  # which tomllib reads in a time that grows with the square of the depth
+    if DEEP_KEY.search(text):  # tomllib takes time quadratic in the depth of such a key
         raise SpecError(f"{source}: {TOO_DEEP}")
     try:
         data = tomllib.loads(text)
@@ -473,7 +487,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     except RecursionError:
         raise SpecError(f"{source}: {TOO_DEEP}") from None
-    except ValueError:  # an integer of thousands of digits
+    except ValueError:  # integer of thousands of digits
         raise SpecError(f"{source} holds a whole number of more than 64 bits") from None
     try:
         for values in _levels(data):
@@ -487,16 +501,16 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def compose_yaml(text: str, source: str) -> Any:
-    """Compose the tree of PyYAML's nodes of a YAML text; None for an empty document.
+    """Compose the node tree of a YAML text with PyYAML; None for an empty document.
 
-    The events are checked before the tree is built: an alias repeats what it refers to, so that a few lines can stand
-    for gigabytes, and the depth of the tree is the depth of a recursion.
+    The events are checked before the tree is built: aliases allow a few lines to expand to
+    gigabytes, and the depth of the tree is the recursion depth.
 
     Raises
     ------
     SpecError
-        It is not valid YAML, uses aliases, or exceeds :data:`LARGEST_YAML`, :data:`MOST_YAML_NODES` or
-        :data:`MOST_NESTED`; the message begins with the source.
+        The text is not valid YAML, uses aliases, or exceeds :data:`LARGEST_YAML`,
+        :data:`MOST_YAML_NODES` or :data:`MOST_NESTED`; the message starts with the source.
     """
     import yaml
 
@@ -531,13 +545,13 @@ def compose_yaml(text: str, source: str) -> Any:
 def parse_xml(text: str, source: str) -> Any:
     """Parse an XML text into the root of an ``xml.etree`` tree.
 
-    Entities are rejected, since a few lines of them can stand for gigabytes.
+    Entities are rejected, since a few lines of them can expand to gigabytes.
 
     Raises
     ------
     SpecError
-        It is not valid XML, declares a document type, or exceeds :data:`LARGEST_YAML` or :data:`MOST_NESTED`; the
-        message begins with the source.
+        The text is not valid XML, declares a document type, or exceeds :data:`LARGEST_YAML` or
+        :data:`MOST_NESTED`; the message starts with the source.
     """
     from xml.etree import ElementTree
 
@@ -550,7 +564,7 @@ def parse_xml(text: str, source: str) -> Any:
     depth = 0
     root = None
     try:
-        # An error of feed() is raised by read_events(); after close() it would have a wrong line number.
+        # read_events() raises errors of feed(); after close() the line number would be wrong.
         for step in (lambda: parser.feed(text), parser.close):
             step()
             for event, element in parser.read_events():
@@ -559,9 +573,9 @@ def parse_xml(text: str, source: str) -> Any:
                 if depth > MOST_NESTED:
                     raise SpecError(f"{source}: {TOO_DEEP}")
     except ElementTree.ParseError as problem:
-        line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # expat may count past the end
+        line = min(problem.position[0], text.rstrip("\n").count("\n") + 1)  # may exceed the text
         raise SpecError(f"{source} line {line} is not valid XML: {str(problem).partition(':')[0]}") from None
-    except ValueError as problem:  # a null character, a surrogate
+    except ValueError as problem:  # null character, surrogate
         if isinstance(problem, SpecError):
             raise
         raise SpecError(f"{source} is not valid XML: {problem}") from None
@@ -574,7 +588,7 @@ def _levels(data: Any) -> Iterator[list[Any]]:
     Raises
     ------
     ValueError
-        More than :data:`MOST_NESTED` tables and lists contain each other.
+        The nesting of tables and lists exceeds :data:`MOST_NESTED`.
     """
     level = [data]
     for _ in range(MOST_NESTED + 1):
@@ -587,20 +601,20 @@ def _levels(data: Any) -> Iterator[list[Any]]:
 
 
 def read_tables(path: Path, each: str, all_of_them: str, most: int) -> dict[str, dict[str, Any]]:
-    """The tables of a TOML file that holds one for each of several things, by their names.
+    """Read the tables of a TOML file that contains one table for each of several objects, by name.
 
     Parameters
     ----------
     path
     each, all_of_them
-        What a table tells of, for messages: "view", "views".
+        Singular and plural of the objects, for messages: "view", "views".
     most
-        How many there may be.
+        Maximum number of tables.
 
     Raises
     ------
     SpecError
-        There is no such file, or it holds something else.
+        The file does not exist or has other content.
     """
     absent = f"there are no {all_of_them} {str(path)!r}"
     tables = parse_toml(read_text(path, all_of_them, SpecError, absent), str(path))

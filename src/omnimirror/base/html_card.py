@@ -1,4 +1,6 @@
-"""HTML cards that notebooks display for cameras: a line drawing and a table, for light and dark themes."""
+"""HTML cards that notebooks display for cameras: a line drawing and a table, for light and dark
+themes.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from .escaping import html_text
 Array = NDArray[np.float64]
 Rows = Mapping[str, str]
 
-MAX_HEIGHT_PX, MAX_WIDTH_PX = 190.0, 230.0  # of a drawing
+MAX_HEIGHT_PX, MAX_WIDTH_PX = 190.0, 230.0  # maximum size of a drawing
 MARGIN_PX = 5.0
 LINE_STYLES = {
     "strong": 'stroke-width="2.6"',
@@ -24,7 +26,7 @@ CELL_STYLE = "background:none;border:0;padding:0 1.2em 0 0;text-align:left;verti
 
 
 class Line(NamedTuple):
-    """Polyline of a drawing: coordinates (n,) to the right and up, and one of :data:`LINE_STYLES`."""
+    """Polyline of a drawing: coordinates (n,) to the right and up, and a line style."""
 
     x: Array
     y: Array
@@ -52,7 +54,9 @@ def card(title: str, kind: str, drawing: str, rows: Rows, note: str) -> str:
 
 
 def line_drawing(lines: Sequence[Line], label: str) -> str:
-    """Return an SVG of lines to a common scale, in the colour of the surrounding text; "" without lines."""
+    """Return an SVG of lines to a common scale, in the colour of the surrounding text; "" without
+    lines.
+    """
     if not lines:
         return ""
     x, y = (np.concatenate([line[axis] for line in lines]) for axis in (0, 1))
@@ -90,7 +94,7 @@ def field_range(low_rad: float, high_rad: float) -> str:
 
 
 def origin(notes: str, calibrated_parameters: int) -> str:
-    """Describe the origin of a camera: its notes, and the number of calibrated parameters, if any."""
+    """Describe the origin of a camera: its notes and the number of calibrated parameters."""
     parts = [notes] if notes else []
     if calibrated_parameters:
         parts.append(f"Calibrated parameters: {calibrated_parameters}, with covariance.")

@@ -1,8 +1,9 @@
-"""The only door to the compiled part: whether it is there, its instructions, its threads, its kernels.
+"""Interface to the compiled extension: availability, instruction set, threads and kernels.
 
-The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2``,
-``avx512``, ``avx512-gather`` or ``neon`` it chooses the samplers' instructions instead of the machine's best. What is
-compiled, from which formulas and how it is tested, is told in native/README.md.
+The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` disables the extension; set to
+``plain``, ``avx2``, ``avx512``, ``avx512-gather`` or ``neon`` it selects the instruction set of the
+samplers instead of the best available. native/README.md describes the compiled code, its formulas
+and its tests.
 """
 
 from __future__ import annotations
@@ -22,31 +23,32 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container: microseconds that it may compute in a period, and the period
-INTERFACE = 16  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+QUOTA = Path("/sys/fs/cgroup/cpu.max")  # container limit: microseconds per period, and the period
+INTERFACE = 16  # version of the kernels, as in native/src/module.cpp
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
 
 def usable_cores() -> int:
-    """How many cores this process may use: of the machine's those that its affinity and its container leave it.
+    """Return the number of cores available to this process, limited by affinity and container.
 
     Examples
     --------
     >>> 1 <= usable_cores() <= os.cpu_count()
     True
     """
-    affinity = getattr(os, "sched_getaffinity", None)  # of Linux
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
     count = len(affinity(0)) if affinity else os.cpu_count() or 1
     try:
         quota, period = QUOTA.read_text(encoding="ascii").split()
         return max(1, min(count, math.ceil(int(quota) / int(period))))
-    except (OSError, ValueError, ZeroDivisionError):  # there is no such file, or its first word is "max"
+    except (OSError, ValueError, ZeroDivisionError):  # no such file, or "max"
         return count
 
 
 def kernel_array(values: Any, dtype: DTypeLike | None = None) -> Array:
-    """Return an array as kernels accept it: contiguous, aligned, of a type; the array itself if it is all that.
+    """Return an array as kernels accept it: contiguous, aligned, of the given type; without a copy
+    if possible.
 
     Examples
     --------
@@ -58,10 +60,10 @@ def kernel_array(values: Any, dtype: DTypeLike | None = None) -> Array:
 
 
 class Backend:
-    """What computes: compiled kernels, or NumPy and OpenCV where there are none.
+    """Computation backend: compiled kernels, or NumPy and OpenCV without them.
 
-    A room that has both ways asks :attr:`is_compiled` where it chooses between them, and then calls
-    :attr:`kernels` without asking again. There is one such object, :data:`backend`.
+    Packages with both implementations check :attr:`is_compiled` to select one, and then use
+    :attr:`kernels` without further checks. The only instance is :data:`backend`.
 
     Examples
     --------
@@ -71,15 +73,15 @@ class Backend:
 
     @cached_property
     def module(self) -> Kernels | None:
-        """The compiled module; None where it was not built or is not wanted. Looked for once, at first use.
+        """Compiled module; None if it was not built or is disabled. Imported once, on first use.
 
-        Where it was not built, or of another version, the log says so: results are the same, several times slower.
+        A missing or outdated module is logged: results are the same, but several times slower.
         """
         wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
         if wanted == "0":
             return None
         try:
-            module = import_module("omnimirror.base._native")  # by name: the package as a whole is above this room
+            module = import_module("omnimirror.base._native")  # by name, see test_architecture
         except ImportError as e:
             log = logging.getLogger("omnimirror")
             log.warning(
@@ -105,24 +107,26 @@ class Backend:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether there are kernels to be called."""
+        """True if compiled kernels are available."""
         return self.module is not None
 
     @property
     def kernels(self) -> Kernels:
-        """The compiled kernels; only to be asked for where :attr:`is_compiled`."""
+        """Compiled kernels; valid only if :attr:`is_compiled`."""
         if self.module is None:
             raise RuntimeError("nothing is compiled here; ask backend.is_compiled first")
         return self.module
 
     @property
     def name(self) -> str:
-        """Who samples: ``"avx512"``, ``"avx512-gather"``, ``"avx2"``, ``"neon"``, ``"plain"`` or ``"opencv"``."""
+        """Name of the sampler: ``"avx512"``, ``"avx512-gather"``, ``"avx2"``, ``"neon"``,
+        ``"plain"`` or ``"opencv"``.
+        """
         return self.module.instructions() if self.module is not None else "opencv"
 
     @property
     def threads(self) -> int:
-        """On how many threads kernels run: at first, on as many as the process may use cores."""
+        """Number of threads for kernels; initially the number of available cores."""
         if self.module is not None:
             return self.module.get_threads()
         import cv2
@@ -130,12 +134,12 @@ class Backend:
         return int(cv2.getNumThreads())
 
     def set_threads(self, count: int) -> None:
-        """Run kernels on so many threads, the caller's among them; they sleep between pictures.
+        """Set the number of threads for kernels, including the caller; they sleep between images.
 
         Raises
         ------
         InvalidParameter
-            Unless from 1 to 1024.
+            The count is not between 1 and 1024.
         """
         if not 1 <= count <= MOST_THREADS:
             raise InvalidParameter(f"{count} threads are not valid; valid are 1 to {MOST_THREADS}")
@@ -148,19 +152,19 @@ class Backend:
 
 
 backend = Backend()
-"""What this process computes with."""
+"""Backend of this process."""
 
 
 class Kernels(Protocol):
-    """The functions and classes of ``omnimirror.base._native``.
+    """Functions and classes of ``omnimirror.base._native``.
 
-    Arrays must be contiguous unless said otherwise, and of exactly the type that is meant: nothing is converted.
-    They must be aligned too: :func:`kernel_array`. They are checked there once more, whatever has been checked before,
-    so that no argument makes a kernel read or write outside a buffer. Names ending in ``_out``, ``dst``, ``pixels`` and
-    the like are filled.
+    Arrays must be contiguous unless noted otherwise, aligned, and of exactly the documented type:
+    there are no conversions, see :func:`kernel_array`. The extension checks all arrays again, which
+    prevents access outside a buffer for any arguments. Names ending in ``_out``, ``dst``,
+    ``pixels`` and similar are outputs.
     """
 
-    # -- the samplers: dewarp ------------------------------------------------------------------------
+    # -- samplers: dewarp -------------------------------------------------------------------------
 
     def Averages(
         self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
@@ -187,7 +191,7 @@ class Kernels(Protocol):
         self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
     ) -> None: ...
 
-    # -- designs by the thousand: batch --------------------------------------------------------------
+    # -- batch evaluation of designs: batch -------------------------------------------------------
 
     def evaluate_designs(
         self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
@@ -196,7 +200,7 @@ class Kernels(Protocol):
         wall: tuple[int, float, float], columns: Array, results: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- exposing and sharpening pictures: simulate --------------------------------------------------
+    # -- exposure and restoration of images: simulate ---------------------------------------------
 
     def Optics(self, **numbers: Any) -> object: ...
     def Environment(self, light: Array) -> object: ...
@@ -222,7 +226,7 @@ class Kernels(Protocol):
     def meet_boxes(self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array) -> None: ...
     def lead_through_boxes(self, corners: Array, origins: Array, segments: Array, through: Array) -> None: ...
 
-    # -- sensors with errors: tolerancing ------------------------------------------------------------
+    # -- sensors with errors: tolerancing ---------------------------------------------------------
 
     def judge_trials(
         self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
@@ -230,7 +234,7 @@ class Kernels(Protocol):
         refocus: int, floor: float, merits: Array, moved: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- reflection points: tracing, torch --------------------------------------------------------------------
+    # -- reflection points: tracing, torch --------------------------------------------------------
 
     def find_reflections(
         self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
@@ -249,7 +253,7 @@ class Kernels(Protocol):
         rows: Array, states: Array,
     ) -> None: ...  # fmt: skip
 
-    # -- all of them ---------------------------------------------------------------------------------
+    # -- all --------------------------------------------------------------------------------------
 
     def set_threads(self, count: int) -> None: ...
     def get_threads(self) -> int: ...
@@ -258,7 +262,9 @@ class Kernels(Protocol):
 
 
 class PackedMap(Protocol):
-    """Coordinates packed to 6 bytes a pixel (8 for deep pictures), for pictures of one size and kind."""
+    """Coordinates packed to 6 bytes per pixel (8 for high bit depth), for images of one size and
+    type.
+    """
 
     @property
     def nbytes(self) -> int: ...
@@ -268,13 +274,13 @@ class PackedMap(Protocol):
 
 
 class AxialCamera(Protocol):
-    """The projection of a camera that is symmetric about an axis, from tables."""
+    """Projection of a camera that is symmetric about an axis, from tables."""
 
     def project(self, targets: Array, is_near: bool, pixels: Array, excess: Array | None) -> None: ...
 
 
 class CompiledSurfaces(Protocol):
-    """Flat textured surfaces, and the first of them that a ray meets."""
+    """Plane textured surfaces, with the nearest intersection of a ray."""
 
     @property
     def records(self) -> Array: ...
@@ -283,7 +289,7 @@ class CompiledSurfaces(Protocol):
 
 
 class Sharpening(Protocol):
-    """The sharp picture that is looked for."""
+    """State of an image restoration."""
 
     def improve(self, costs: Array, steps: Array) -> None: ...
     def log_steepness(self, logarithms: Array) -> None: ...

@@ -1,4 +1,4 @@
-"""How a part of a sensor describes its parameters to whoever reads, checks or varies them; how sure they are."""
+"""Descriptions of parameters of sensor parts, and the uncertainty of estimated parameters."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from .errors import InvalidParameter
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a sensor file, a slider, an optimiser or a tolerance needs to know of one parameter."""
+    """Description of one parameter for sensor files, sliders, optimisers and tolerances."""
 
     unit: str
     low: float
     high: float
     description: str = ""
     choices: tuple[str, ...] = field(default=())
-    """Valid words, for a parameter that is a word and no number."""
+    """Valid words, for a parameter that is a word."""
 
     def check(self, name: str, value: Any) -> None:
-        """Raise InvalidParameter with the valid range unless every number in value is inside it."""
+        """Raise InvalidParameter with the valid range unless all numbers in value are within it."""
         if self.choices:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
             return
         if type(value) is float and self.low <= value <= self.high:
-            return  # as most come
+            return  # fast path
         if isinstance(value, list | tuple) and not value:
-            return  # how many there have to be is the part's own affair
+            return  # the number of values is checked by the part
         for i, number in enumerate(numbers(name, value).ravel()):
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
@@ -41,31 +41,31 @@ class Parameter:
                 raise InvalidParameter(f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}")
 
 
-NEGATIVE = -1e-9  # of its largest, an eigenvalue of a covariance that rounding may have made
+NEGATIVE = -1e-9  # eigenvalue of a covariance relative to the largest, attributed to rounding
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of estimated parameters; those that it does not name were given.
+    """Covariance of estimated parameters; parameters without an entry are exact.
 
     Parameters
     ----------
     names
-        Of the parameters.
+        Names of the parameters.
     covariance : (n, n)
-        In their units.
+        Covariance in the units of the parameters.
     field_deg : deg, optional
-        Calibrated field: the largest field angle, from what the centre of the image sees, at which anything was
-        measured. Beyond it the model is an extrapolation, of which the covariance says nothing. None: unknown.
+        Calibrated field: the largest field angle with measured points, from the image centre.
+        Beyond it the model is an extrapolation without a valid covariance. None: unknown.
     marginal_sigmas : (n,), optional
-        Standard deviations of the parameters, each alone, where they are not the square roots of the covariance's
-        diagonal: along a curved valley of weakly determined parameters they are larger or smaller, while the covariance
-        remains that of directions.
+        Standard deviations of the single parameters, if they differ from the square roots of
+        the diagonal: along a curved valley of weakly determined parameters they are larger or
+        smaller, while the covariance is valid for directions.
 
     Raises
     ------
     InvalidParameter
-        For what is no covariance.
+        The matrix is not a covariance.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Uncertainty:
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Standard deviation of each parameter alone."""
+        """Standard deviation of each parameter."""
         if self.marginal_sigmas is not None:
             return dict(zip(self.names, self.marginal_sigmas, strict=True))
         return {
@@ -112,12 +112,12 @@ class Uncertainty:
         }
 
     def of(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """Covariance (n, n) of named parameters, 0 for those that were given.
+        """Return the covariance (n, n) of named parameters, 0 for exact ones.
 
         Raises
         ------
         InvalidParameter
-            Others are known than these.
+            The estimated parameters are not among the names.
         """
         if others := set(self.names) - set(names):
             raise InvalidParameter(

@@ -1,11 +1,11 @@
-"""The one vocabulary: every quantity that is evaluated, limited, compared, made least or plotted.
+"""Vocabulary of all quantities that are evaluated, limited, compared, minimised or plotted.
 
-A quantity has one name in Python, in files, on the command line and on the page; where it has a unit, the name ends
-with it. Columns of an evaluation, limits of a requirement, rows of a comparison, merits, table heads and labels of
-plots take their words from here. Equations are those of the paper (Ohte and Tsuzuki, Opt. Eng. 51(1), 013005, 2012),
-with its errata corrected.
+A quantity has the same name in Python, files, command line and studio; a name with a unit ends with
+it. Columns of an evaluation, limits of a requirement, rows of a comparison, merits, table heads and
+labels of plots use this vocabulary. Equations are those of the paper (Ohte and Tsuzuki, Opt. Eng.
+51(1), 013005, 2012), with its errata corrected.
 
-``_t`` is tangential (along the image radius), ``_s`` sagittal (around it).
+``_t`` is tangential (along the image radius), ``_s`` sagittal (perpendicular to it).
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ T = TypeVar("T", bound=type)
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of a quantity besides its value.
+    """Description of a quantity.
 
     Attributes
     ----------
     name
-        As columns, files and options have it, with its unit.
+        Name in columns, files and options, with its unit.
     symbol
-        As the paper and plots have it; ``_t`` is a subscript.
+        Symbol in the paper and in plots; ``_t`` is a subscript.
     unit
-        As people read it.
+        Unit for display.
     title
-        In a word or two, of a plot or of a line of a table.
+        Title of a plot or of a table row, one or two words.
     meaning
-        In one line.
+        Description in one line.
     equation
-        Formula and number of the paper's equation, where there is one.
+        Formula and equation number of the paper, if any.
     format
-        Of the number in tables, as :func:`format` takes it.
+        Number format in tables, as for :func:`format`.
     head
-        Of a column, where the symbol alone would be a riddle.
+        Column head, if the symbol alone is not sufficient.
 
     Examples
     --------
@@ -59,15 +59,15 @@ class Quantity:
 
     @property
     def heading(self) -> str:
-        """Head of a column, its unit apart."""
+        """Column head without the unit."""
         return self.head or self.symbol
 
     def text(self, value: float) -> str:
-        """A value as tables show it."""
+        """Format a value for tables."""
         return f"{value:{self.format}}"
 
 
-# -- of a real lens, at each field angle ---------------------------------------------------------------
+# -- real lens, at each field angle ------------------------------------------------------------
 
 OF_LENS = (
     Quantity(
@@ -109,7 +109,7 @@ OF_LENS = (
         head="pupil",
     ),
 )
-"""What :attr:`omnimirror.analysis.evaluation.Evaluation.of_lens` holds."""
+"""Quantities in :attr:`omnimirror.analysis.evaluation.Evaluation.of_lens`."""
 
 # -- at each field angle ---------------------------------------------------------------------------
 
@@ -182,7 +182,7 @@ PER_ANGLE = (
              "length per pixel around the axis at the object distance, on a plane and on a cylinder alike",
              "p (π/180) / Δw = (x + p sin Ω) / h", ".4g", "object S"),
 )  # fmt: skip
-"""Columns of an evaluation, in their order: what happens at each field angle."""
+"""Columns of an evaluation, in their order: values at each field angle."""
 
 OF_BOTH_SIDES = (
     Quantity("plane_mm_per_px", "max(g_t,p, g_s)", "mm/px", "Object size on a plane",
@@ -207,15 +207,17 @@ OF_BOTH_SIDES = (
     Quantity("resolution_px_per_deg", "min(Δh, Δw)", "px/deg", "Resolution",
              "smaller of tangential and sagittal resolution"),
 )  # fmt: skip
-"""What is made of the columns at each field angle."""
+"""Quantities derived from the columns at each field angle."""
 
 OF_A_CALIBRATION = (
     Quantity("direction_sigma_deg", "σ", "deg", "Error of directions",
              "standard error of a direction, as the covariance of a calibration has it", format=".4f", head="error"),
 )  # fmt: skip
-"""What a calibrated camera has at each field angle, besides some columns of an evaluation."""
+"""Quantities of a calibrated camera at each field angle, in addition to some columns of an
+evaluation.
+"""
 
-# -- of the whole sensor ---------------------------------------------------------------------------
+# -- whole sensor ------------------------------------------------------------------------------
 
 OF_THE_SENSOR = (
     Quantity("mirror", "", "", "Mirror", "kind of the mirror"),
@@ -258,7 +260,7 @@ OF_THE_SENSOR = (
              "of the mirror's body, of the material that [thermal] says or else of aluminium", format=".1f"),
     Quantity("rim_slope_deg", "", "deg", "Slope at the rim", "slope of the mirror at its rim", format=".1f"),
 )  # fmt: skip
-"""What holds for the sensor as a whole."""
+"""Quantities of the whole sensor."""
 
 OF_THE_APERTURE = (
     Quantity("chief_px", "h", "px", "Chief ray, image height", "where the chief ray lands, from the centre",
@@ -300,7 +302,7 @@ OF_THE_APERTURE = (
     Quantity("viewpoint_error_px", "", "px", "Error of one viewpoint",
              "how far in the image an object lies from where one viewpoint looks for it", "Eq. 23"),
 )  # fmt: skip
-"""What the whole aperture makes of a point, and what is made of that."""
+"""Quantities from tracing the whole aperture."""
 
 OF_BUILT_SENSORS = (
     Quantity("motion_px", "", "px", "Motion of the picture",
@@ -318,7 +320,7 @@ OF_BUILT_SENSORS = (
     Quantity("rim_reach_px", "", "px", "Reach of the image circle",
              "from the middle of the imager to the farthest point of the rim's image", format=".1f"),
 )  # fmt: skip
-"""What a sensor with errors does, against the one that was meant."""
+"""Quantities of an as-built sensor relative to the nominal one."""
 
 _ALONE = {
     q.name: q
@@ -329,7 +331,7 @@ _ALONE = {
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:
-    """What makes one number of a quantity over the field: its name is ``{prefix}_{name}``."""
+    """Reduction of a quantity over the field to one number, named ``{prefix}_{name}``."""
 
     def of(name: str, **more: str) -> Quantity:
         q = _ALONE[name]
@@ -365,14 +367,14 @@ OVER_THE_FIELD = (
     Quantity("worst_aspect", "", "", "Aspect, worst either way",
              "longer over shorter side of the image of a small square: 1 is conformal", "max(Δw/Δh, Δh/Δw)", ".3f"),
 )  # fmt: skip
-"""One number of a whole field."""
+"""Quantities reduced over the whole field."""
 
 QUANTITIES: dict[str, Quantity] = {**_ALONE, **{q.name: q for q in OVER_THE_FIELD}}
-"""All of them by their names."""
+"""All quantities by name."""
 
 
 def described(quantities: Iterable[Quantity]) -> Callable[[T], T]:
-    """Class decorator: attributes that bear the names of quantities are explained as the vocabulary does.
+    """Document attributes named after quantities with the vocabulary; class decorator.
 
     >>> @described([QUANTITIES["h_px"]])
     ... class Seen:
@@ -396,5 +398,5 @@ def described(quantities: Iterable[Quantity]) -> Callable[[T], T]:
 
 
 def explained(q: Quantity) -> str:
-    """Title, meaning and equation of a quantity in one line."""
+    """Return title, meaning and equation of a quantity in one line."""
     return f"{q.title}: {q.meaning}" + (f" ({q.equation})" if q.equation else "")

@@ -1,8 +1,9 @@
-"""Pictures and video in and out.
+"""Input and output of images and videos.
 
-Pictures are at hand here; video is imported from its own modules, since FFmpeg is heavy: ``video`` reads
-files and ``writer`` writes them, ``live`` reads cameras and streams, ``outputs`` are pipes, streams and
-windows, and ``process`` leads from the one to the other.
+Images are available here; video is imported from its own modules, since FFmpeg is slow to import:
+``video.reader`` reads files and ``video.writer`` writes them, ``live.sources`` reads cameras and
+streams, ``live.outputs`` contains pipes, streams and windows, and ``processing`` connects a source
+to a sink.
 """
 
 from .pictures.images import read_image, write_image

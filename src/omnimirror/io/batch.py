@@ -1,4 +1,4 @@
-"""Many files at once: which they are, what they become, and the work done side by side."""
+"""Batch processing of files: expansion of inputs, names of outputs, and parallel execution."""
 
 from __future__ import annotations
 
@@ -16,50 +16,50 @@ from ..base.native import usable_cores
 from . import interrupts
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
-"""What is taken from a folder, by suffix."""
+"""Suffixes of the images in a folder that are processed."""
 READABLE = (*PICTURES, ".gif", ".pgm", ".ppm", ".pnm", ".jp2")
-"""The same, where pictures are only looked at: of these, none is written."""
+"""Suffixes of readable images, including formats that are not written."""
 VIDEOS_WRITTEN = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 VIDEOS = (*VIDEOS_WRITTEN, ".avi", ".mpg", ".mpeg")
-"""What is taken for a video, by suffix."""
+"""Suffixes of videos."""
 
 
 class Job(NamedTuple):
-    """One file's work."""
+    """Task for one file."""
 
     name: str
-    """For messages."""
+    """Name for messages."""
     run: Callable[[], object]
-    """Does it, or raises."""
+    """Function that performs the task, or raises."""
 
 
 @dataclass
 class Results:
-    """What became of many jobs; every one is in exactly one of the lists."""
+    """Results of several jobs; each job is in exactly one of the lists."""
 
     done: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
-    """What went wrong, in one sentence, by the name of the job."""
+    """Error messages by the names of the jobs."""
     not_begun: list[str] = field(default_factory=list)
-    """What was left undone when someone asked to stop."""
+    """Jobs that were not started because of an interruption."""
     stopped_by: int = 0
-    """The exit code of who asked, as :func:`omnimirror.io.interrupts.exit_code` gives it."""
+    """Exit code of the interruption, as from :func:`omnimirror.io.interrupts.exit_code`."""
 
     @property
     def exit_code(self) -> int:
-        """0 if everything was done, 130 after Ctrl-C, 143 after SIGTERM, 1 otherwise."""
+        """Exit code: 0 if all jobs are done, 130 after Ctrl-C, 143 after SIGTERM, otherwise 1."""
         return self.stopped_by if self.not_begun else 1 if self.failed else 0
 
 
 def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = PICTURES) -> list[Path]:
-    """The files that names, folders and patterns such as ``*.jpg`` stand for, each once, in order.
+    """Expand names, folders and patterns such as ``*.jpg`` to files, each once, in order.
 
-    A folder stands for the files in it with one of ``suffixes``.
+    A folder expands to its files with one of ``suffixes``.
 
     Raises
     ------
     MediaError
-        For what stands for no file.
+        A name or pattern matches no file.
     """
     found: dict[Path, None] = {}
     for pattern in patterns:
@@ -79,7 +79,7 @@ def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = PICT
 
 
 def output_for(source: str | Path, folder: str | Path, suffix: str | None = None) -> Path:
-    """What a file becomes in a folder: the same name, perhaps with another suffix.
+    """Return the output path of a file in a folder: the same name, optionally with another suffix.
 
     >>> output_for("raw/a.jpg", "out", ".png").as_posix()
     'out/a.png'
@@ -87,7 +87,7 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     Raises
     ------
     MediaError
-        If that is the file itself.
+        The output would be the file itself.
     """
     source = Path(source)
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
@@ -97,12 +97,12 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
 
 
 def outputs_for(sources: Sequence[Path], folder: str | Path, suffix: str | None = None) -> list[Path]:
-    """What files become in a folder, each under a name of its own.
+    """Return the output paths of several files in a folder, all different.
 
     Raises
     ------
     MediaError
-        If two of them would become the same file, or one would be written over by its own result.
+        Two outputs would have the same path, or an output would overwrite an input.
     """
     taken: dict[Path, Path] = {}
     for source in sources:
@@ -116,18 +116,18 @@ def outputs_for(sources: Sequence[Path], folder: str | Path, suffix: str | None 
 def run_parallel(
     jobs: Sequence[Job], workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """Do many jobs side by side in threads; one that fails leaves the others alone.
+    """Run jobs in parallel threads; the failure of one does not affect the others.
 
-    Reading, straightening and writing pictures all let go of Python's lock, so that threads are enough.
-    On Ctrl-C or SIGTERM no further job is begun, and those under way are finished.
+    Threads are sufficient, since reading, dewarping and writing release the global interpreter
+    lock. After Ctrl-C or SIGTERM no further job is started, and running jobs are completed.
 
     Parameters
     ----------
     jobs
     workers
-        Threads; as many as this process may use cores where not given.
+        Number of threads; by default the number of available cores.
     progress
-        Told how many are done or failed, and of how many, in the caller's thread.
+        Called in the thread of the caller with the number of finished or failed jobs and the total.
     """
     results = Results()
     count = max(1, min(workers or usable_cores(), len(jobs) or 1))
@@ -162,7 +162,7 @@ def _sort(future: Future[bool], job: Job, results: Results) -> None:
 
 
 def _sentence(error: BaseException) -> str:
-    """One sentence, also of an error that nobody foresaw: the others' results must not go down with it."""
+    """Return an error message, also for unexpected errors, which must not discard other results."""
     if isinstance(error, OmnimirrorError):
         return str(error)
     if isinstance(error, OSError):

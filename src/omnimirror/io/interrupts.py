@@ -1,8 +1,9 @@
-"""Signals that end work, deferred to a safe moment: Ctrl-C, SIGTERM of service managers, SIGHUP of closed terminals.
+"""Deferred handling of termination signals: Ctrl-C, SIGTERM of service managers, SIGHUP of closed
+terminals.
 
-Python raises KeyboardInterrupt between any two steps of the main thread, also while it holds the lock of a
-queue that it shares with other threads, which then wait for ever. Work that is shared among threads asks
-from time to time instead.
+Python raises KeyboardInterrupt between any two steps of the main thread, possibly while it holds
+the lock of a queue shared with other threads, which then deadlock. Multithreaded work polls for
+signals instead.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-POLL_S = 0.1  # how long anything waits before it asks again
+POLL_S = 0.1  # polling period of all waits
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 HANGUP = getattr(signal, "SIGHUP", None)
 BY_SIGNAL = 128
-"""Added to a signal's number for exit codes (130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP); as shells do."""
+"""Offset of signal numbers in exit codes (130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP),
+as in shells.
+"""
 
 _pending = threading.Event()
 _number: int = signal.SIGINT
@@ -26,10 +29,12 @@ _is_signal = False
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Note signals within the block instead of raising them; a second one is raised at once, except for SIGHUP.
+    """Record signals within the block instead of raising them; a second one is raised at once,
+    except SIGHUP.
 
-    Terminals and service managers send SIGHUP after another signal, which must not cut off the end of the work; where
-    it is ignored, as by nohup, it stays so. Outside the main thread, to which signals never come, nothing changes.
+    Terminals and service managers send SIGHUP after another signal, which must not interrupt the
+    cleanup; an ignored SIGHUP, as under nohup, stays ignored. Outside the main thread, which alone
+    receives signals, this has no effect.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -50,7 +55,9 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def postponed() -> Iterator[None]:
-    """Note signals within the block, as :func:`deferred` does, and send the noted one again after it."""
+    """Record signals within the block, as :func:`deferred` does, and resend a recorded one after
+    it.
+    """
     with deferred():
         yield
         code = exit_code()
@@ -59,22 +66,22 @@ def postponed() -> Iterator[None]:
 
 
 def is_pending() -> bool:
-    """Whether someone asked to stop and was not answered yet."""
+    """Return whether a stop was requested and not yet handled."""
     return _pending.is_set()
 
 
 def exit_code() -> int:
-    """The exit code for who was asked to stop; 0 where nobody asked."""
+    """Return the exit code of the requested stop; 0 without a request."""
     return BY_SIGNAL + _number if _pending.is_set() else 0
 
 
 def is_signal() -> bool:
-    """Return whether a signal asked to stop, and not only :func:`request`."""
+    """Return whether a signal requested the stop, and not only :func:`request`."""
     return _pending.is_set() and _is_signal
 
 
 def request() -> None:
-    """Do as Ctrl-C does, from any thread."""
+    """Request a stop as Ctrl-C does, from any thread."""
     _note(signal.SIGINT, None)
 
 

@@ -1,4 +1,4 @@
-"""Views that move: values at certain times, and what lies between them."""
+"""Keyframes of moving views, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -21,25 +21,27 @@ Interpolation = Literal["smooth", "linear"]
 
 TIME = "time_s"
 NAMES = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "distance_mm")
-"""What can be given, unless the caller allows other names."""
+"""Valid names, unless the caller specifies others."""
 TURNING = ("pan_deg", "roll_deg")
-"""Angles that come round again after 360 deg: they turn the short way, and are told from -180 to 180."""
+"""Angles with a period of 360 deg: interpolated the short way round, and returned in -180 to 180
+deg.
+"""
 WITHOUT_ZERO = ("hfov_deg", "distance_mm")
-"""Names for which 0 is not a value: the first keyframe must contain them if a later one does."""
+"""Names without a default of 0: the first keyframe must contain them if a later one does."""
 
 
 @dataclass(frozen=True)
 class Keyframes:
-    """Values over time.
+    """Values as functions of time.
 
     Parameters
     ----------
     tracks
-        By name, pairs of time (s) and value in the order of time. Before the first and after the last
-        of them the value stays.
+        Pairs of time (s) and value by name, in the order of time. The value is constant before the
+        first and after the last pair.
     interpolation
-        ``"smooth"``: gently in and out of every keyframe, and never beyond the values of its neighbours;
-        ``"linear"``.
+        ``"smooth"``: smooth acceleration at every keyframe, without overshoot beyond neighbouring
+        values; ``"linear"``.
 
     Examples
     --------
@@ -55,17 +57,20 @@ class Keyframes:
     def load(cls, path: str | Path, names: Sequence[str] = NAMES) -> Keyframes:
         """Read a CSV or a TOML file.
 
-        A CSV has a head with ``time_s`` and any of ``names``. A TOML has ``[[keyframe]]`` tables with the
-        same entries and, optionally, ``interpolation = "linear"`` before them.
+        A CSV file has a header with ``time_s`` and any of ``names``. A TOML file has
+        ``[[keyframe]]`` tables with the same entries, optionally preceded by ``interpolation =
+        "linear"``.
 
-        A position or angle missing in the first keyframe is 0 there; a field of view or a distance must be
-        given in the first keyframe if a later one contains it. A value missing in a later keyframe is
-        interpolated between the neighbouring keyframes that contain it, and after the last of them it stays.
+        A position or angle missing in the first keyframe is 0 there; a field of view or a distance
+        must be given in the first keyframe if a later one contains it. A value missing in a later
+        keyframe is interpolated between the neighbouring keyframes that contain it, and is constant
+        after the last of them.
 
         Raises
         ------
         MediaError
-            No such file, or an entry that is missing, unknown or wrong; the message names the line.
+            The file does not exist, or an entry is missing, unknown or invalid; the message names
+            the line.
 
         Examples
         --------
@@ -79,7 +84,7 @@ class Keyframes:
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)
 
     def at(self, time_s: float) -> dict[str, float]:
-        """The values at a time (s), by name."""
+        """Interpolate the values at a time (s), by name."""
         return {name: self._value(name, time_s) for name in self.tracks}
 
     def _value(self, name: str, time_s: float) -> float:
@@ -91,7 +96,7 @@ class Keyframes:
 
     @cached_property
     def _curves(self) -> dict[str, tuple[list[float], list[float], Callable[[float], float]]]:
-        """Times, values without jumps of 360 deg, and the curve through them."""
+        """Times, values without jumps of 360 deg, and their interpolants."""
         curves = {}
         for name, points in self.tracks.items():
             times, values = [time for time, _ in points], [value for _, value in points]
@@ -103,8 +108,8 @@ class Keyframes:
 
 def _curve(times: list[float], values: list[float], interpolation: Interpolation) -> Callable[[float], float]:
     if interpolation == "smooth" and len(times) > 1:
-        # Slopes that never overshoot (Fritsch and Butland), level at both ends: a view that starts and
-        # stops gently, and an angle that stays within what was asked for.
+        # Slopes without overshoot (Fritsch and Butland), zero at both ends: the motion starts and
+        # stops smoothly, and angles stay within the given range.
         points = list(zip(times, values, strict=True))
         slopes = [0.0, *(_slope(*points[i - 1 : i + 2]) for i in range(1, len(points) - 1)), 0.0]
         return lambda time: _hermite(time, times, values, slopes)
@@ -133,11 +138,11 @@ def _hermite(time: float, times: list[float], values: list[float], slopes: list[
     )
 
 
-# -- files -------------------------------------------------------------------------------------------
+# -- files ---------------------------------------------------------------------------------------
 
 
 def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES) -> Keyframes:
-    """Keyframes of a CSV text; lines that begin with # are comments.
+    """Parse keyframes of a CSV text; lines that start with # are comments.
 
     >>> parse_csv("time_s,pan_deg\\n0,0\\n2,90").at(1.0)
     {'pan_deg': 45.0}
@@ -161,7 +166,7 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
 
 
 def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAMES) -> Keyframes:
-    """Keyframes of a TOML text.
+    """Parse keyframes of a TOML text.
 
     >>> parse_toml("[[keyframe]]\\ntime_s = 0\\npan_deg = 5").at(1.0)
     {'pan_deg': 5.0}
@@ -178,7 +183,7 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
 def keyframes_of(
     data: dict[str, Any], source: str = "keyframes", names: Sequence[str] = NAMES, lines: Sequence[int] = ()
 ) -> Keyframes:
-    """Keyframes of a table of a TOML file, and perhaps the lines in which they begin.
+    """Convert a table of a TOML file to keyframes, optionally with their line numbers.
 
     >>> keyframes_of({"keyframe": [{"time_s": 0, "pan_deg": 5}]}).at(1.0)
     {'pan_deg': 5.0}

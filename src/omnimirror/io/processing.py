@@ -1,4 +1,6 @@
-"""From a source through a picture function to a sink, with reading and writing in threads of their own."""
+"""Processing of videos: a reader yields frames, a function transforms them, and a sink writes them,
+in threads.
+"""
 
 from __future__ import annotations
 
@@ -21,31 +23,35 @@ from .video.writer import Sink
 Pixels = Literal["picture", "planes", "frame"]
 Made = av.VideoFrame | Image | Planes
 PictureFunction = Callable[[Any, float], Made]
-"""A picture (h, w, 3), planes, or a frame, and its time (s), to another picture, planes, or a finished frame."""
+"""Function of an image (h, w, 3), planes, or a frame, and its time (s); returns an image, planes,
+or a frame.
+"""
 
 Prepared = tuple[Item, Image | Planes | av.VideoFrame | None]
-"""A frame with what the function takes, or a packet of sound with nothing."""
+"""Frame with the input of the function, or audio packet with None."""
 
 
 class Outcome(NamedTuple):
-    """What became of it."""
+    """Result of :func:`process`."""
 
     frames: int
     elapsed_s: float
     exit_code: int = 0
-    """0 where it came to its end; 130 where Ctrl-C ended it, 143 where SIGTERM did, and what was done is kept."""
+    """Exit code: 0 for a complete run, 130 after Ctrl-C, 143 after SIGTERM; processed frames are
+    kept.
+    """
 
     is_signal: bool = False
-    """Whether a signal ended it, and not the window of a preview that was closed."""
+    """True if a signal stopped the run, and not the closing of a preview window."""
 
     @property
     def stopped(self) -> bool:
-        """Whether it was ended before its end."""
+        """True if the run was stopped early."""
         return self.exit_code != 0
 
     @property
     def rate(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         return self.frames / max(self.elapsed_s, 1e-9)
 
 
@@ -58,41 +64,42 @@ def process(
     total: int | None = None,
     ahead: int = 4,
 ) -> Outcome:
-    """Put every frame through a function, in order; packets of sound pass by untouched.
+    """Apply a function to every frame, in order; audio packets pass unchanged.
 
-    Reading, the function and writing overlap, each in its own thread, with the function in the caller's.
-    Ctrl-C or SIGTERM ends the source: what was done is written and kept, and a second one gives up. A
-    damaged source is treated alike, and its error raised at the end. In every case the sink has been
-    closed, or given up, when this returns.
+    Reading, processing and writing overlap in separate threads, with the function in the thread of
+    the caller. Ctrl-C or SIGTERM ends the source: processed frames are written and kept; a second
+    signal aborts. A damaged source is handled likewise, and its error is raised at the end. In all
+    cases the sink is closed or aborted on return.
 
     Parameters
     ----------
     items
-        Frames and packets, as :meth:`VideoReader.items` or :meth:`LiveSource.frames` gives them.
+        Frames and packets, as from :meth:`VideoReader.items` or :meth:`LiveSource.frames`.
     sink
-        Such as a :class:`VideoWriter`.
+        Sink, such as a :class:`VideoWriter`.
     function
-        Called as ``function(picture, time_s)``. What it returns must be memory of its own, since it is
-        written while the next frame is made; :func:`omnimirror.io.video.frames.empty_frame` spares a copy.
+        Called as ``function(picture, time_s)``. The result must have memory of its own, since it is
+        written while the next frame is processed; :func:`omnimirror.io.video.frames.empty_frame`
+        avoids a copy.
     pixels
-        ``"picture"``: it takes (h, w, 3) uint8, red, green, blue. ``"planes"``: it takes (y, u, v), or
-        (y, uv) of NV12, as :func:`omnimirror.io.video.frames.planes` gives them, without any conversion
-        unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame with
-        planes of whatever depth and colour resolution the source has, which also tells how they are coded, such as
+        Input of the function. ``"picture"``: (h, w, 3) uint8, red, green, blue. ``"planes"``: (y,
+        u, v), or (y, uv) of NV12, as from :func:`omnimirror.io.video.frames.planes`, without
+        conversion for sources of 4:2:0 with 8 bits. ``"frame"``: the frame with planes of the bit
+        depth and chroma subsampling of the source and its colour coding, as for
         :func:`omnimirror.dewarp.frames.dewarp_frame`.
     progress
-        Told a few times a second, and at the end.
+        Called a few times per second, and at the end.
     total
-        Frames to expect, for the time left.
+        Expected number of frames, for the remaining time.
     ahead
-        Frames that wait between two threads, at most. 0 reads in the caller's thread: for live sources,
-        which have a thread already and whose frames must not wait.
+        Maximum number of frames queued between two threads. 0 reads in the thread of the caller:
+        for live sources, which have their own thread and whose frames must not wait.
 
     Raises
     ------
     MediaError
-        The source is damaged, after all that could be read has been written; or the sink cannot be
-        written. Errors of the function are passed on, and give the sink up.
+        The source is damaged, raised after all readable frames are written; or the sink fails.
+        Errors of the function are passed on, and abort the sink.
     """
     meter = Meter(progress, total)
     with interrupts.deferred():
@@ -119,7 +126,9 @@ def process(
 
 
 def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
-    """Items of a file, each frame held back until its time has come: for a camera, a stream or a window to show."""
+    """Yield the items of a file in real time, each frame at its presentation time: for cameras,
+    streams and windows.
+    """
     start = None
     for item in items:
         if isinstance(item, av.VideoFrame):
@@ -130,7 +139,7 @@ def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
 
 
 def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: Meter) -> None:
-    """Everything from the source through the function to the writing thread, until it ends or is asked to."""
+    """Process all items of the source until its end or a requested stop."""
     for item, pixels_of_item in source:
         if isinstance(item, av.VideoFrame):
             writing.put(as_frame(function(pixels_of_item, item.time or 0.0), item))
@@ -142,14 +151,14 @@ def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writi
 
 
 class _SourceProblem(Exception):
-    """An error of the source, told apart from those of the function."""
+    """Error of the source, distinguished from errors of the function."""
 
     def __init__(self, error: MediaError) -> None:
         self.error = error
 
 
 def _prepared(item: Item, pixels: Pixels) -> Prepared:
-    """An item with what the function takes; None for sound."""
+    """Return an item with the input of the function; None for audio."""
     if not isinstance(item, av.VideoFrame):
         return item, None
     if pixels == "picture":
@@ -162,7 +171,7 @@ def _prepared(item: Item, pixels: Pixels) -> Prepared:
 
 
 class _Reading:
-    """Reads ahead in a thread of its own."""
+    """Reader of queued items in a separate thread."""
 
     def __init__(self, items: Iterable[Item], pixels: Pixels, ahead: int) -> None:
         self._waiting: queue.Queue[Prepared | BaseException | None] = queue.Queue(ahead)
@@ -189,12 +198,12 @@ class _Reading:
             for item in items:
                 if not self._put(_prepared(item, pixels)):
                     break
-        except BaseException as e:  # handed over, and raised where the frames are taken
+        except BaseException as e:  # passed on, and raised in the consuming thread
             self._put(e)
         self._put(None)
 
     def _put(self, item: Prepared | BaseException | None) -> bool:
-        """Whether there was still someone to take it."""
+        """Queue an item; return False if the consumer has stopped."""
         while not self._stopping.is_set():
             with suppress(queue.Full):
                 self._waiting.put(item, timeout=interrupts.POLL_S)
@@ -202,13 +211,13 @@ class _Reading:
         return False
 
     def stop(self) -> None:
-        """Take no more, and wait until the source has been let go."""
+        """Stop, and wait until the source is released."""
         self._stopping.set()
         self._thread.join()
 
 
 class _Writing:
-    """Writes in a thread of its own, what is put, in order."""
+    """Writer of queued items in order, in a separate thread."""
 
     def __init__(self, sink: Sink, ahead: int) -> None:
         self._sink = sink
@@ -219,7 +228,7 @@ class _Writing:
         self._thread.start()
 
     def put(self, item: Item | None) -> None:
-        """Hand over the next frame or packet; an error of the sink is raised here."""
+        """Queue the next frame or packet; raise an error of the sink."""
         while self._error is None:
             with suppress(queue.Full):
                 self._waiting.put(item, timeout=interrupts.POLL_S)
@@ -231,7 +240,7 @@ class _Writing:
             item = self._waiting.get()
             if item is None:
                 return
-            if self._error is not None:  # take the rest, so that nobody waits
+            if self._error is not None:  # drain the queue, so no producer blocks
                 continue
             try:
                 if isinstance(item, av.VideoFrame):
@@ -242,7 +251,9 @@ class _Writing:
                 self._error = e
 
     def finish(self, may_be_empty: bool = False) -> None:
-        """Write what waits, and close the sink; where nothing was written it may be given up instead."""
+        """Write the queued items and close the sink; without frames, the sink may be aborted
+        instead.
+        """
         self.put(None)
         self._thread.join()
         if self._error is not None:
@@ -254,7 +265,7 @@ class _Writing:
             self._sink.close()
 
     def give_up(self) -> None:
-        """Forget what waits, and give the sink up."""
+        """Discard the queued items and abort the sink."""
         if self._is_over:
             return
         self._error = self._error or MediaError("given up")

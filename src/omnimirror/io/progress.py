@@ -1,4 +1,4 @@
-"""How far it is: frames counted, and told now and then."""
+"""Progress of frame processing: counting and periodic reports."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 REPORT_EVERY_S = 0.2
-RATE_OVER_S = 5.0  # the rate is that of the last few seconds
+RATE_OVER_S = 5.0  # averaging time of the rate
 
 
 class FrameProgress(NamedTuple):
-    """How far it is."""
+    """Progress of frame processing."""
 
     done: int
-    """Frames."""
+    """Number of processed frames."""
     total: int | None
-    """Frames to expect; None where nobody knows."""
+    """Expected number of frames; None if unknown."""
     rate: float
-    """Frames a second, of late."""
+    """Recent frames per second."""
     elapsed_s: float
     left_s: float | None
 
 
 class Meter:
-    """Counts frames, and reports now and then."""
+    """Counter of frames with periodic reports."""
 
     def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:
         self._progress, self._total = progress, total
@@ -35,11 +35,11 @@ class Meter:
 
     @property
     def elapsed_s(self) -> float:
-        """Since it was made, s."""
+        """Elapsed time since creation, s."""
         return time.monotonic() - self._start
 
     def step(self) -> None:
-        """One frame more."""
+        """Count one frame."""
         self.done += 1
         now = time.monotonic()
         if now - self._reported >= REPORT_EVERY_S:
@@ -47,7 +47,7 @@ class Meter:
             self.report()
 
     def report(self) -> None:
-        """Tell how far it is."""
+        """Report the progress."""
         if self._progress is None:
             return
         now = time.monotonic()

@@ -78,7 +78,7 @@ def test_options_stand_in_their_groups_and_each_once():
     headings = [line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")]
     assert headings[0] == "Options:"
     assert len(headings) >= 7
-    camera = shown.split("Which camera it was:")[1].split("\n\n")[0]
+    camera = shown.split("Camera model:")[1].split("\n\n")[0]
     assert "--ocam" in camera
     assert "--crf" not in camera
     flags = [line.split()[0].rstrip(",") for line in shown.splitlines() if line.startswith("  -")]

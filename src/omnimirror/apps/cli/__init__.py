@@ -1,4 +1,4 @@
-"""The command line: one module per command, imported when its command runs."""
+"""Command-line interface: one module per command, imported when its command runs."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ COMMANDS = {
     "reproduce": "Reproduce the figures and numbers of the paper.",
     "demo": "Evaluate, simulate and dewarp a sensor, and write a report.",
 }
-"""Every command with its one line of help."""
+"""Summary of each command for ``--help``."""
 ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
@@ -61,13 +61,15 @@ ROOMS = {
     "interop": {"colmap", "maps", "rays"},
     "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
-"""In which room of :mod:`omnimirror.apps.cli.commands` the module of a command's name stands; it holds ``command``."""
+"""Package of :mod:`omnimirror.apps.cli.commands` that contains the module of each command; the
+module defines ``command``.
+"""
 SERVERS = {"serve", "studio", "view"}
-"""What these and their processes say belongs on standard error as it is."""
+"""Commands whose own messages, and those of their processes, pass unchanged to standard error."""
 
 
 class LazyGroup(click.Group):
-    """Imports a command's module only when the command is asked for, so that ``--help`` is instant."""
+    """Command group that imports the module of a command only on use, for a fast ``--help``."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -91,9 +93,9 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
-        except BrokenPipeError:  # without a number, by which click would end with 1
+        except BrokenPipeError:  # without errno, for which click would exit with code 1
             raise BrokenPipeError("the reader has gone") from None
-        except Terminated as e:  # no ^C stands on the line that click would end
+        except Terminated as e:  # no ^C on the terminal line
             raise click.exceptions.Abort from e
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -108,23 +110,23 @@ class LazyGroup(click.Group):
 @click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
-    """Design, evaluate, simulate and calibrate omnidirectional mirror sensors, and dewarp their images."""
+    """Design, evaluate, simulate and calibrate omnidirectional sensors, and dewarp images."""
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run a command; every error ends as one sentence on standard error and a non-zero exit code.
+    """Run a command; report every error as one sentence on standard error and a non-zero exit code.
 
-    The process is left as it was: signal handlers, environment, warning filters and streams are restored.
+    Signal handlers, environment, warning filters and streams of the process are restored.
 
     Parameters
     ----------
     args
-        Words of the command line; those of the program by default.
+        Arguments of the command line; ``sys.argv`` by default.
 
     Raises
     ------
     SystemExit
-        The command has failed, or was stopped by a signal.
+        The command failed, or a signal stopped it.
     """
     began = time.perf_counter()
     is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))
@@ -139,10 +141,10 @@ def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) ->
         sys.stdout.flush()
         if is_verbose:
             click.echo(_spent(time.perf_counter() - began), err=True)
-    except KeyboardInterrupt:  # before the command has begun, or after its end
+    except KeyboardInterrupt:  # before the command started, or after its end
         _say("stopped")
         sys.exit(stopped_code())
-    except BrokenPipeError:  # the reader (head, less) has seen enough
+    except BrokenPipeError:  # the reader (head, less) closed the pipe
         forget_output()
         sys.exit(0)
     except Exception as e:
@@ -157,12 +159,14 @@ def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) ->
 
 
 def _say(sentence: str) -> None:
-    with suppress(OSError):  # the terminal was closed, which is what SIGHUP tells
+    with suppress(OSError):  # SIGHUP: the terminal is closed
         click.echo(f"omnimirror: {sentence}", err=True)
 
 
 def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
-    """Whether ``--debug`` and ``--verbose`` are among the words, and those without; ``--quiet`` goes to the front."""
+    """Split off global options: return ``--debug``, ``--verbose`` and the other words, ``--quiet``
+    first.
+    """
     end = words.index("--") if "--" in words else len(words)
     ours, rest = words[:end], words[end:]
     asked = [name in ours for name in ("--debug", "--verbose", "--quiet")]
@@ -171,7 +175,7 @@ def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
 
 
 def _spent(seconds: float) -> str:
-    """What a run took, and by what it was done: a line for a report of a fault."""
+    """Format the run time, the versions and the backend for a bug report."""
     import platform
 
     import numpy as np
@@ -183,9 +187,10 @@ def _spent(seconds: float) -> str:
 
 
 def _is_interruption(error: BaseException) -> bool:
-    """Return whether an error comes from a signal.
+    """Return whether a signal caused an error.
 
-    The interpreter wraps KeyboardInterrupt around ``__set_name__``, and C extensions turn it into ImportError.
+    The interpreter wraps KeyboardInterrupt around ``__set_name__``, and C extensions convert it to
+    ImportError.
     """
     chain: list[BaseException] = [error]
     for link in chain:
@@ -196,7 +201,9 @@ def _is_interruption(error: BaseException) -> bool:
 
 
 def explained(error: Exception) -> tuple[str, int]:
-    """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
+    """Return the message and the exit code of an error: 2 for wrong usage, 1 for other known
+    errors.
+    """
     if isinstance(error, click.exceptions.Abort) or _is_interruption(error):
         return "stopped", stopped_code()
     match error:

@@ -1,4 +1,6 @@
-"""What every command has: help with options in groups, examples and a page that tells more; no output on an input."""
+"""Commands with grouped options, examples and a documentation page; outputs must not overwrite
+inputs.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from .outputs import refuse_losses
 
 
 class GroupedOption(click.Option):
-    """An option that is listed below the heading of its group."""
+    """Option that is listed under the heading of its group."""
 
     def __init__(self, *declarations: Any, group: str, **attributes: Any) -> None:
         super().__init__(*declarations, **attributes)
@@ -18,14 +20,14 @@ class GroupedOption(click.Option):
 
 
 class DocumentedCommand(click.Command):
-    """A command with a page of the documentation and at least one example.
+    """Command with a documentation page and at least one example.
 
     Parameters
     ----------
     page
-        Of docs/, without ``.md``.
+        Page in docs/, without ``.md``.
     examples
-        Lines as one types them.
+        Examples as complete command lines.
     """
 
     def __init__(self, *args: Any, page: str, examples: tuple[str, ...], **attributes: Any) -> None:
@@ -42,9 +44,7 @@ class DocumentedCommand(click.Command):
             record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
             if record is not None:
                 groups.setdefault(getattr(option, "group", "Options"), []).append(record)
-        if (
-            len(groups) == 2 and len(groups["Options"]) <= 2
-        ):  # a heading of its own for -o and -h would only tear them off
+        if len(groups) == 2 and len(groups["Options"]) <= 2:  # only -o and -h
             groups = {"Options": [record for records in reversed(groups.values()) for record in records]}
         for title, records in groups.items():
             with formatter.section(title):
@@ -53,6 +53,6 @@ class DocumentedCommand(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_epilog(ctx, formatter)
         with formatter.section("Examples" if len(self.examples) > 1 else "Example"):
-            for example in self.examples:  # as it is: what is wrapped cannot be copied
+            for example in self.examples:  # unwrapped, for copying
                 formatter.write(f"{'':>{formatter.current_indent}}{example}\n")
         formatter.write(f"\nMore: docs/{self.page}.md\n")

@@ -1,4 +1,6 @@
-"""Where a command's words and files go; ``-`` is standard output, and the words then stand on standard error."""
+"""Output of commands: printed text and files; with ``-`` for standard output, text goes to standard
+error.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,12 @@ _TAKEN, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
 
 
 class Output(click.Path):
-    """A file to write, or ``-`` for standard output.
+    """Output file, or ``-`` for standard output.
 
     Parameters
     ----------
     formats
-        What can be written to standard output besides text, the first unless ``--format`` says another.
+        Binary formats for standard output; the first is the default of ``--format``.
     """
 
     def __init__(self, formats: tuple[str, ...] = ()) -> None:
@@ -53,12 +55,12 @@ class Output(click.Path):
 
 
 def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: click.Context | None = None) -> Path:
-    """Let one output have standard output; the name under which a picture of this kind is written to it.
+    """Reserve standard output for one output; return the name for an image of this kind.
 
     Raises
     ------
     click.UsageError
-        Another output has it, or it is a terminal and the output a picture.
+        Standard output is already reserved, or it is a terminal and the output an image.
     """
     meta = (ctx or click.get_current_context()).meta
     if meta.setdefault(_TAKEN, option) != option:
@@ -69,12 +71,12 @@ def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: cl
 
 
 def refuse_losses(ctx: click.Context) -> None:
-    """Refuse two outputs in one file, and one in a file that the command is given to read.
+    """Raise an error for two outputs in one file, or for an output that overwrites an input.
 
     Raises
     ------
     click.UsageError
-        What would be written last would be all that is left.
+        A file would be written twice, or an input overwritten.
     """
     written: dict[Path, str] = {}
     read: list[Path] = []
@@ -85,7 +87,7 @@ def refuse_losses(ctx: click.Context) -> None:
             continue
         name = parameter.opts[0] if isinstance(parameter, click.Argument) else max(parameter.opts, key=len)
         for path in paths:
-            if os.path.exists(path) and not os.path.isfile(path):  # devices and pipes take all that comes
+            if os.path.exists(path) and not os.path.isfile(path):  # devices and pipes
                 continue
             if written.setdefault(path.absolute(), name) != name:
                 raise click.UsageError(f"{written[path.absolute()]} and {name} would both be written to {path}")
@@ -95,29 +97,31 @@ def refuse_losses(ctx: click.Context) -> None:
 
 
 def _paths(value: Any) -> list[Path]:
-    """What may name files among the values of an option or argument, any text: ``os.path`` answers for all of it."""
+    """Return possible file names among the values of an option or argument: any text, as for
+    ``os.path``.
+    """
     if isinstance(value, tuple | list):
         return [path for part in value for path in _paths(part)]
     return [Path(value)] if isinstance(value, str | Path) else []
 
 
 def write_standard_output_as(kind: str) -> None:
-    """Of which kind ``-`` is, where another option than ``--format`` of :func:`format_option` says so."""
+    """Set the format of ``-`` for an option other than ``--format`` of :func:`format_option`."""
     click.get_current_context().meta[_FORMAT] = kind
 
 
 def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Callable[[F], F]:
-    """An option that names a file to write."""
+    """Return an option for an output file."""
     return click.option(*names, type=Output(formats), **more)
 
 
 def json_option(help: str = "Write the table.") -> Callable[[F], F]:
-    """The option ``--json``, for numbers as other programs read them."""
+    """Return the option ``--json`` for machine-readable numbers."""
     return output_option("--json", "json_file", help=help)
 
 
 def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
-    """The option ``--format``, of what is written to standard output."""
+    """Return the option ``--format``, the format of standard output."""
 
     def remember(ctx: click.Context, _: click.Parameter, value: str | None) -> None:
         if value is not None:
@@ -133,20 +137,20 @@ def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
 
         return click.option(
             "--format", type=click.Choice(formats), is_eager=True, expose_value=False, callback=remember,
-            help=f"What '-' writes to standard output.  [default: {formats[0]}]",
+            help=f"Format of '-' (standard output).  [default: {formats[0]}]",
         )(checked)  # type: ignore[return-value]  # fmt: skip
 
     return decorate
 
 
 def takes_standard_output() -> bool:
-    """Whether a file is being written to standard output, so that words belong elsewhere."""
+    """Return whether a file is written to standard output and text must go elsewhere."""
     context = click.get_current_context(silent=True)
     return context is not None and _TAKEN in context.meta
 
 
 class Terminal(Console):
-    """A console that leaves it to the application to end quietly when the reader has gone."""
+    """Console that leaves a closed pipe to the application."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
@@ -157,9 +161,10 @@ class Terminal(Console):
 
 
 def output_console() -> Console:
-    """The terminal as it is; a pipe or a file gets lines as long as they need to be.
+    """Return the console: of normal width on a terminal, without wrapping for pipes and files.
 
-    Words are printed as they are, names with brackets or colons too: styles come as :class:`rich.text.Text`.
+    Text is printed without markup, including names with brackets or colons; styles are
+    :class:`rich.text.Text`.
     """
     stream = sys.stderr if takes_standard_output() else sys.stdout
     width = None if stream.isatty() else 200
@@ -167,26 +172,26 @@ def output_console() -> Console:
 
 
 def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
-    """Print a line that is not wrapped, parts of it in a style: ``say("Wrote ", ("a.csv", "bold"))``."""
+    """Print a line without wrapping, parts of it styled: ``say("Wrote ", ("a.csv", "bold"))``."""
     plain = [terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1]) for part in parts]
     (console or output_console()).print(Text.assemble(*plain), soft_wrap=True)
 
 
 def remark(text: str) -> None:
-    """Say on standard error what happened by the way, unless nothing is to be said."""
+    """Print a remark on standard error, unless ``--quiet`` is given."""
     if not is_quiet():
         click.echo(terminal_text(text), err=True)
 
 
 def say_written(*paths: Path | None, console: Console | None = None) -> None:
-    """Say which files were written, of those that were asked for and can be looked for afterwards."""
+    """Print the names of written files, except streams and outputs that were not requested."""
     for path in paths:
         if path and not is_standard_output(path):
             say("Wrote ", (str(path), "bold"), console=console)
 
 
 def head(name: str, unit: str | None = None) -> str:
-    """Head of a column, as the vocabulary has it: what it is, over its unit.
+    """Return the head of a column: title above unit.
 
     >>> head("omega_deg"), head("filled", "%")
     ('Ω\\ndeg', 'aperture filled\\n%')
@@ -196,7 +201,9 @@ def head(name: str, unit: str | None = None) -> str:
 
 
 def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -> Table:
-    """A table without lines: numbers to the right, words to the left; neither numbers nor the first column break."""
+    """Return a table without lines: right-aligned numbers, left-aligned text, no wrapped numbers or
+    first column.
+    """
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
     for i, heading in enumerate(heads):
         is_words = heading in words
@@ -205,9 +212,11 @@ def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -
 
 
 def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:
-    """Columns of numbers under headings of several lines, each row as soon as it is made.
+    """Print columns of numbers under multi-line headings, each row immediately after its
+    computation.
 
-    It prints what a plain :class:`rich.table.Table` of right-aligned columns would, ten thousand rows as well.
+    The output is that of a plain :class:`rich.table.Table` with right-aligned columns, for any
+    number of rows.
     """
     told, cells = [list(heading) for heading in headings], list(columns)
     widths = [max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)]
@@ -223,13 +232,13 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
 
 
 def notice(sentence: object) -> None:
-    """Print a sentence about the course of a command on standard error, even where ``--quiet`` is given."""
+    """Print a status message on standard error, even with ``--quiet``."""
     click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
 
 
 @contextmanager
 def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
-    """A bar of frames and how many a second, on a terminal only; what is given tells it how far it is."""
+    """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
         TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
@@ -242,7 +251,7 @@ def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
 
 
 def progress_bar(console: Console) -> Progress:
-    """A bar with a description, on a terminal only; it leaves nothing behind."""
+    """Return a transient progress bar with a description, for terminals only."""
     return Progress(
         TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console,
         transient=True, disable=not console.is_terminal,

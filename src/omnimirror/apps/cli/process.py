@@ -1,4 +1,6 @@
-"""State of the process during a command: signal handlers, environment and streams, all restored at its end."""
+"""Process state during a command: signal handlers, environment and streams, all restored at its
+end.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +18,28 @@ from typing import Any
 from .streams import prepared
 
 BY_SIGNAL = 128
-"""Added to the number of the signal that ended a command, for its exit code (a convention of shells)."""
+"""Offset of exit codes after a signal (shell convention)."""
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that end a command as Ctrl-C does, which Python raises by itself."""
+"""Signals handled like Ctrl-C, for which Python raises KeyboardInterrupt."""
 AGAIN_S = 0.05
 
 _number: int = signal.SIGINT
 
 
 class Terminated(KeyboardInterrupt):
-    """A signal of a service manager or a closed terminal; it ends a command as Ctrl-C does."""
+    """Termination by a service manager or a closed terminal, handled like Ctrl-C."""
 
 
 def stopped_code() -> int:
-    """Return the exit code of a command that was stopped: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP."""
+    """Return the exit code of an interrupted command: 130 after Ctrl-C, 143 after SIGTERM, 129
+    after SIGHUP.
+    """
     return BY_SIGNAL + _number
 
 
 @contextmanager
 def process_state(is_quiet: bool) -> Iterator[None]:
-    """Prepare the process for a command; what is changed in it is restored at the end.
+    """Prepare the process for a command and restore its state at the end.
 
     Parameters
     ----------
@@ -54,7 +58,9 @@ def process_state(is_quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def _signals() -> Iterator[None]:
-    """Raise :class:`Terminated` at signals that end the process; those that are ignored, as under nohup, stay so."""
+    """Raise :class:`Terminated` on termination signals; ignored signals, as under nohup, stay
+    ignored.
+    """
     global _number
     _number = signal.SIGINT
     if threading.current_thread() is not threading.main_thread():
@@ -66,7 +72,7 @@ def _signals() -> Iterator[None]:
     again: list[threading.Timer] = []
 
     def unraisable(lost: Any) -> None:
-        """Send a signal again whose exception came where Python cannot raise it, such as in a destructor."""
+        """Resend a signal whose exception Python could not raise, for example in a destructor."""
         if isinstance(lost.exc_value, KeyboardInterrupt):
             again.append(threading.Timer(AGAIN_S, os.kill, (os.getpid(), _number)))
             again[-1].start()
@@ -80,19 +86,20 @@ def _signals() -> Iterator[None]:
     try:
         yield
     finally:
-        for timer in again:  # the command has ended: a signal now would end the process without its exit code
+        for timer in again:  # the command has ended: a late signal would replace its exit code
             timer.cancel()
         sys.unraisablehook = hook
         for number, handler in before.items():
-            if handler is not None:  # None: installed by C code, which alone could restore it
+            if handler is not None:  # None: installed by C code, cannot be restored from Python
                 signal.signal(number, handler)
 
 
 class _Stop:
-    """Handler that raises :class:`Terminated`, once: systemd and terminals send two signals in a row.
+    """Handler that raises :class:`Terminated` once: systemd and terminals send two signals in
+    succession.
 
-    The second must not cut off what cleans up after the first. It is raised again only once the first exception is
-    gone, because something has swallowed it.
+    The second signal must not interrupt the cleanup after the first. It is raised only if the first
+    exception was suppressed.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,6 @@
-"""The three standard streams of a command, whatever the shell has made of them: closed, ASCII, or spoken into."""
+"""Standard streams of a command, robust against closed streams, ASCII encodings and output of
+libraries.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,11 @@ from ...base.errors import OmnimirrorWarning
 
 _QUIET = "omnimirror.quiet"
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
-"""How a terminal that lacks a character shows it."""
+"""Replacements of characters that a terminal cannot display."""
 
 
 class Closed(io.TextIOBase):
-    """Standard output that the caller has closed: a word to it is an error."""
+    """Closed standard output: writing raises an error."""
 
     encoding = "utf-8"
 
@@ -33,15 +35,16 @@ class Closed(io.TextIOBase):
 
 @contextmanager
 def prepared(is_quiet: bool) -> Iterator[None]:
-    """Make the streams usable within the block: open, able to show any name, and free of what libraries print.
+    """Make the streams usable within the block: open, with any character, and free of library
+    output.
 
     Parameters
     ----------
     is_quiet
-        Suppress warnings of Python except :class:`OmnimirrorWarning`, and messages of libraries in C, since the error
-        message of the command describes what is wrong with a file.
+        Suppress Python warnings except :class:`OmnimirrorWarning`, and messages of C libraries,
+        since the error message of the command describes the problem of a file.
     """
-    for number in range(3):  # or a file that is opened next would become standard output
+    for number in range(3):  # otherwise the next opened file would become standard output
         try:
             os.fstat(number)
         except OSError:
@@ -77,10 +80,10 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 @contextmanager
 def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
-    """Standard error on a descriptor of its own; what libraries print on number 2 within the block is discarded."""
+    """Move standard error to a descriptor of its own and discard library output on descriptor 2."""
     try:
         is_standard = stream.fileno() == 2
-    except (OSError, ValueError):  # a stream of a test has no descriptor
+    except (OSError, ValueError):  # streams of tests have no descriptor
         is_standard = False
     if not is_standard:
         yield stream
@@ -92,7 +95,7 @@ def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
 
 @contextmanager
 def _discarded(number: int) -> Iterator[None]:
-    """Discard what is written to a descriptor within the block."""
+    """Discard output to a descriptor within the block."""
     kept, nothing = os.dup(number), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, number)
@@ -104,7 +107,7 @@ def _discarded(number: int) -> Iterator[None]:
 
 
 def _spelled(error: UnicodeError) -> tuple[str, int]:
-    """What to show for characters that a stream cannot, in ASCII."""
+    """Return an ASCII replacement for characters that a stream cannot encode."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(map(_plain, error.object[error.start : error.end])), error.end
@@ -113,24 +116,24 @@ def _spelled(error: UnicodeError) -> tuple[str, int]:
 def _plain(character: str) -> str:
     if character in SPELLED:
         return SPELLED[character]
-    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8
+    if "\udc80" <= character <= "\udcff":  # byte of a file name that is not UTF-8
         return f"\\x{ord(character) - 0xDC00:02x}"
     ascii = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
     return ascii or character.encode("ascii", "backslashreplace").decode()
 
 
 def forget_output() -> None:
-    """Discard what waits to be written to standard output: its reader has gone."""
+    """Discard the buffered standard output after its reader has closed the pipe."""
     with suppress(OSError, ValueError, AttributeError), _discarded(sys.stdout.fileno()):
         sys.stdout.flush()
 
 
 def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    """What the option ``--quiet`` does: tables, words and bars are left out; files, warnings and errors stay."""
+    """Apply ``--quiet``: omit tables, text and progress bars; keep files, warnings and errors."""
     ctx.meta[_QUIET] = value
 
 
 def is_quiet() -> bool:
-    """Whether nothing is said but what went wrong."""
+    """Return whether only warnings and errors are printed."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_QUIET))

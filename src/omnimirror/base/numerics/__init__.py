@@ -1,1 +1,1 @@
-"""Roots, minima, and the largest of many functions made small: what several rooms need."""
+"""Numerical methods: root finding, minimisation, minimax optimisation and polynomials."""

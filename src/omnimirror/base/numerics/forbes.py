@@ -1,4 +1,4 @@
-"""Forbes's polynomials of aspheres about the axis, whose slopes are orthogonal (Opt. Express 15, 5218; 18, 13851)."""
+"""Forbes polynomials of rotationally symmetric aspheres (Opt. Express 15, 5218; 18, 13851)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ Array = NDArray[np.float64]
 
 
 def qbfs_values(u: ArrayLike, count: int) -> Array:
-    """Values (n, count) of ``u^2 (1 - u^2) Q_m(u^2)`` at shares u (n,) of the rim's radius, m from 0.
+    """Compute ``u^2 (1 - u^2) Q_m(u^2)``, (n, count), at normalised radii u (n,), m from 0.
 
-    The terms of an asphere about its best-fit sphere, along the normal of that. Over the angle asin(u) the mean square
-    of their slopes is the sum of the squares of their coefficients.
+    These are the terms of an asphere relative to its best-fit sphere, along the normal of the
+    sphere. The mean square slope over the angle asin(u) is the sum of the squared coefficients.
 
     >>> qbfs_values([0.5], 3).round(6)  # Q0 = 1, Q1 = (13 - 16 u^2)/sqrt(19)
     array([[0.1875  , 0.387139, 0.238047]])
     """
+    # Recurrences of Forbes (Opt. Express 18, 13851), which make the slopes orthonormal, x = u^2:
+    # P_m = (2 - 4 x) P_(m-1) - P_(m-2), Q_m = (P_m - g_(m-1) Q_(m-1) - h_(m-2) Q_(m-2)) / f_m.
     x = np.asarray(u, dtype=float) ** 2
     p, q = [2.0 + 0 * x, 6.0 - 8.0 * x], [1.0 + 0 * x, (13.0 - 16.0 * x) / np.sqrt(19.0)]
     f, g = [2.0, np.sqrt(19.0) / 2], [-0.5]

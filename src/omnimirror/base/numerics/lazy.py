@@ -1,4 +1,4 @@
-"""Values that an object works out when they are first asked for, and keeps."""
+"""Lazily computed and cached attributes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ T = TypeVar("T")
 
 
 class cached_property(Generic[T]):
-    """As :class:`functools.cached_property` from Python 3.12 on: without its lock.
+    """Cached property without a lock, as :class:`functools.cached_property` since Python 3.12.
 
-    Before, one lock per property was shared by all objects of a class and held while a value was worked out. Two
-    threads that needed two properties of each other's sensors then waited for ever. Here both work a value out
-    that both need first; what is frozen gives both the same.
+    Earlier versions hold one lock per property, shared by all objects of a class, during the
+    computation. Two threads that each need a property of the other's sensor then deadlock. Here
+    both threads may compute a value on first use; for frozen objects both obtain the same value.
 
     >>> class Circle:
     ...     radius = 2.0
@@ -39,6 +39,7 @@ class cached_property(Generic[T]):
         if instance is None:
             return self
         found = self._work_out(instance)
-        # Having no ``__set__``, the descriptor is not asked again. What another thread kept first is kept.
+        # Without ``__set__``, the instance dictionary takes precedence. Another thread's value is
+        # kept.
         kept: T = instance.__dict__.setdefault(self._name, found)
         return kept

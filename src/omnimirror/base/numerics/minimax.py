@@ -1,12 +1,12 @@
-"""The largest of many smooth functions made small: a sequence of linear programmes with a trust region.
+"""Minimax optimisation of smooth functions: sequential linear programming with a trust region.
 
-At each point the functions are taken for straight; the linear programme
+At each point the functions are linearised; the linear programme
 
-    least t   so that   g_i + J_i d <= t,   c_j + K_j d <= 0,   |d| <= trust
+    min t   subject to   g_i + J_i d <= t,   c_j + K_j d <= 0,   |d| <= trust
 
-finds the step that presses the largest one down most within the trust region, which grows where the
-straight functions foretold well and shrinks where they did not (Madsen and Schjaer-Jacobsen 1978). Where
-as many functions touch the optimum as there are variables, convergence is quadratic.
+yields the step with the largest predicted decrease of the maximum within the trust region. The
+region grows after accurate predictions and shrinks otherwise (Madsen and Schjaer-Jacobsen 1978). If
+as many functions are active at the optimum as there are variables, convergence is quadratic.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
-FORETOLD_WELL = 0.9  # of the gain; a step that brings less is tried again with what it showed of the curvature
-NOTHING = 1e-10  # gain that ends the search where the optimum is 0
-FEW_ROWS = 1000  # programmes of no more are solved at once, as quickly
-KEPT = 1e-10  # a row that is violated by no more is kept
+FORETOLD_WELL = 0.9  # fraction of the predicted gain; otherwise second-order correction
+NOTHING = 1e-10  # gain that ends the search if the optimum is 0
+FEW_ROWS = 1000  # smaller programmes are solved without row selection
+KEPT = 1e-10  # feasibility tolerance of a row
 PENALTY = 100.0  # price of a violated constraint, in units of the objective
 
 
 class Rows(NamedTuple):
-    """Functions at a point and their derivatives: (r,) to be made small, (c,) to be kept at 0 or below."""
+    """Functions and their derivatives at a point: objectives (r,), and constraints (c,) with c <=
+    0.
+    """
 
     objective: Array
     constraints: Array
@@ -44,17 +46,17 @@ class ObjectiveValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the sequence ended.
+    """Result of :func:`solve_minimax`.
 
     Attributes
     ----------
     y : (dim,)
     value
-        Largest function there (for a spread: half of largest minus least).
+        Largest function at y (for a spread: half the difference of maximum and minimum).
     violation
-        Largest constraint, 0 where all are kept.
+        Largest constraint violation, 0 for a feasible point.
     history
-        Value after each accepted step, the start first.
+        Value after each accepted step, including the start.
     """
 
     y: Array
@@ -79,21 +81,21 @@ def solve_minimax(
     Parameters
     ----------
     values, rows
-        The functions without and with their derivatives; values that are not finite are refused as a step.
+        Functions without and with their derivatives; steps to non-finite values are rejected.
     bounds
         Lowest and highest coordinates, (dim,) each.
     is_spread
-        Minimise half of largest minus least instead.
+        Minimise half the difference of maximum and minimum instead.
     tolerance
-        Relative decrease that is not worth another step.
+        Relative decrease below which the iteration stops.
     first_trust
-        Longest first step in every coordinate.
+        Maximum length of the first step in each coordinate.
     on_step
         Called with the value after every accepted step.
 
     Examples
     --------
-    The point whose greatest distance from 0 and 3 is least:
+    Minimise the maximum distance of a point from 0 and 3:
 
     >>> def values(y):
     ...     return ObjectiveValues(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
@@ -140,9 +142,11 @@ def minimise_mean(
     most_steps: int = 200,
     on_step: Callable[[float], None] | None = None,
 ) -> Minimum:
-    """Minimise a single smooth function under constraints: sequential quadratic programming (SciPy's SLSQP).
+    """Minimise a single smooth function under constraints: sequential quadratic programming
+    (SciPy's SLSQP).
 
-    As :func:`solve_minimax`, for an objective of one row; the least price met on the way is returned.
+    Arguments are those of :func:`solve_minimax`, for one objective; the result is the iterate of
+    lowest price.
     """
     from scipy.optimize import minimize
 
@@ -182,7 +186,7 @@ class _Price(NamedTuple):
 
 
 def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
-    """What a point costs: its value, and its violation of constraints at a price."""
+    """Return the price of a point: its value plus the penalty of constraint violations."""
     if not np.isfinite(v.objective).all() or not np.isfinite(v.constraints).all():
         return _Price(np.inf, np.inf, np.inf)
     value = float(np.ptp(v.objective)) / 2 if is_spread else float(v.objective.max())
@@ -191,7 +195,9 @@ def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
 
 
 def _bent(linear: Rows, ahead: ObjectiveValues, step: Array) -> Rows:
-    """The linear model moved so that it holds at the end of a step."""
+    """Return the linear model shifted to the exact values at the end of a step (second-order
+    correction).
+    """
     J, K = linear.objective_jacobian, linear.constraint_jacobian
     return Rows(ahead.objective - J @ step, ahead.constraints - K @ step, J, K)
 
@@ -199,14 +205,14 @@ def _bent(linear: Rows, ahead: ObjectiveValues, step: Array) -> Rows:
 def _programme(
     linear: Rows, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool
 ) -> tuple[Array, float]:
-    """The step (dim,) within the trust region, and the price that the linear model foretells for it."""
+    """Return the step (dim,) within the trust region, and its predicted price."""
     dim = y.size
     g, J = _within_reach(linear.objective, linear.objective_jacobian, trust, is_spread)
     c, K = linear.constraints, linear.constraint_jacobian
     near = c + trust * np.abs(K).sum(axis=1) > 0
     c, K = c[near], K[near]
     ones, zeros = np.ones((len(g), 1)), np.zeros((len(g), 1))
-    # unknowns: the step, t, the level of a spread, and how far constraints are violated
+    # unknowns: step, t, level of a spread, constraint violation
     A = [np.hstack([J, -ones, -ones if is_spread else zeros, zeros])]
     b = [-g]
     if is_spread:
@@ -224,7 +230,7 @@ def _programme(
 
 
 def _foremost(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Which of rows (n, dim) are the largest in the middle of a box or that of one of its sides."""
+    """Return the rows (n, dim) that are largest at the centre of a box or of one of its sides."""
     is_foremost = np.zeros(len(b), dtype=bool)
     if len(b):
         corners = np.vstack([np.zeros_like(low), np.diag(low), np.diag(high)])
@@ -235,11 +241,11 @@ def _foremost(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.bool_]:
 def _least(
     cost: Array, A: Array, b: Array, ranges: Sequence[tuple[float | None, float | None]], begin: NDArray[np.bool_]
 ) -> Array | None:
-    """The point within ranges where A x <= b and a linear cost is least; None where there is none.
+    """Solve a linear programme: minimum cost with A x <= b within ranges; None if infeasible.
 
-    Of the thousands of rows that sample a few smooth curves hardly more touch the optimum than there are unknowns: a
-    programme of few rows is solved, and those that its solution violates most, a peak of each curve, are added until
-    there are none.
+    Among thousands of rows that sample a few smooth curves, about as many are active at the optimum
+    as there are unknowns. A programme of few rows is solved, and the most violated rows, one peak
+    per curve, are added until the solution is feasible.
     """
     from scipy.optimize import linprog
 
@@ -257,7 +263,7 @@ def _least(
 
 
 def _within_reach(g: Array, J: Array, trust: float, is_spread: bool) -> tuple[Array, Array]:
-    """The rows that can become the largest within the trust region."""
+    """Return the rows that can become the largest within the trust region."""
     reach = trust * np.abs(J).sum(axis=1)
     keep = g + reach >= (g - reach).max()
     if is_spread:

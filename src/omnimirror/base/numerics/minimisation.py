@@ -1,7 +1,7 @@
-"""The lowest point of a function of one number that may have several valleys and kinks.
+"""Global minimisation of a scalar function with several minima and kinks.
 
-Worst-case merits are maxima of many smooth functions; they have kinks that defeat parabolas and can have more than
-one valley.
+Worst-case merits are maxima of many smooth functions: their kinks prevent parabolic interpolation,
+and they can have more than one minimum.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Found: TypeAlias = tuple[Array, Array, NDArray[Any]]
 Slopes = Callable[[Array], Found]
-"""Of places: the largest of many smooth functions, its derivative, and which of them it is; all of the shape of the
-places."""
+"""Maximum of many smooth functions at given positions, its derivative, and the index of the largest
+function; all of the shape of the positions.
+"""
 Rows: TypeAlias = NDArray[np.intp] | slice
 End: TypeAlias = tuple[float, ...]
-"""Of a bracket: a place, and the value, derivative and index there."""
+"""End of a bracket: position, and the value, derivative and index there."""
 
 MOST_STEPS = 60
-EDGE = 1e-3  # of a bracket, which every step cuts off at least
-HALVING = 4  # every so many steps the bracket is halved, whatever the tangents say
+EDGE = 1e-3  # minimum fraction of a bracket removed by each step
+HALVING = 4  # period of bisection steps
 
 
 def lowest(function: Callable[[float], float], low: float, high: float, scan: int = 129) -> float:
-    """Where ``function`` is least between low and high: a scan, then golden sections in the best valley.
+    """Minimise a scalar function on [low, high] by a grid scan and golden-section search.
 
     >>> round(lowest(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
     0.3
@@ -43,7 +44,7 @@ def lowest(function: Callable[[float], float], low: float, high: float, scan: in
     golden = (5**0.5 - 1) / 2
     c, d = b - golden * (b - a), a + golden * (b - a)
     fc, fd = function(c), function(d)
-    rounding = 4 * np.finfo(float).eps * max(abs(a), abs(b))  # an interval this narrow cannot shrink any more
+    rounding = 4 * np.finfo(float).eps * max(abs(a), abs(b))  # floating-point resolution
     while b - a > max(1e-10 * (high - low), rounding):
         if fc < fd:
             b, d, fd = d, c, fc
@@ -57,9 +58,10 @@ def lowest(function: Callable[[float], float], low: float, high: float, scan: in
 
 
 def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, close: float = 1e-11) -> float:
-    """Where a function whose derivative is known is least between low and high, to ``close`` of the interval.
+    """Minimise a scalar function with known derivative on [low, high], to a relative tolerance
+    ``close``.
 
-    A scan finds the valleys; all whose tangents reach below the best place of the scan are gone down.
+    A grid scan brackets the minima; those with tangents below the best grid point are refined.
 
     >>> def kinks(x):
     ...     both = np.stack([(x - 0.2) ** 2, 0.5 - x])
@@ -76,19 +78,21 @@ def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, c
     (xa, fa, ga, _), (xb, fb, gb, _) = a, b
     valleys = (ga < 0) & (gb > 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # height at which the tangents at both ends meet
+        meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # tangent intersection
     lowest = int(seen[1].argmin())
     valleys &= meet < seen[1, lowest]
     ends = [(tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)]
     found = [_bottom(*both, close * (high - low), worst) for both in ends]
-    if len(ends) == 1 and x[lowest] in (ends[0][0][0], ends[0][1][0]):  # it lies below both ends of its bracket
+    if len(ends) == 1 and x[lowest] in (ends[0][0][0], ends[0][1][0]):  # below both ends
         return found[0]
     tried = np.array([*found, x[lowest]])
     return float(tried[worst(tried)[0].argmin()])
 
 
 def _bottom(a: End, b: End, close: float, worst: Slopes) -> float:
-    """As :func:`bottoms`, of one function: by plain numbers, which cost a fifth of arrays of one."""
+    """Minimise one function as :func:`bottoms` does; scalars take 20 % of the time of arrays of
+    length 1.
+    """
     for step in range(1, MOST_STEPS + 1):
         (xa, fa, ga, ja), (xb, fb, gb, jb) = a, b
         width = xb - xa
@@ -107,13 +111,15 @@ def _bottom(a: End, b: End, close: float, worst: Slopes) -> float:
 
 
 def bottoms(a: Array, b: Array, close: float | Array, worst: Callable[[Array, Rows], Found]) -> Array:
-    """Where functions that fall at a and rise at b are least, to within ``close``.
+    """Minimise functions that decrease at a and increase at b, to within ``close``.
 
-    Both ends are (4, ...) arrays: places, and the value, derivative and index that ``worst`` found there. It is asked
-    for some places and told of which rows they are: once few are left, of these only.
+    Both ends are (4, ...) arrays: position, and the value, derivative and index from ``worst``.
+    ``worst`` is called with positions and the indices of their rows; when few rows remain, with
+    these only.
 
-    Each function is the largest of many smooth ones. Where the tangents at both ends meet is a good guess
-    for the kink between two of them; where one is the largest at both ends, the zero of its derivative is.
+    Each function is the maximum of many smooth ones. The intersection of the tangents at both ends
+    approximates the kink between two of them; if one function is the largest at both ends, the zero
+    of its derivative is used.
     """
     for step in range(1, MOST_STEPS + 1):
         width = b[0] - a[0]
@@ -133,8 +139,12 @@ def bottoms(a: Array, b: Array, close: float | Array, worst: Callable[[Array, Ro
 
 
 def _between(a: Array, b: Array, width: Array) -> Array:
-    """The next places: where tangents meet, or cross zero, within their brackets; else the middle."""
+    """Return the next positions: tangent intersections or zeros within their brackets, otherwise
+    midpoints.
+    """
     (x, fa, ga, ja), (_, fb, gb, jb) = a, b
+    # The tangents fa + ga s and fb + gb (s - w) intersect at s = (fb - fa - gb w) / (ga - gb). If one
+    # function is the largest at both ends, the secant zero of its derivative is -ga w / (gb - ga).
     with np.errstate(divide="ignore", invalid="ignore"):
         step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
     good = np.isfinite(step) & (ga < 0) & (gb > 0)

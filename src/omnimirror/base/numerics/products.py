@@ -1,4 +1,4 @@
-"""Products with small matrices that stay in the thread that asks for them."""
+"""Matrix products with small matrices in the thread of the caller."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 LARGEST = 1 << 17
-"""Multiplications of one product; from twice as many on OpenBLAS shares them out."""
+"""Maximum number of multiplications per product; OpenBLAS uses threads from twice as many."""
 
 
 def product(rows: NDArray[Any], matrix: NDArray[Any]) -> NDArray[Any]:
-    """``rows @ matrix`` of many rows (n, d) and a matrix (d, k), k at least 2, in pieces.
+    """Compute ``rows @ matrix`` for many rows (n, d) and a matrix (d, k), k at least 2, in blocks.
 
-    OpenBLAS shares large products out among threads of its own. Those wait busily for more, a tenth of a second long,
-    and it mixes up the rows of several callers now and then (0.3.31, some rows in one call of forty with three).
+    OpenBLAS distributes large products over its own threads. These spin for 0.1 s after each
+    product, and occasionally mix up rows of concurrent callers (0.3.31, some rows in one of 40
+    calls with three threads).
 
     >>> product(np.ones((3, 2)), np.array([[1.0, 2.0], [3.0, 4.0]]))
     array([[4., 6.],

@@ -1,4 +1,6 @@
-"""What there is of a kind by name: what comes with the package, and what others add to it."""
+"""Registries of named objects: bundled, from entry points of other packages, and registered at run
+time.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +17,21 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, T], Generic[T]):
-    """Things of a kind by name, in order: our own, those that packages bring, those that were registered.
+    """Named objects of one kind, in the order: bundled, from installed packages, registered.
 
-    An installed package brings some by entry points, in a group of its ``pyproject.toml``; one is imported when it is
-    first looked up, so that names can be listed without importing anything.
+    Installed packages provide objects by entry points, in a group of their ``pyproject.toml``. An
+    entry point is imported on first access, which allows listing names without imports.
 
     Parameters
     ----------
     group
-        Of entry points, such as ``"omnimirror.mirrors"``.
+        Group of entry points, such as ``"omnimirror.mirrors"``.
     what
-        In words, for errors: "a mirror".
+        Kind of object for error messages: "a mirror".
     ours
-        What comes with the package.
+        Bundled objects.
     check
-        Called with a name and a thing; raises what is wrong with it.
+        Called with a name and an object; raises an error for invalid ones.
 
     Examples
     --------
@@ -43,15 +45,16 @@ class Registry(Mapping[str, T], Generic[T]):
         self.group, self.what, self._check = group, what, check
         self._ours = frozenset(ours)
         self._known: dict[str, T] = dict(ours)
-        self._named: set[str] = set()  # broken ones that were warned of
+        self._named: set[str] = set()  # broken entry points with a previous warning
 
     def register(self, name: str, thing: T) -> None:
-        """Add a thing under a name of its own; one that is defined anew, as in a notebook, takes its own place.
+        """Register an object under a unique name; redefinition of the same object, as in a
+        notebook, replaces it.
 
         Raises
         ------
         InvalidParameter
-            The name is taken, or the thing is none of the kind.
+            The name is taken, or the object is invalid.
         """
         self._check(name, thing)
         if not isinstance(name, str) or not name:
@@ -61,12 +64,12 @@ class Registry(Mapping[str, T], Generic[T]):
         self._known[name] = thing
 
     def withdraw(self, name: str) -> None:
-        """Forget what was registered under a name.
+        """Remove a registered object.
 
         Raises
         ------
         InvalidParameter
-            Nothing was, or it is one of ours.
+            The name is not registered, or the object is bundled.
         """
         if name in self._ours or name not in self._known:
             raise InvalidParameter(f"{shown(name)} was not registered as {self.what}")
@@ -87,11 +90,11 @@ class Registry(Mapping[str, T], Generic[T]):
         return name in self._known or name in self._offered
 
     def items(self) -> ItemsView[str, T]:
-        """Those that can be used, with their names; what a package brings that cannot is named in a warning, once."""
+        """Return the usable objects with their names; a broken entry point causes one warning."""
         return self._usable().items()
 
     def values(self) -> ValuesView[T]:
-        """Those that can be used, as :meth:`items`."""
+        """Return the usable objects, as :meth:`items`."""
         return self._usable().values()
 
     def _usable(self) -> dict[str, T]:
@@ -114,12 +117,12 @@ class Registry(Mapping[str, T], Generic[T]):
         try:
             thing: T = point.load()
             self._check(point.name, thing)
-        except Exception as e:  # whatever another package raises while it is imported
+        except Exception as e:  # any error in the import of another package
             named = f"{self.what} {point.name!r} of {package} ({point.value})"
             raise OmnimirrorError(f"{named} cannot be used: {e}") from e
         return thing
 
 
 def _place(thing: Any) -> tuple[str, str]:
-    """Where a class or function was defined."""
+    """Return the location of the definition of a class or function."""
     return getattr(thing, "__module__", ""), getattr(thing, "__qualname__", repr(thing))

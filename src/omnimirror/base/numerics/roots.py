@@ -1,4 +1,6 @@
-"""Roots in brackets: of many increasing functions at once, and of one function that may jump."""
+"""Bracketed root finding: many increasing functions at once, and one function that may be
+discontinuous.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-NEWTON_CLOSE = 1e-9  # a Newton step this small (relative) leaves an error of about its square
+NEWTON_CLOSE = 1e-9  # relative Newton step whose error is about its square
 BISECTION_CLOSE = 4 * np.finfo(float).eps
-MAX_STEPS = 200  # bisection alone needs 52
+MAX_STEPS = 200  # bisection alone requires 52
 
 
 def increasing_root(
@@ -24,9 +26,9 @@ def increasing_root(
     function
         Maps x (n,) to f (n,) and df/dx (n,); f increases with x.
     low, high, start : (n,) arrays
-        Bracket and first guess of each root.
+        Bracket and initial value of each root.
     scale
-        Size of x against which steps count as small.
+        Reference magnitude of x for the relative step size.
 
     Examples
     --------
@@ -51,10 +53,10 @@ def increasing_root(
 
 
 def sign_change(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
-    """Return the place between ``low`` and ``high`` where a function starts or ceases to be negative.
+    """Return the position between ``low`` and ``high`` at which a function changes its sign.
 
-    Unlike SciPy's ``brentq`` alone it accepts NaN, which counts as not negative, and ends where rounding hides the
-    change: the end where the function is nearest to 0 is then returned.
+    Unlike SciPy's ``brentq`` it accepts NaN, which counts as non-negative. If rounding hides the
+    change of sign, the end with the smaller absolute value is returned.
 
     >>> round(sign_change(lambda x: x * x - 2, 0.0, 2.0, 1e-12), 9)
     1.414213562

@@ -1,4 +1,6 @@
-"""Zernike polynomials, as Noll numbers and scales them (J. Opt. Soc. Am. 66, 207, 1976): rms 1 over the unit disk."""
+"""Zernike polynomials with Noll's numbering and scaling (J. Opt. Soc. Am. 66, 207, 1976): RMS 1
+over the unit disk.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def noll(j: int) -> tuple[int, int]:
-    """Order n and signed frequency m of Noll's term j; cosines have m >= 0.
+    """Return order n and signed frequency m of Noll's term j; cosine terms have m >= 0.
 
     >>> [noll(j) for j in (1, 2, 3, 4, 5, 6, 11)]
     [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (4, 0)]
@@ -25,7 +27,7 @@ def noll(j: int) -> tuple[int, int]:
 
 
 def terms_of(order: int) -> int:
-    """How many terms there are up to an order.
+    """Return the number of terms up to an order.
 
     >>> terms_of(6)
     28
@@ -34,16 +36,18 @@ def terms_of(order: int) -> int:
 
 
 def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
-    """Values (n, t) of Noll's terms at points (n,) of the unit disk.
+    """Compute the values (n, t) of Noll's terms at points (n,) of the unit disk.
 
     >>> zernike_values([0.0, 1.0], [0.0, 0.0], [4])[:, 0].round(4)  # sqrt(3) (2 r^2 - 1)
     array([-1.7321,  1.7321])
     """
     from scipy.special import eval_jacobi
 
+    # R_n^m(r) = r^m P_k^(0,m)(2 r^2 - 1) with the Jacobi polynomial of degree k = (n - m) / 2, and
+    # r^m cos(m phi), r^m sin(m phi) are the real and imaginary parts of z^m.
     z = np.asarray(x, dtype=float) + 1j * np.asarray(y, dtype=float)
     argument = 2 * np.abs(z) ** 2 - 1
-    radial: dict[tuple[int, int], Array] = {}  # of sine and cosine alike
+    radial: dict[tuple[int, int], Array] = {}  # shared by sine and cosine
     around: dict[int, NDArray[np.complex128]] = {0: np.ones_like(z)}
     values = np.empty((len(z), len(terms)))
     for column, j in enumerate(terms):
@@ -58,7 +62,7 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
 
 
 def power_place(i: int, j: int) -> int:
-    """Where ``x^i y^j`` stands among the powers: those of one order after one another, y growing.
+    """Return the index of ``x^i y^j`` among the powers: by order, then by increasing power of y.
 
     >>> [power_place(*ij) for ij in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))]
     [0, 1, 2, 3, 4, 5]
@@ -68,7 +72,8 @@ def power_place(i: int, j: int) -> int:
 
 @lru_cache(maxsize=4)
 def zernike_powers(order: int) -> Array:
-    """Coefficients (terms, terms) of the powers of x and y (columns) in each of Noll's terms (rows) up to an order.
+    """Return the coefficients (terms, terms) of powers of x and y (columns) in Noll's terms (rows)
+    up to an order.
 
     >>> zernike_powers(4)[3, [0, 3, 5]].round(4)  # Z4 = sqrt(3) (2 r^2 - 1)
     array([-1.7321,  3.4641,  3.4641])
@@ -78,6 +83,7 @@ def zernike_powers(order: int) -> Array:
     for row in range(terms):
         n, m = noll(row + 1)
         scale = sqrt(n + 1) * (sqrt(2.0) if m else 1.0)
+        # R_n^m = sum_s (-1)^s (n - s)! / (s! ((n + m)/2 - s)! ((n - m)/2 - s)!) r^(n - 2 s)
         for s in range((n - abs(m)) // 2 + 1):
             a = (-1) ** s * factorial(n - s) / factorial(s)
             a /= factorial((n + abs(m)) // 2 - s) * factorial((n - abs(m)) // 2 - s)

@@ -1,4 +1,4 @@
-"""Where frames go other than to a file: an address, a pipe, a virtual camera, a window."""
+"""Outputs other than files: network streams, pipes, virtual cameras and windows."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from ..video.formats import Kind
 from ..video.frames import Image, Siting, converted, image_of_frame, is_full_range, planes, siting_of
 
 STREAM_FORMATS = {"udp": "mpegts", "tcp": "mpegts", "http": "mpegts", "rtsp": "rtsp", "rtmp": "flv", "srt": "mpegts"}
-"""How a stream is packed, by the scheme of its address."""
+"""Container format of a stream by the scheme of its address."""
 LIVE_OPTIONS = {"libx264": {"tune": "zerolatency", "preset": "veryfast"}, "libx265": {"tune": "zerolatency"}}
-KEY_FRAME_EVERY_S = 1.0  # whoever comes late sees nothing before the next one
+KEY_FRAME_EVERY_S = 1.0  # maximum delay until a new viewer receives an image
 VIRTUAL_CAMERAS = Path("/sys/devices/virtual/video4linux")
 
 
 def stream_format(url: str) -> str:
-    """How a stream to an address is packed; an address to which nothing can be streamed is refused."""
+    """Return the container format for an address; raise an error for unsupported schemes."""
     scheme, separator, _ = url.partition("://")
     if not separator or scheme.lower() not in STREAM_FORMATS:
         raise MediaError(f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}")
@@ -40,24 +40,24 @@ def stream_format(url: str) -> str:
 
 
 class SinkBase:
-    """What sinks have in common: leaving the block closes them, after an error too, and sound is forgotten."""
+    """Base class of sinks: closed at the end of the block, also on errors; without audio."""
 
     frames_written = 0
     siting: Siting = "left"
-    """Where readers of what is written take colour samples to lie."""
+    """Position of chroma samples that readers of the output assume."""
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Take the next frame."""
+        """Write the next frame."""
         raise NotImplementedError
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Forget a packet of sound."""
+        """Discard an audio packet."""
 
     def close(self) -> None:
-        """Finish."""
+        """Finish the output."""
 
     def abort(self) -> None:
-        """Stop at once."""
+        """Stop immediately."""
         self.close()
 
     def __enter__(self) -> Any:
@@ -73,19 +73,20 @@ class SinkBase:
 
 
 class StreamSink(SinkBase):
-    """Video sent to an address: MPEG-TS over UDP, TCP, HTTP or SRT, or a push to an RTSP or RTMP server.
+    """Video stream to an address: MPEG-TS over UDP, TCP, HTTP or SRT, or a push to an RTSP or RTMP
+    server.
 
     Parameters
     ----------
     url
-        For example ``udp://127.0.0.1:5000``; options of the protocol follow a question mark.
+        Address, for example ``udp://127.0.0.1:5000``; protocol options follow a question mark.
     size, frame_rate, **encoding
-        As for :class:`Encoder`; the encoder is told to hold nothing back.
+        As for :class:`Encoder`, in low-latency mode.
 
     Raises
     ------
     MediaError
-        The scheme is not known, or nobody answers.
+        The scheme is unknown, or the connection fails.
     """
 
     def __init__(self, url: str, size: tuple[int, int], frame_rate: Fraction | float, **encoding: Any) -> None:
@@ -97,7 +98,7 @@ class StreamSink(SinkBase):
             self._encoder = Encoder(url, size, frame_rate, container_format=packed_as, is_live=True, **encoding)
         self.siting = siting_of(codec)
         self.notes = [f"{url}: {self._encoder.lost}"] if self._encoder.lost else []
-        """What whoever asked for the stream should know of it, in sentences."""
+        """Remarks on the stream for the user, in sentences."""
         self._is_open = True
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -106,40 +107,42 @@ class StreamSink(SinkBase):
         self.frames_written += 1
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Pass on a packet of sound."""
+        """Write an audio packet."""
         self._encoder.copy(packet)
 
     def close(self) -> None:
-        """Send the rest and say goodbye."""
+        """Send the remaining data and close the connection."""
         if self._is_open:
             self._is_open = False
             self._encoder.finish()
 
     def abort(self) -> None:
-        """Stop at once."""
+        """Stop immediately."""
         if self._is_open:
             self._is_open = False
             self._encoder.discard()
 
 
 class PipeSink(SinkBase):
-    """Frames without any compression on a pipe, for another program to read.
+    """Uncompressed frames on a pipe, for another program.
 
     Parameters
     ----------
     kind
-        ``"y4m"``: YUV4MPEG2, which tells size, rate, depth and resolution of colours; ``"rawvideo"``: only pixels.
+        ``"y4m"``: YUV4MPEG2 with size, rate, bit depth and chroma subsampling in its header;
+        ``"rawvideo"``: pixels only.
     frame_rate : frames a second
-        Told by y4m.
+        Frame rate in the header of y4m.
     pixel_format
-        Of rawvideo: ``"rgb24"``, ``"bgr24"``, ``"gray"``, ``"yuv420p"`` and others that NumPy knows.
+        Pixel format of rawvideo: ``"rgb24"``, ``"bgr24"``, ``"gray"``, ``"yuv420p"`` and others
+        that NumPy supports.
     stream
-        Standard output where not given.
+        Output stream; standard output by default.
 
     Raises
     ------
     InvalidParameter
-        For another kind.
+        The kind is unknown.
     """
 
     def __init__(
@@ -157,14 +160,14 @@ class PipeSink(SinkBase):
         self._is_y4m, self._pixel_format = kind == "y4m", pixel_format
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Put a frame on the pipe.
+        """Write a frame to the pipe.
 
         Raises
         ------
         BrokenPipeError
-            The reader has gone away.
+            The reader closed the pipe.
         MediaError
-            Anything else that goes wrong with the pipe.
+            Other errors of the pipe.
         """
         try:
             if self._is_y4m:
@@ -182,7 +185,7 @@ class PipeSink(SinkBase):
 
     def _write_y4m(self, frame: av.VideoFrame) -> None:
         is_full = is_full_range(frame)
-        is_yuv = frame.format.name.startswith(("yuv", "nv"))  # pictures in red, green and blue go out for any reader
+        is_yuv = frame.format.name.startswith(("yuv", "nv"))  # RGB images are left-sited by default
         kind = replace(Kind.of(frame.format.name), alpha=False) if is_yuv else Kind()
         frame = frame if frame.format.name.replace("yuvj", "yuv") == kind.name else converted(frame, kind.name)
         if not self.frames_written:
@@ -198,7 +201,7 @@ class PipeSink(SinkBase):
 
 
 class VirtualCamera(SinkBase):
-    """A camera that other programs see, where the kernel has v4l2loopback.
+    """Virtual camera for other programs, if the kernel has v4l2loopback.
 
     Raises
     ------
@@ -220,31 +223,31 @@ class VirtualCamera(SinkBase):
         self._is_open = True
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Show a frame."""
+        """Output a frame."""
         self._encoder.encode(frame)
         self.frames_written += 1
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
         if self._is_open:
             self._is_open = False
             self._encoder.discard()
 
 
 class Preview(SinkBase):
-    """A window that shows the frames; Escape or q in it, or closing it, stops as Ctrl-C does.
+    """Preview window; Escape, q or closing the window stops as Ctrl-C does.
 
-    Nobody waits for it: while a frame is being drawn, others pass it by.
+    The window does not block: frames that arrive while another is drawn are dropped.
 
     Parameters
     ----------
     size : (width, height) px
-        Of the frames; the window is smaller where the screen is.
+        Size of the frames; the window is smaller on small screens.
 
     Raises
     ------
     MediaError
-        There is no display, or Python was installed without Tk.
+        There is no display, or Python has no Tk.
     """
 
     def __init__(self, size: tuple[int, int], title: str = "omnimirror") -> None:
@@ -256,7 +259,7 @@ class Preview(SinkBase):
         self._news = threading.Condition()
         self._is_over = False
         command = [sys.executable, "-m", "omnimirror.io.live.window", *map(str, size), title]
-        # In a session of its own: signals of a terminal are for the program that sends the pictures.
+        # In a session of its own, the window does not receive signals of the terminal.
         try:
             with interrupts.postponed():
                 self._window = Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, start_new_session=True)
@@ -293,7 +296,7 @@ class Preview(SinkBase):
                 break
             try:
                 pipe.write(picture.data)
-            except OSError:  # someone closed the window
+            except OSError:  # the window was closed
                 interrupts.request()
                 break
             self._newest = None
@@ -301,7 +304,7 @@ class Preview(SinkBase):
             pipe.close()
 
     def close(self) -> None:
-        """Close the window, once it has shown the last frame."""
+        """Close the window after the last frame."""
         with self._news:
             self._is_over = True
             self._news.notify()
@@ -313,9 +316,9 @@ class Preview(SinkBase):
 
 
 class Tee(SinkBase):
-    """Several sinks that take the same frames, such as a file and a preview.
+    """Several sinks for the same frames, such as a file and a preview.
 
-    Colours are sited for the first one.
+    Chroma is sited for the first sink.
     """
 
     def __init__(self, *sinks: Any) -> None:
@@ -323,27 +326,27 @@ class Tee(SinkBase):
         self.siting = sinks[0].siting
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Give the frame to all."""
+        """Write the frame to all sinks."""
         times = frame.pts, frame.time_base, frame.duration
         for sink in self._sinks:
-            frame.pts, frame.time_base, frame.duration = times  # a writer puts its own
+            frame.pts, frame.time_base, frame.duration = times  # writers set their own times
             sink.write(frame)
         self.frames_written += 1
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Give the packet to all, each its own: whoever writes it changes its times."""
+        """Write a copy of the packet to each sink, since writers change its times."""
         copies = [_copied(packet) for _ in self._sinks[1:]]
         for sink, own in zip(self._sinks, [packet, *copies], strict=True):
             sink.write_packet(own)
 
     def close(self) -> None:
-        """Close all; if one cannot be, the others are all the same."""
+        """Close all sinks, even if closing one of them fails."""
         with ExitStack() as all_of_them:
             for sink in reversed(self._sinks):
                 all_of_them.callback(sink.close)
 
     def abort(self) -> None:
-        """Give all up."""
+        """Abort all sinks."""
         for sink in self._sinks:
             sink.abort()
 

@@ -1,4 +1,4 @@
-"""What plays just now: a camera or a stream, found again when it is lost, or a file at its own speed, over and over."""
+"""Continuous playback: a camera or stream with reconnection, or a file in real time, repeated."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from .sources import LiveSource
 
 
 class Playing:
-    """The frames of a source, for as long as anyone wants them; taken in one thread, ended from any.
+    """Endless frames of a source; read in one thread, stopped from any thread.
 
     Parameters
     ----------
     place
-        An address, a camera, or the name of a file.
+        Address, camera, or name of a file.
     is_live
-        Whether it is a camera or a stream.
+        Whether the source is a camera or a stream.
     report
-        Told in a sentence when a stream is lost and when it is back.
+        Called with a sentence when a stream is lost and when it is restored.
     opening_s : s
-        How long to wait for a stream's first frame; what has played once is waited for without end.
+        Timeout for the first frame of a stream; a stream that has played is waited for without
+        limit.
     """
 
     def __init__(
@@ -34,23 +35,23 @@ class Playing:
     ) -> None:
         self.place, self.is_live = place, is_live
         self.siting: Siting = "left"
-        """Where colour samples lie in its frames; known with the first."""
+        """Position of chroma samples in the frames; known after the first one."""
         self.frame_rate: Fraction | None = None
-        """Frames a second, as far as it says so; known with the first."""
+        """Frames per second, if the source contains it; known after the first frame."""
         self._report, self._opening_s = report, opening_s
         self._stopping = threading.Event()
 
     def stop(self) -> None:
-        """Let the source go."""
+        """Stop the source."""
         self._stopping.set()
 
     def frames(self) -> Iterator[av.VideoFrame]:
-        """Each frame when its time has come.
+        """Yield each frame at its presentation time.
 
         Raises
         ------
         MediaError
-            There is no such source, or it never begins.
+            The source does not exist, or yields no frame.
         """
         return self._live() if self.is_live else self._file()
 
@@ -62,7 +63,7 @@ class Playing:
                 self._stopping.wait()
                 source.close()
 
-            threading.Thread(target=close, daemon=True).start()  # a stream that is silent is let go too
+            threading.Thread(target=close, daemon=True).start()  # a silent stream blocks
             for frame in source.frames():
                 self.siting, self.frame_rate = source.siting, source.frame_rate
                 yield frame
@@ -85,12 +86,12 @@ class Playing:
 
 
 def size_of(place: str, is_live: bool) -> tuple[int, int]:
-    """(width, height) px of a source's frames.
+    """Return the (width, height) of the frames of a source, px.
 
     Raises
     ------
     MediaError
-        There is no such source, or nothing comes from it.
+        The source does not exist, or yields no frame.
     """
     if not is_live:
         return VideoReader(place, with_sound=False).size

@@ -1,4 +1,4 @@
-"""Cameras and network streams: the newest frame, and the stream found again when it is lost."""
+"""Cameras and network streams: newest frame, and reconnection after losses."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from ..video.frames import Siting, siting_of
 from ..video.interlace import Fields
 from ..video.orientation import orientation_of, upright
 
-TICKS = Fraction(1, 90_000)  # s, the unit of the frames' times
+TICKS = Fraction(1, 90_000)  # s, unit of the frame times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
 NEEDS_PORT = ("udp", "tcp", "rtp", "srt")
 NEVER_BETTER = (av.error.LookupError, av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError)
-"""No such protocol or decoder, or not for us: waiting does not help."""
-CLOSING_S = 0.2  # longer than any running stream takes to its next frame
+"""Errors for which retrying is useless: unknown protocol or decoder, access denied."""
+CLOSING_S = 0.2  # longer than the frame interval of any running stream
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
-"""Half a second (us) to learn what the stream is, whose frames are given all the same."""
+"""Analysis of the stream for 0.5 s (in us); the frames are returned nevertheless."""
 OPTIONS_OF_SCHEME = {
-    "rtsp": {"rtsp_transport": "tcp"},  # a frame lost on UDP smears the picture until the next key frame
+    "rtsp": {"rtsp_transport": "tcp"},  # lost UDP packets corrupt images until the next key frame
     "udp": {"overrun_nonfatal": "1"},
 }
 
 
 def is_live(text: str) -> bool:
-    """Whether an input is a camera or a stream rather than a file.
+    """Return whether an input is a camera or a stream rather than a file.
 
     >>> [is_live(text) for text in ("rtsp://door/1", "/dev/video0", "0", "room.mp4", "C:\\\\room.mp4", "١٢٣")]
     [True, True, True, False, False, False]
@@ -49,37 +49,38 @@ def is_live(text: str) -> bool:
 
 
 class LiveSource:
-    """A camera or a stream, read in a thread that keeps nothing but the newest frame.
+    """Camera or stream, read in a thread that keeps only the newest frame.
 
-    Whoever takes the frames more slowly than they come misses some, which are counted, and never lags
-    behind. A stream that ends or falls silent is opened again, after pauses that double from
-    ``first_wait_s`` to ``longest_wait_s``.
+    A slow consumer misses frames, which are counted, and never lags behind. A stream that ends or
+    falls silent is reopened after delays that double from ``first_wait_s`` to ``longest_wait_s``.
 
     Parameters
     ----------
     url
-        An address (RTSP, HTTP, UDP, TCP, RTP, RTMP, SRT), or a camera: ``/dev/video0``, or ``0`` for short.
+        Address (RTSP, HTTP, UDP, TCP, RTP, RTMP, SRT), or a camera: ``/dev/video0``, or ``0`` for
+        short.
     timeout_s : s
-        Silence after which the stream counts as lost; also how long opening may take.
+        Silence after which the stream counts as lost; also the timeout for opening it.
     patience_s : s
-        How long to go on trying without a single frame, ``inf`` for ever.
+        Time to retry without a single frame, ``inf`` for no limit.
     reconnect
-        Whether to open a stream again that has ended.
+        Whether to reopen a stream that has ended.
     options
-        Options of FFmpeg's for opening it, such as ``{"video_size": "1920x1080"}`` of a camera, or
-        ``{"rtsp_flags": "listen", "listen_timeout": "10"}``.
+        FFmpeg options for opening the source, such as ``{"video_size": "1920x1080"}`` for a camera,
+        or ``{"rtsp_flags": "listen", "listen_timeout": "10"}``.
     report
-        Told in a sentence, from the reading thread, when the stream is lost and when it is back.
+        Called with a sentence, in the reading thread, when the stream is lost and when it is
+        restored.
     opening_s : s, optional
-        How long to go on trying for the very first frame; ``patience_s`` unless given.
+        Time to retry for the first frame; ``patience_s`` by default.
     stored_orientation
-        Return frames as they are stored, without the rotation in a display matrix.
+        Return frames as stored, without the rotation of a display matrix.
 
     Raises
     ------
     MediaError
-        There is no such camera or file, or the address is of no known kind, or names no machine. What happens later
-        is raised by :meth:`frames`.
+        The camera or file does not exist, or the address has an unknown scheme or no host. Later
+        errors are raised by :meth:`frames`.
 
     Examples
     --------
@@ -104,7 +105,7 @@ class LiveSource:
     ) -> None:
         self.url, self._format = checked(str(url))
         self.name = named(self.url)
-        """The address without a password, for people."""
+        """Address without the password, for display."""
         self.timeout_s, self.patience_s = timeout_s, patience_s
         self.opening_s = patience_s if opening_s is None else opening_s
         self._waits = (first_wait_s, longest_wait_s)
@@ -114,15 +115,15 @@ class LiveSource:
         self._stored_orientation = stored_orientation
         self._report = report or (lambda sentence: None)
         self.received = 0
-        """Frames that came, taken or not."""
+        """Number of received frames, consumed or not."""
         self.dropped = 0
-        """Frames that were replaced by a newer one before anyone took them."""
+        """Number of frames that were replaced by a newer one before they were consumed."""
         self.reconnects = 0
-        """How often the stream was found again."""
+        """Number of reconnections."""
         self.frame_rate: Fraction | None = None
-        """Frames a second, as the stream says; None before the first frame, or if it says nothing."""
+        """Frames per second of the stream; None before the first frame, or if unknown."""
         self.siting: Siting = "left"
-        """Where colour samples lie in its frames."""
+        """Position of chroma samples in the frames."""
         self._newest: av.VideoFrame | None = None
         self._problem: MediaError | None = None
         self._is_over = False
@@ -133,12 +134,12 @@ class LiveSource:
         self._thread.start()
 
     def first(self) -> av.VideoFrame:
-        """Wait for the first frame, which :meth:`frames` will give again unless a newer one has come.
+        """Wait for the first frame; :meth:`frames` yields it again unless a newer one has arrived.
 
         Raises
         ------
         MediaError
-            Nothing comes within the patience.
+            No frame arrives within the patience.
         """
         with self._news:
             self._news.wait_for(lambda: self._newest is not None or self._is_over)
@@ -147,12 +148,12 @@ class LiveSource:
         raise self._problem or MediaError(f"{self.name} ended before its first frame")
 
     def frames(self) -> Iterator[av.VideoFrame]:
-        """Always the newest frame, until :meth:`close` or Ctrl-C; its time is that of its arrival, from 0.
+        """Yield the newest frame until :meth:`close` or Ctrl-C, with the arrival time from 0.
 
         Raises
         ------
         MediaError
-            Nothing has come within the patience, or the stream cannot be read at all.
+            No frame arrives within the patience, or the stream cannot be read.
         """
         while not interrupts.is_pending():
             with self._news:
@@ -168,8 +169,8 @@ class LiveSource:
     def close(self) -> None:
         """Stop reading.
 
-        A stream that is silent just now is let go in the background, when FFmpeg's ``timeout_s`` is over:
-        nothing wakes it before.
+        A silent stream is released in the background, after ``timeout_s`` of FFmpeg, which cannot
+        be interrupted.
         """
         self._stopping.set()
         self._end(None)
@@ -183,7 +184,7 @@ class LiveSource:
     ) -> None:
         self.close()
 
-    # -- in the reading thread ---------------------------------------------------------------------
+    # -- reading thread ----------------------------------------------------------------------------
 
     def _run(self) -> None:
         first, longest = self._waits
@@ -207,12 +208,12 @@ class LiveSource:
             wait = min(2 * wait, longest)
 
     def _left_s(self) -> float:
-        """How long the patience lasts, s."""
+        """Return the remaining patience, s."""
         patience_s = self.patience_s if self.received else self.opening_s
         return self._heard + patience_s - time.monotonic()
 
     def _read_once(self) -> str:
-        """Read until the stream is lost; why it was."""
+        """Read until the stream is lost; return the reason."""
         try:
             with self._open() as container:
                 self._receive(container)
@@ -227,7 +228,7 @@ class LiveSource:
             return str(e)
         except (av.FFmpegError, OSError) as e:
             reason = e.strerror or str(e)
-            if self._scheme == "file" and not self.received:  # it will not turn into a video
+            if self._scheme == "file" and not self.received:  # the file is not a video
                 self._end(MediaError(f"cannot read {self.name}: {reason}"))
             return reason
 
@@ -238,7 +239,7 @@ class LiveSource:
             container.close()
             raise av.error.InvalidDataError(0, "there is no video in it")
         stream = container.streams.video[0]
-        stream.thread_type = "SLICE"  # threads that work on several frames at once hold frames back
+        stream.thread_type = "SLICE"  # frame threads would delay frames
         self.frame_rate = stream.average_rate or stream.guessed_rate
         self.siting = siting_of(stream.codec_context.name)
         return container
@@ -246,12 +247,12 @@ class LiveSource:
     def _receive(self, container: InputContainer) -> None:
         is_found_again, fields = self.received > 0, Fields()
         for packet in container.demux(container.streams.video[0]):
-            if self._stopping.is_set() or self._left_s() < 0:  # what comes may be no pictures
+            if self._stopping.is_set() or self._left_s() < 0:  # the packets may contain no frames
                 return
             try:
                 frames = packet.decode()
             except (av.error.InvalidDataError, av.error.EOFError):
-                continue  # as before the first key frame
+                continue  # for example before the first key frame
             for frame in (whole for coded in frames for whole in fields(coded)):
                 if is_found_again:
                     self.reconnects += 1
@@ -280,7 +281,7 @@ class LiveSource:
 
 
 def named(url: str) -> str:
-    """An address without the name and password of a user.
+    """Return an address without user name and password.
 
     >>> named("rtsp://me:secret@door:554/1"), named("/dev/video0")
     ('rtsp://door:554/1', '/dev/video0')
@@ -289,12 +290,12 @@ def named(url: str) -> str:
 
 
 def checked(url: str) -> tuple[str, str | None]:
-    """The address as FFmpeg wants it, and the format it must be told.
+    """Return the address for FFmpeg, and the format that it requires.
 
     Raises
     ------
     MediaError
-        There can be no such source, whatever happens on the network.
+        The source is invalid, regardless of the network.
     """
     if url.isascii() and url.isdigit():
         url = f"/dev/video{url}"
@@ -317,7 +318,7 @@ def checked(url: str) -> tuple[str, str | None]:
 
 
 def _check_machine(url: str, scheme: str) -> None:
-    """An address names a machine, or where to listen it names a port."""
+    """Check that an address has a host, or a port if it listens."""
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port

@@ -1,10 +1,11 @@
-"""The preview's window, a program of its own that shows pictures from its standard input.
+"""Preview window: a separate program that displays images from its standard input.
 
     python -m omnimirror.io.live.window WIDTH HEIGHT TITLE
 
-In a process of its own it holds up nobody, and does not mind from which thread the pictures come. They are raw,
-red, green, blue; of those that come faster than they can be drawn the newest is shown. It says ``ready`` once it
-is open, and ends with its input, or when it is closed by Escape, q or the mouse.
+In a separate process the window blocks no other thread and is independent of the thread that sends
+images. Images are raw RGB; if they arrive faster than they can be drawn, the newest is shown. The
+program prints ``ready`` when the window is open, and ends with its input, or when the window is
+closed by Escape, q or the mouse.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ LARGEST_SHARE = 0.9  # of the screen
 
 
 class Window:
-    """Shows the newest picture, as large as the window is made."""
+    """Window with the newest image, scaled to its size."""
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
-        import tkinter  # not every Python has it
+        import tkinter  # optional in Python installations
 
         self.size = size
         self.newest: bytes | None = None
@@ -42,7 +43,7 @@ class Window:
             self.root.bind(key, lambda event: self.root.destroy())
 
     def run(self) -> None:
-        """Until the input ends, or the window is closed."""
+        """Run until the input ends, or the window is closed."""
         threading.Thread(target=self._read, daemon=True).start()
         self._look()
         self.root.mainloop()
@@ -73,10 +74,10 @@ class Window:
 
 
 def main() -> None:
-    """Open the window, or say in one line why there is none."""
+    """Open the window, or print the reason in one line."""
     from tkinter import TclError
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program that sends the pictures
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # handled by the parent process
     try:
         window = Window((int(sys.argv[1]), int(sys.argv[2])), sys.argv[3])
     except TclError as e:

@@ -1,1 +1,1 @@
-"""Picture files, and what they carry beside pixels."""
+"""Image files and their metadata."""

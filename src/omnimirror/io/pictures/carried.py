@@ -1,7 +1,7 @@
-"""Metadata that image files carry beside their pixels: colour profile (ICC), EXIF and orientation.
+"""Metadata of image files: colour profile (ICC), EXIF and orientation.
 
-As with :mod:`omnimirror.io.pictures.xmp`, the pixels are not touched, and each format keeps it where its
-standard says.
+As in :mod:`omnimirror.io.pictures.xmp`, the pixels are unchanged, and each format stores metadata
+at the position of its standard.
 """
 
 from __future__ import annotations
@@ -27,27 +27,29 @@ ICC_PIECE = LONGEST_SEGMENT - len(ICC_NAME) - 2
 ICC_TAG = 34_675
 LARGEST_PROFILE = 16 << 20
 SPACES = {1: b"GRAY", 3: b"RGB ", 4: b"RGB "}
-"""What a profile says of its colours, by the picture's channels."""
+"""Colour space signature of a profile, by the number of channels."""
 AVIF = (b"avif", b"avis")
 WEBP_HAS_ICC, WEBP_HAS_EXIF = 0x20, 0x08
 
 
 class Carried(NamedTuple):
-    """What a file carries."""
+    """Metadata of an image file."""
 
     profile: bytes | None = None
-    """ICC."""
+    """ICC profile."""
     exif: Exif | None = None
     orientation: int = UPRIGHT
-    """How the stored pixels are turned for display, 1 to 8; it is never written."""
+    """Orientation of the stored pixels, 1 to 8, as in EXIF; never written."""
 
     def __bool__(self) -> bool:
         return self.profile is not None or self.exif is not None
 
     def that_fits(self, path: str | Path, image: NDArray[np.generic], recoded: bool = False) -> tuple[Carried, str]:
-        """What of it a file can hold of a picture, and in words what is left out and why; nothing where all is kept.
+        """Return the metadata that a file can hold for an image, and a description of what is
+        dropped, or "".
 
-        ``recoded``: whether values were made from light, or the other way round, so that no profile holds any more.
+        ``recoded``: the values were converted from or to linear light, which invalidates a colour
+        profile.
         """
         suffix = Path(path).suffix.lower()
         profile, exif = self.profile, self.exif
@@ -67,7 +69,9 @@ class Carried(NamedTuple):
 
 
 def read_carried(data: bytes) -> Carried:
-    """Return the metadata in the bytes of an image file; none for formats without it and for damaged files."""
+    """Return the metadata in the bytes of an image file; none for formats without it and for
+    damaged files.
+    """
     try:
         if data.startswith(b"\xff\xd8"):
             profile, block = _of_jpeg(data)
@@ -82,16 +86,16 @@ def read_carried(data: bytes) -> Carried:
         else:
             return Carried(orientation=_orientation_of_avif(data))
     except (struct.error, zlib.error, ValueError, KeyError, IndexError):
-        return Carried(orientation=orientation_of_block(data))  # of a TIFF file whose colour profile is damaged
+        return Carried(orientation=orientation_of_block(data))  # TIFF, invalid profile
     return Carried(profile, parse_exif(block), orientation_of_block(block))
 
 
 def embed(suffix: str, data: bytes, carried: Carried) -> bytes:
-    """The file with a profile and EXIF in it; ``suffix`` is one of :data:`CARRIERS`."""
+    """Return the file with a profile and EXIF embedded; ``suffix`` is one of :data:`CARRIERS`."""
     return CARRIERS[suffix](data, carried)
 
 
-# -- JPEG ------------------------------------------------------------------------------------------
+# -- JPEG ----------------------------------------------------------------------------------------
 
 
 def _of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
@@ -129,7 +133,7 @@ def _segment(kind: int, body: bytes) -> bytes:
     return bytes([0xFF, kind]) + struct.pack(">H", 2 + len(body)) + body
 
 
-# -- PNG -------------------------------------------------------------------------------------------
+# -- PNG -----------------------------------------------------------------------------------------
 
 
 def _of_png(data: bytes) -> tuple[bytes | None, bytes]:
@@ -160,7 +164,7 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
-# -- WebP ------------------------------------------------------------------------------------------
+# -- WebP ----------------------------------------------------------------------------------------
 
 
 def _of_webp(data: bytes) -> tuple[bytes | None, bytes]:
@@ -192,7 +196,7 @@ def _webp_chunk(kind: bytes, body: bytes) -> bytes:
     return kind + struct.pack("<I", len(body)) + body + b"\0" * (len(body) % 2)
 
 
-# -- TIFF ------------------------------------------------------------------------------------------
+# -- TIFF ----------------------------------------------------------------------------------------
 
 
 def _profile_of_tiff(data: bytes) -> bytes | None:
@@ -207,7 +211,9 @@ def _profile_of_tiff(data: bytes) -> bytes | None:
 
 
 def _in_tiff(data: bytes, carried: Carried) -> bytes:
-    """The tags in the first directory, which is written anew at the end; OpenCV writes the byte order of Intel."""
+    """Add the tags to the first directory, rewritten at the end of the file; OpenCV writes
+    little-endian files.
+    """
     more: Directory = {}
     if carried.profile is not None:
         more[ICC_TAG] = Entry(7, len(carried.profile), carried.profile)
@@ -222,7 +228,9 @@ def _in_tiff(data: bytes, carried: Carried) -> bytes:
 
 
 def _orientation_of_avif(data: bytes) -> int:
-    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not apply."""
+    """Return the orientation in the properties irot and imir of an AVIF file, which OpenCV does not
+    apply.
+    """
     if data[4:8] != b"ftyp" or data[8:12] not in AVIF:
         return UPRIGHT
     from PIL import Image
@@ -230,7 +238,7 @@ def _orientation_of_avif(data: bytes) -> int:
     try:
         with Image.open(io.BytesIO(data), formats=("AVIF",)) as image:
             return int(image.getexif().get(ORIENTATION, UPRIGHT))
-    except Exception:  # damaged, which the decoder reports
+    except Exception:  # invalid; the decoder reports it
         return UPRIGHT
 
 
@@ -242,4 +250,4 @@ CARRIERS: dict[str, Callable[[bytes, Carried], bytes]] = {
     ".tif": _in_tiff,
     ".tiff": _in_tiff,
 }
-"""What can carry them, by suffix."""
+"""Functions that embed metadata, by suffix."""

@@ -1,8 +1,8 @@
-"""EXIF: what a camera noted of a picture, taken apart and put together again without what no longer holds.
+"""EXIF metadata: parsing, and writing without entries that are invalid for a dewarped image.
 
-An EXIF block is a TIFF file without pixels: a directory of tags, and two more, of the exposure and of the place. What
-tells of the stored pixels (orientation, size, thumbnail, resolution), of places in them, or cannot be moved (notes of
-the maker with offsets of their own) is left out.
+An EXIF block is a TIFF file without pixels: a directory of tags, and two more, for exposure and GPS
+position. Entries on the stored pixels (orientation, size, thumbnail, resolution), on positions in
+the image, and entries that cannot be relocated (maker notes with their own offsets) are dropped.
 """
 
 from __future__ import annotations
@@ -11,14 +11,16 @@ import struct
 from typing import NamedTuple
 
 EXPOSURE, PLACE = 0x8769, 0x8825
-"""Tags that point to the two other directories."""
+"""Tags of the offsets of the two other directories."""
 OF_THE_PICTURE = frozenset({0x010E, 0x010F, 0x0110, 0x0132, 0x013B, 0x8298})
-"""Description, make, model, time, artist and copyright: what is kept of the first directory."""
+"""Tags kept from the first directory: description, make, model, time, artist and copyright."""
 NO_LONGER = frozenset({0x927C, 0x9214, 0xA002, 0xA003, 0xA005, 0xA214, 0xA405, 0xEA1C})
-"""Of the exposure: the maker's notes, places in the picture, its size, other directories, focal length at 35 mm."""
+"""Dropped tags of the exposure: maker notes, positions in the image, its size, other directories,
+focal length in 35 mm film.
+"""
 UNITS = {1: (1, 1), 2: (1, 1), 3: (2, 2), 4: (4, 4), 5: (8, 4), 6: (1, 1), 7: (1, 1), 8: (2, 2), 9: (4, 4), 10: (8, 4),
          11: (4, 4), 12: (8, 8)}  # fmt: skip
-"""Bytes of a value of each type, and of the units in which they are ordered."""
+"""Size of a value of each type in bytes, and of the units to which the byte order applies."""
 MOST_ENTRIES = 1000
 
 
@@ -28,7 +30,7 @@ RATIONAL, INFINITE = 5, 0xFFFFFFFF
 
 
 class Entry(NamedTuple):
-    """A tag's values, in the byte order of Intel."""
+    """Values of a tag, in little-endian byte order."""
 
     kind: int
     number: int
@@ -39,14 +41,14 @@ Directory = dict[int, Entry]
 
 
 class Exif(NamedTuple):
-    """What still holds of a straightened picture."""
+    """EXIF entries that are valid for a dewarped image."""
 
     picture: Directory
     exposure: Directory
     place: Directory
 
     def block(self) -> bytes:
-        """The block as JPEG, PNG and WebP carry it."""
+        """Return the block for JPEG, PNG and WebP."""
         head = 8
         first = self.picture | {tag: Entry(4, 1, bytes(4)) for tag in self._others}
         end = head + len(written(first, head))
@@ -62,11 +64,11 @@ class Exif(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """Settings of the lens for an exposure; None where EXIF does not contain them."""
+    """Settings of the lens for an exposure; None if EXIF does not contain them."""
 
     f_number: float | None = None
     focus_distance_mm: float | None = None
-    """From the camera to the plane in focus; infinity is possible."""
+    """Distance from the camera to the plane in focus, possibly infinite."""
 
 
 def exposure_of(exif: Exif | None) -> Exposure:
@@ -84,7 +86,9 @@ def exposure_of(exif: Exif | None) -> Exposure:
 
 
 def _rational(entry: Entry | None) -> float | None:
-    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid values."""
+    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid
+    values.
+    """
     if entry is None or entry.kind != RATIONAL or len(entry.values) != 8:
         return None
     above, below = struct.unpack("<II", entry.values)
@@ -94,7 +98,7 @@ def _rational(entry: Entry | None) -> float | None:
 
 
 def parse_exif(block: bytes) -> Exif | None:
-    """What still holds of a block, or of a TIFF file; None where it is damaged, or nothing does.
+    """Parse the valid entries of a block or of a TIFF file; None if it is damaged or has none.
 
     >>> from omnimirror.io.pictures.exif import Entry, Exif
     >>> made = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
@@ -118,7 +122,7 @@ def parse_exif(block: bytes) -> Exif | None:
 
 
 def written(directory: Directory, at: int) -> bytes:
-    """The bytes of a directory that begins at a place of the file, its values behind it."""
+    """Return the bytes of a directory at an offset of the file, followed by its values."""
     values_at = at + 2 + 12 * len(directory) + 4
     entries, values = b"", b""
     for tag, (kind, number, data) in sorted(directory.items()):

@@ -1,4 +1,4 @@
-"""OpenEXR pictures, through the package of that name: OpenCV 5 reads and writes none."""
+"""OpenEXR images, with the package OpenEXR: OpenCV 5 does not support the format."""
 
 from __future__ import annotations
 
@@ -19,31 +19,32 @@ Image = NDArray[Any]
 MAGIC = b"\x76\x2f\x31\x01"
 CHANNELS = {1: "Y", 3: "RGB", 4: "RGBA"}
 ROWS_PER_CHUNK = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 9: 256}
-"""By the number of the compression."""
+"""Rows per chunk, by compression number."""
 TILED_OR_MANY_PARTS = 0x200 | 0x1000
 
 
 def read_exr(path: Path, data: bytes) -> Image:
-    """Read the first part of an OpenEXR file, whose bytes are ``data``.
+    """Read the first part of an OpenEXR file with the bytes ``data``.
 
     Returns
     -------
     (h, w) or (h, w, 3) or (h, w, 4) float32 array
-        Channels Y, or red, green, blue (alpha); half precision is widened. Other channels are left out.
+        Channels Y, or red, green, blue (alpha); half precision is converted to float32. Other
+        channels are ignored.
 
     Raises
     ------
     MediaError
-        OpenEXR is not installed, or the file is damaged or holds no such channels.
+        OpenEXR is not installed, the file is damaged, or it has no such channels.
     """
     library = _library(path)
-    if _is_cut_short(data):  # the library would read it as grey, and write lines of its own
+    if _is_cut_short(data):  # the library would fill missing rows with grey and print messages
         raise MediaError(f"the picture {path} is damaged or cut short")
     try:
         with library.File(str(path), separate_channels=True) as file:
-            # copied while the file is open, whose memory they are
+            # copied, since the memory belongs to the open file
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as e:  # the library raises RuntimeError, TypeError or its own, by version
+    except Exception as e:  # RuntimeError, TypeError or a class of the library, by version
         reason = str(e).strip().splitlines()[0]
         raise MediaError(f"the picture {path} is damaged or cut short: {reason}") from None
     names = next((n for n in ("RGBA", "RGB", "Y") if set(n) <= set(channels)), None)
@@ -58,7 +59,7 @@ def read_exr(path: Path, data: bytes) -> Image:
 
 
 def write_exr(path: Path, image: Image) -> None:
-    """Write a float32 picture, (h, w) or (h, w, c) in the order red, green, blue (alpha), without loss.
+    """Write a float32 image, (h, w) or (h, w, c) in the order red, green, blue (alpha), losslessly.
 
     Raises
     ------
@@ -75,7 +76,7 @@ def write_exr(path: Path, image: Image) -> None:
 def write_channels(
     path: Path, channels: Mapping[str, NDArray[np.float32]], told: Mapping[str, str | int] | None = None
 ) -> None:
-    """Write channels (h, w) of any names, without loss; the header holds what is ``told`` beside.
+    """Write channels (h, w) of any names, losslessly; ``told`` is added to the header.
 
     Raises
     ------
@@ -86,14 +87,14 @@ def write_channels(
     """
     library = _library(path)
     header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, **(told or {})}
-    plain = path.with_name(path.name.encode("ascii", "replace").decode())  # the library takes no other names than UTF-8
+    plain = path.with_name(path.name.encode("ascii", "replace").decode())  # UTF-8 names only
     target = path if _is_utf8(path) else plain
     try:
         with library.File(header, dict(channels)) as file:
             file.write(str(target))
         os.replace(target, path)
     except RuntimeError as e:
-        reason = str(e).strip().splitlines()[0].replace(str(path), "it")  # a temporary name, which nobody knows
+        reason = str(e).strip().splitlines()[0].replace(str(path), "it")  # hides the temporary name
         raise OSError(errno.EIO, reason) from None
 
 
@@ -106,12 +107,12 @@ def _is_utf8(path: Path) -> bool:
 
 
 def check_exr_can_be_written(path: Path) -> None:
-    """Raise MediaError unless OpenEXR is installed; before what is to be written takes its time."""
+    """Raise MediaError unless OpenEXR is installed; called before time-consuming work."""
     _library(path)
 
 
 def _is_cut_short(data: bytes) -> bool:
-    """Whether chunks of pixels are missing; files of tiles or of several parts are not looked through."""
+    """Return whether chunks of pixels are missing; tiled and multi-part files are not checked."""
     try:
         if struct.unpack_from("<I", data, 4)[0] & TILED_OR_MANY_PARTS:
             return False
@@ -131,13 +132,13 @@ def decoded_bytes(data: bytes) -> int:
     attributes, _ = _header(data)
     left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
     names, at, count = attributes[b"channels"], 0, 0
-    while names[at] != 0:  # a name, and 16 bytes of its type and sampling
+    while names[at] != 0:  # a name, and 16 bytes for type and sampling
         at, count = names.index(b"\0", at) + 17, count + 1
     return 4 * count * int(max(right - left + 1, 0) * max(bottom - top + 1, 0))
 
 
 def _header(data: bytes) -> tuple[dict[bytes, bytes], int]:
-    """The attributes of the first part, and where the table of its chunks begins."""
+    """Return the attributes of the first part, and the offset of its chunk table."""
     attributes, at = {}, 8
     while data[at] != 0:
         name_end = data.index(b"\0", at)

@@ -1,4 +1,6 @@
-"""Size of an image in memory, from the header of its file: a few bytes can declare gigabytes of pixels."""
+"""Size of an image in memory, from the header of its file: a few bytes can declare gigabytes of
+pixels.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ import warnings
 from . import exr, png
 
 LARGEST_DECODED = 2 << 30
-"""Bytes of the pixels of an image; OpenCV rejects more than 2^30 pixels on its own."""
+"""Maximum size of the pixels of an image in bytes; OpenCV rejects more than 2^30 pixels on its own.
+"""
 JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 RADIANCE = re.compile(rb"\n[-+][XY] +(\d+) +[-+][XY] +(\d+)\n")
 TIFF = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
@@ -99,7 +102,7 @@ def _by_pillow(data: bytes) -> int:
                 is_palette, channels, kind = picture.mode in ("P", "PA"), len(picture.getbands()), picture.format
     except Image.DecompressionBombError:
         return LARGEST_DECODED + 1
-    except Exception:  # damaged or of another kind: the decoder gives the reason
+    except Exception:  # damaged or of another type: the decoder reports the reason
         return 0
-    is_deep = kind in ("PPM", "JPEG2000") and data[:2] not in (b"P1", b"P4")  # up to 16 bits a sample
+    is_deep = kind in ("PPM", "JPEG2000") and data[:2] not in (b"P1", b"P4")  # up to 16 bits
     return width * height * (4 if is_palette else channels) * (2 if is_deep else 1)

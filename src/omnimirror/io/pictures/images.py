@@ -1,6 +1,7 @@
-"""Picture files, read and written as they are: depth and channels kept, every failure a sentence.
+"""Reading and writing of image files with unchanged bit depth and channels.
 
-Colours are RGB, or RGBA, in Python whatever the file's order; OpenCV's is exchanged on the line that calls it.
+Colours are RGB or RGBA in Python, independent of the order in the file; OpenCV's BGR is converted
+at each call.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ Image = NDArray[Any]
 
 
 class PictureFormat(NamedTuple):
-    """What a kind of picture file can hold."""
+    """Capabilities of an image file format."""
 
     depths: tuple[str, ...]
     channels: tuple[int, ...]
     longest_px: int = 1 << 20
-    """A side of the largest picture."""
+    """Maximum width and height."""
 
     @property
     def has_alpha(self) -> bool:
@@ -54,22 +55,22 @@ FORMATS = {
     ".hdr": PictureFormat(("float32",), (3,)),
     ".exr": PictureFormat(("float32",), (1, 3, 4)),
 }
-"""What can be written, by suffix."""
+"""Formats that can be written, by suffix."""
 
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
-"""The value of an opaque alpha, by depth."""
+"""Value of an opaque alpha channel, by data type."""
 
 HEIC = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
-"""Brands of ISO/IEC 23008-12 whose pictures are coded by HEVC, which OpenCV does not decode."""
+"""Brands of ISO/IEC 23008-12 for HEVC-coded images, which OpenCV does not decode."""
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef")
 KINDS = ("PNG", "JPEG", "TIFF", "WebP", "AVIF", "JPEG 2000", "BMP", "GIF", "PPM", "HDR", "EXR")
-"""What can be read, in words."""
+"""Names of the formats that can be read."""
 LARGEST = 2 << 30
-"""Bytes of a picture file."""
+"""Maximum size of an image file in bytes."""
 
 
 def format_of(path: str | Path) -> PictureFormat:
-    """What the file may hold, from its suffix.
+    """Return the format of a file from its suffix.
 
     >>> format_of("view.PNG").has_alpha, format_of("view.jpg").has_alpha
     (True, False)
@@ -77,7 +78,7 @@ def format_of(path: str | Path) -> PictureFormat:
     Raises
     ------
     MediaError
-        For a suffix that cannot be written, or not without a package that is not installed.
+        The format cannot be written, or requires a package that is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
@@ -89,12 +90,12 @@ def format_of(path: str | Path) -> PictureFormat:
 
 
 def check_size(path: str | Path, size: tuple[int, int]) -> None:
-    """Refuse a picture of a (width, height) that the file cannot hold.
+    """Check that a format can store an image of a given (width, height).
 
     Raises
     ------
     MediaError
-        It is too large, or for a suffix that cannot be written.
+        The image is too large, or the suffix cannot be written.
     """
     longest = format_of(path).longest_px
     if max(size) > longest:
@@ -105,7 +106,7 @@ def check_size(path: str | Path, size: tuple[int, int]) -> None:
 
 
 def can_be_panorama(path: str | Path) -> bool:
-    """Whether the file can say that it is a panorama.
+    """Return whether the format can store panorama metadata.
 
     >>> can_be_panorama("view.jpg"), can_be_panorama("view.exr")
     (True, False)
@@ -114,7 +115,9 @@ def can_be_panorama(path: str | Path) -> bool:
 
 
 def read_picture(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, Carried]:
-    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF, orientation."""
+    """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF,
+    orientation.
+    """
     path = Path(path)
     data = _data_of(path)
     carried = read_carried(data)
@@ -134,8 +137,8 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     path
         Name of the file.
     stored_orientation
-        Return the pixels as they are stored, without the orientation applied: for a camera that was calibrated with
-        stored pixels.
+        Return the pixels as they are stored, without the orientation applied: for a camera that was
+        calibrated with stored pixels.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     Raises
     ------
     MediaError
-        There is no such file, or it is unreadable, cut short, or no picture.
+        The file does not exist, is unreadable or truncated, or is not an image.
 
     Examples
     --------
@@ -159,7 +162,9 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
 
 
 def orientation_of(path: str | Path) -> int:
-    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be read."""
+    """Return the orientation, 1 to 8, in an image file; 1 if there is none or the file cannot be
+    read.
+    """
     try:
         return read_carried(_data_of(Path(path))).orientation
     except MediaError:
@@ -195,12 +200,13 @@ def _check_decoded_size(path: str | Path, data: bytes) -> None:
 
 
 def decoded(path: str | Path, data: bytes) -> Image:
-    """Decode the picture in a file's bytes, other than OpenEXR's; ``path`` names it in messages.
+    """Decode an image from the bytes of a file, other than OpenEXR; ``path`` names it in messages.
 
     Raises
     ------
     MediaError
-        They are cut short, damaged, or no picture, or its pixels take more than :data:`LARGEST_DECODED`.
+        The data are truncated, damaged or not an image, or the pixels exceed
+        :data:`LARGEST_DECODED`.
     """
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
@@ -220,7 +226,7 @@ def decoded(path: str | Path, data: bytes) -> Image:
 
 
 def _why_unread(path: str | Path, data: bytes) -> str:
-    """Why nothing was seen in a file's bytes, and what to do of kinds that people have."""
+    """Return the reason for a decoding failure, with a remedy for common formats."""
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC):
         return (
             f"{path} is an HEIC picture, which is not read; save it as JPEG (iPhones: Camera, Formats, Most Compatible)"
@@ -233,26 +239,26 @@ def _why_unread(path: str | Path, data: bytes) -> str:
 def write_image(
     path: str | Path, image: Image, *, panorama: GPano | None = None, carried: Carried | None = None
 ) -> None:
-    """Write a picture file whole, or leave an earlier one as it was.
+    """Write an image file atomically; an existing file is unchanged on errors.
 
     Parameters
     ----------
     path
-        Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are written without
-        loss, JPEG with quality 95. EXR needs the extra ``omnimirror[exr]``.
+        Path whose suffix selects the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are
+        lossless, JPEG has quality 95. EXR requires the extra ``omnimirror[exr]``.
     image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
         uint8, uint16 or float32; channels in the order red, green, blue (alpha).
     panorama
-        What part of the full sphere the picture shows, for viewers; JPEG, PNG, WebP and TIFF can hold it.
+        Part of the full sphere in the image, for viewers; supported by JPEG, PNG, WebP and TIFF.
     carried
-        A colour profile and EXIF, as :func:`omnimirror.io.pictures.carried.read_carried` found them; the same can
-        hold them, and ``carried.that_fits`` tells what of it a file can.
+        Colour profile and EXIF from :func:`omnimirror.io.pictures.carried.read_carried`; supported
+        by the same formats. ``carried.that_fits`` returns what a file can hold.
 
     Raises
     ------
     MediaError
-        The suffix is not known, the format cannot hold such a picture or the panorama's metadata, or the
-        file cannot be written.
+        The suffix is unknown, the format does not support the image or the panorama metadata, or
+        the file cannot be written.
 
     Examples
     --------
@@ -302,7 +308,7 @@ def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
 
 
 def _encoded(path: Path, image: Image, panorama: GPano | None, carried: Carried | None) -> bytes:
-    """The bytes of the file."""
+    """Return the bytes of the file."""
     suffix = path.suffix.lower()
     try:
         data = encoded(image, suffix)
@@ -314,7 +320,7 @@ def _encoded(path: Path, image: Image, panorama: GPano | None, carried: Carried 
 
 
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
-    """The bytes of a file of a picture, grey, RGB or RGBA, by OpenCV's encoder for ``suffix`` and its parameters."""
+    """Encode a grey, RGB or RGBA image with OpenCV's encoder for ``suffix``."""
     with _quiet():
         is_done, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
     if not is_done:
@@ -325,7 +331,7 @@ def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
 
 
 def _red_and_blue_exchanged(image: Image) -> Image:
-    """RGB of OpenCV's BGR, or the other way round; an alpha stays the last."""
+    """Convert between RGB and BGR; an alpha channel stays last."""
     channels = image.shape[2] if image.ndim == 3 else 1
     if channels not in (3, 4):
         return image
@@ -333,16 +339,18 @@ def _red_and_blue_exchanged(image: Image) -> Image:
 
 
 def _is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG or PNG lacks its end mark; decoders may fill the rest with grey and say nothing."""
+    """Return whether a JPEG or PNG has no end marker; decoders may fill the rest with grey without
+    an error.
+    """
     if data.startswith(png.SIGNATURE):
         return b"IEND\xaeB`\x82" not in data
     if data.startswith(b"\xff\xd8\xff"):
-        return data.rfind(b"\xff\xd9") < _first_scan(data)  # a thumbnail before it has an end mark of its own
+        return data.rfind(b"\xff\xd9") < _first_scan(data)  # thumbnails have end markers
     return False
 
 
 def _first_scan(data: bytes) -> int:
-    """Where a JPEG's header segments end and its first scan begins."""
+    """Return the position of the first scan of a JPEG, after the header segments."""
     at = 2
     while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
         is_filling = data[at + 1 : at + 2] == b"\xff"
@@ -351,7 +359,7 @@ def _first_scan(data: bytes) -> int:
 
 
 def _reason(e: cv2.error) -> str:
-    """OpenCV's reason, its first line without the source file."""
+    """Return the reason of an OpenCV error: its first line without the source file."""
     return str(e.err or e).strip().split("\n")[0]
 
 
@@ -367,7 +375,7 @@ _silence = _Silence()
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep OpenCV's own messages off the terminal; ours say it. The first of several threads silences it for all."""
+    """Suppress messages of OpenCV, which are reported as exceptions; shared by all threads."""
     logging = cv2.utils.logging
     with _silence.lock:
         if _silence.users == 0:

@@ -1,4 +1,4 @@
-"""What a JPEG file says of how coarsely its picture is coded (ITU-T T.81): its tables of quantisation."""
+"""JPEG coding parameters: quantisation tables and chroma subsampling (ITU-T T.81)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .images import LARGEST
 
 BLOCK = 8
 START_OF_SCAN, TABLES = 0xDA, 0xDB
-FRAMES = {0xC0, 0xC1, 0xC2, 0xC9, 0xCA}  # what decoders know: baseline, extended, progressive
+FRAMES = {0xC0, 0xC1, 0xC2, 0xC9, 0xCA}  # supported by decoders: baseline, extended, progressive
 ALONE = {0x01, *range(0xD0, 0xD9)}  # markers without a segment
 
 
 class JpegCoding(NamedTuple):
-    """How a picture is coded."""
+    """Coding parameters of an image."""
 
     tables: tuple[NDArray[np.float64], ...]
-    """(8, 8) steps of the coefficients of Y, or of Y, Cb and Cr: by vertical, then horizontal frequency."""
+    """Quantisation steps (8, 8) of Y, or of Y, Cb and Cr: by vertical and horizontal frequency."""
     coarser: tuple[int, int] = (1, 1)
-    """How many pixels one of the colours Cb and Cr covers, down and right."""
+    """Chroma subsampling: luma pixels per chroma sample, vertically and horizontally."""
 
 
 def coding_of(path: str | Path) -> JpegCoding | None:
-    """The coding of a file, None if it is no JPEG file of grey or Y, Cb, Cr.
+    """Read the coding of a file; None if it is not a JPEG file of grey or Y, Cb, Cr.
 
     Raises
     ------
     MediaError
-        There is no such file, or it cannot be read.
+        The file does not exist, or cannot be read.
     """
     try:
         return jpeg_coding(read_bytes(path, LARGEST))
@@ -43,7 +43,8 @@ def coding_of(path: str | Path) -> JpegCoding | None:
 
 
 def jpeg_coding(data: bytes) -> JpegCoding | None:
-    """The coding of a JPEG file's bytes; None for any other file, and for colours other than grey or Y, Cb, Cr.
+    """Read the coding of the bytes of a JPEG file; None for other files, and for colours other than
+    grey or Y, Cb, Cr.
 
     >>> import cv2
     >>> data = cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 50])[1].tobytes()
@@ -74,7 +75,7 @@ def jpeg_coding(data: bytes) -> JpegCoding | None:
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Markers and what belongs to them, up to the first scan."""
+    """Yield markers with their segments, up to the first scan."""
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != START_OF_SCAN:
         marker = data[at + 1]
@@ -102,7 +103,9 @@ def _tables(segment: bytes) -> dict[int, NDArray[np.float64]]:
 
 
 def _zigzag() -> NDArray[np.intp]:
-    """Where in a block, row by row, each of the 64 coefficients of a file lies."""
+    """Return the position in a block, row by row, of each of the 64 coefficients of a file (zigzag
+    order).
+    """
     rows, columns = np.divmod(np.arange(BLOCK**2), BLOCK)
     diagonal = rows + columns
     along = np.where(diagonal % 2, rows, columns)

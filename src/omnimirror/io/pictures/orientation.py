@@ -1,4 +1,6 @@
-"""Orientation of an image: how its stored pixels are turned or mirrored for display (EXIF, tag 0x0112)."""
+"""Orientation of an image: how its stored pixels are turned or mirrored for display (EXIF, tag
+0x0112).
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ QUARTER_TURNS = (5, 6, 7, 8)
 
 
 def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
-    """Return a view of an image with an orientation applied; the first two axes are rows and columns.
+    """Return a view of an image with an orientation applied; the first two axes are rows and
+    columns.
 
     >>> oriented(np.array([[1, 2, 3], [4, 5, 6]]), 6).tolist()
     [[4, 1], [5, 2], [6, 3]]
@@ -46,7 +49,8 @@ def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
 
 
 def applied(orientation: int, is_stored: bool) -> str:
-    """Return a phrase that reports an orientation other than 1, and the option for the other choice.
+    """Return a phrase that reports an orientation other than 1, and the option for the other
+    choice.
 
     >>> applied(3, True)
     'as stored; their EXIF data requires that they are turned by 180 deg'
@@ -57,12 +61,14 @@ def applied(orientation: int, is_stored: bool) -> str:
 
 
 def orientation_of_block(block: bytes) -> int:
-    """Return the orientation, 1 to 8, in an EXIF block or a TIFF file; 1 if there is none, or no valid one."""
+    """Return the orientation, 1 to 8, in an EXIF block or a TIFF file; 1 if there is none, or no
+    valid one.
+    """
     return _found(block)[0]
 
 
 def without_orientation(data: bytes) -> bytes:
-    """Return a TIFF file with orientation 1, so that no decoder turns its pixels."""
+    """Return a TIFF file with orientation 1, which prevents decoders from rotating its pixels."""
     orientation, at, kind = _found(data)
     if orientation == UPRIGHT:
         return data
@@ -70,7 +76,7 @@ def without_orientation(data: bytes) -> bytes:
 
 
 def _found(block: bytes) -> tuple[int, int, str]:
-    """Return the orientation in the first directory of a TIFF structure, its position and its type."""
+    """Return the orientation in the first directory of a TIFF structure, its offset and type."""
     nothing = UPRIGHT, 0, "<H"
     if block[:4] not in TIFF:
         return nothing

@@ -1,8 +1,9 @@
-"""What a viewer must know to hang a panorama: how much of the full sphere it shows, and where.
+"""Panorama metadata: part of the full sphere in an image, its heading and its tilt.
 
-Pictures carry it as Google's photo sphere metadata (GPano, https://developers.google.com/streetview/spherical-metadata),
-videos as :mod:`omnimirror.io.video.mp4.spherical` writes it. A mirror never covers all 180 deg of elevation, so
-the picture is always a part, the crop, of a full panorama that nobody made.
+Images contain it as photo sphere metadata of Google (GPano,
+https://developers.google.com/streetview/spherical-metadata), videos as written by
+:mod:`omnimirror.io.video.mp4.spherical`. A mirror never covers all 180 deg of elevation: the image
+is always a crop of a hypothetical full panorama.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from ...base.errors import InvalidParameter
 
 
 class Bounds(NamedTuple):
-    """Share of the full panorama that lies outside the crop, on each side."""
+    """Fractions of the full panorama outside the crop, on each side."""
 
     left: float
     top: float
@@ -24,26 +25,27 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True)
 class GPano:
-    """An equirectangular panorama as a part of the full sphere.
+    """Equirectangular panorama as a part of the full sphere.
 
     Parameters
     ----------
     full_size : (width, height) px
-        What 360 by 180 deg would have at this resolution.
+        Size of 360 by 180 deg at this resolution.
     cropped_size : (width, height) px
-        The picture itself.
+        Size of the image.
     cropped_at : (left, top) px
-        Where its upper left corner lies in the full panorama.
+        Position of the upper left corner of the image in the full panorama.
     heading_deg : deg, optional
-        Compass heading of the centre of the full panorama, clockwise from north; None where nobody knows.
+        Compass heading of the centre of the full panorama, clockwise from north; None if unknown.
     pitch_deg, roll_deg : deg
-        How a panorama that is not level leans: its centre points so far above the horizon, and it is turned
-        clockwise about that, so that the horizon is turned counter-clockwise there.
+        Tilt of a panorama that is not level: elevation of its centre, and clockwise rotation about
+        the centre, which turns the horizon counter-clockwise there.
 
     Raises
     ------
     InvalidParameter
-        If the crop does not lie inside the full panorama, or for a lean outside -90 to 90 and -180 to 180 deg.
+        The crop is not inside the full panorama, or the tilt is outside -90 to 90 and -180 to 180
+        deg.
 
     Examples
     --------
@@ -82,22 +84,23 @@ class GPano:
         heading_deg: float | None = None,
         lean_deg: tuple[float, float] = (0.0, 0.0),
     ) -> GPano:
-        """The panorama of a view whose columns are linear in pan and its rows in elevation.
+        """Return the panorama of a view whose columns are linear in pan and its rows in elevation.
 
-        The centre of the view becomes the centre of the full panorama, so that a part may reach across
-        the edge of another one; what it looks at is for the heading to say.
+        The centre of the view is the centre of the full panorama, which allows any part without a
+        wrap-around; its direction is described by the heading.
 
         Parameters
         ----------
         size : (width, height) px
         elevation_deg : (lowest, highest) deg
-            At the lower and the upper edge, -90 to 90.
+            Elevations of the lower and the upper edge, -90 to 90.
         span_deg : deg
-            From the left edge to the right edge, up to 360.
+            Width from the left to the right edge, up to 360.
         heading_deg : deg, optional
             Compass heading of the centre of the view.
         lean_deg : (pitch, roll) deg
-            Of a view that is not level; :meth:`omnimirror.cameras.frames.Mount.lean_of_view` tells it.
+            Tilt of a view that is not level, as from
+            :meth:`omnimirror.cameras.frames.Mount.lean_of_view`.
         """
         low, high = elevation_deg
         if not (-90 <= low < high <= 90 and 0 < span_deg <= 360):
@@ -113,18 +116,18 @@ class GPano:
 
     @property
     def bounds(self) -> Bounds:
-        """Shares of the full panorama outside the crop."""
+        """Fractions of the full panorama outside the crop."""
         (full_width, full_height), (width, height), (left, top) = self.full_size, self.cropped_size, self.cropped_at
         right, bottom = full_width - width - left, full_height - height - top
         return Bounds(left / full_width, top / full_height, right / full_width, bottom / full_height)
 
     @property
     def pose_heading_deg(self) -> float | None:
-        """The heading as the formats want it, from 0 to 360."""
+        """Heading from 0 to 360 deg, as in the formats."""
         return None if self.heading_deg is None else self.heading_deg % 360.0
 
     def area(self) -> dict[str, object]:
-        """What part of the full sphere is there, in the words of pictures and of videos."""
+        """Crop in the terms of image and video metadata."""
         return {
             "ProjectionType": "equirectangular",
             "FullPanoWidthPixels": self.full_size[0],
@@ -136,7 +139,7 @@ class GPano:
         }
 
     def xmp(self) -> bytes:
-        """The XMP packet that pictures carry, UTF-8.
+        """Return the XMP packet for images, UTF-8.
 
         >>> b'GPano:CroppedAreaTopPixels="180"' in GPano((1440, 720), (1440, 540), (0, 180)).xmp()
         True
@@ -147,7 +150,7 @@ class GPano:
         }
         if self.pose_heading_deg is not None:
             fields["PoseHeadingDegrees"] = f"{self.pose_heading_deg:g}"
-        # Said of level ones too: what does not say so may have been drawn any way.
+        # Written for level panoramas too: without it, the tilt would be unknown.
         fields |= {"PosePitchDegrees": f"{self.pitch_deg:g}", "PoseRollDegrees": f"{self.roll_deg:g}"}
         attributes = "\n   ".join(f'GPano:{name}="{value}"' for name, value in fields.items())
         return (

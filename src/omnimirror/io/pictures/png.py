@@ -1,4 +1,6 @@
-"""What a PNG says of itself before it is unpacked: a damaged header must not cost the memory that it asks for."""
+"""PNG headers, checked before decompression: a damaged header must not cause huge memory
+allocations.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +8,13 @@ import struct
 import zlib
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-HEADER_END = 33  # signature, length, "IHDR", 13 bytes, check sum
-SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a pixel, by colour type
-MOST_UNPACKED = 1032  # bytes that deflate makes of one: 258 by two bits
+HEADER_END = 33  # signature, length, "IHDR", 13 bytes, checksum
+SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # samples per pixel, by colour type
+MOST_UNPACKED = 1032  # maximum compression ratio of deflate: 258 bytes by 2 bits
 
 
 def damage(data: bytes) -> str:
-    """What is wrong with the header of a PNG, in words that follow the name of the file; nothing if it may be right.
+    """Describe the damage of a PNG header, to follow the name of the file; "" if there is none.
 
     >>> damage(SIGNATURE + bytes(25))
     'has a damaged header'
@@ -27,6 +29,8 @@ def damage(data: bytes) -> str:
 
 
 def decoded_bytes(data: bytes) -> int:
-    """Return the size in memory of the image that the header declares; a palette is expanded to colours."""
+    """Return the size in memory of the image that the header declares; a palette is expanded to
+    colours.
+    """
     width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
     return int(width * height * (2 if depth == 16 else 1) * (4 if colour == 3 else SAMPLES.get(colour, 4)))

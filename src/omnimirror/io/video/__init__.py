@@ -1,1 +1,1 @@
-"""Video files, read and written frame by frame."""
+"""Frame-by-frame reading and writing of video files."""

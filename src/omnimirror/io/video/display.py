@@ -1,4 +1,4 @@
-"""What an HDR video tells of the display that it was graded on (SMPTE ST 2086, CTA-861.3)."""
+"""HDR metadata of the mastering display of a video (SMPTE ST 2086, CTA-861.3)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ DYNAMIC = {
     SideData.DOVI_RPU_BUFFER: "Dolby Vision",
     SideData.DOVI_METADATA: "Dolby Vision",
 }
-"""What tells players how each picture is shown: it belongs to whole pictures as they were before straightening."""
+"""Dynamic metadata for the display of each image: valid only for whole images before dewarping."""
 OPTIONS = {"libx265": "x265-params", "libx264": "x264-params", "libsvtav1": "svtav1-params"}
-"""The option through which an encoder is told, by codec; others cannot be."""
+"""Encoder options for the metadata, by codec; other codecs do not support it."""
 DISPLAY_LOST = "what it tells of the display that it was graded on is lost"
 
 
 @dataclass(frozen=True)
 class Display:
-    """The display that a video was graded on, and how bright its pictures become."""
+    """Mastering display of a video, and its light levels."""
 
     primaries: tuple[Fraction, ...] = ()
-    """x and y of red, green, blue and white; empty where unknown."""
+    """x and y of red, green, blue and white; empty if unknown."""
     luminance: tuple[Fraction, ...] = ()
-    """The least and the most that it shows, cd/m2; empty where unknown."""
+    """Minimum and maximum luminance, cd/m2; empty if unknown."""
     light: tuple[int, ...] = ()
-    """The brightest pixel and the brightest mean of a picture, cd/m2; empty where unknown."""
+    """Maximum pixel luminance and maximum frame-average luminance, cd/m2; empty if unknown."""
 
     @classmethod
     def of(cls, side_data: Any) -> Display:
-        """What the side data of a frame tells.
+        """Read the side data of a frame.
 
         >>> Display.of({})
         Display(primaries=(), luminance=(), light=())
@@ -49,7 +49,7 @@ class Display:
         return told
 
     def options(self, codec: str) -> str | None:
-        """What an encoder is told; None where it cannot be told all.
+        """Return the encoder options; None if the codec does not support all data.
 
         >>> Display(light=(1000, 400)).options("libx265"), Display(light=(1000, 400)).options("ffv1")
         ('max-cll=1000,400', None)
@@ -72,5 +72,5 @@ class Display:
 
 
 def dynamic_kinds(side_data: Any) -> str:
-    """The names of what tells players how each picture is shown, in words; empty where there is none."""
+    """Return the names of the dynamic HDR metadata as a phrase; empty if there are none."""
     return " and ".join(dict.fromkeys(name for kind, name in DYNAMIC.items() if side_data.get(kind) is not None))

@@ -1,4 +1,4 @@
-"""Frames encoded and packed with copied sound, through PyAV: what a file and a stream have in common."""
+"""Encoding of frames and muxing with copied audio, through PyAV, for files and streams."""
 
 from __future__ import annotations
 
@@ -26,80 +26,82 @@ from .tracks import SUBTITLES_OF, WITH_CHAPTERS, Chapter, SubtitleTrack, describ
 DEFAULT_CODEC = "libx264"
 KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
 WITHOUT_COLOUR = ("mpeg4",)
-"""What cannot say how its colours are coded: limited range is understood."""
+"""Codecs that cannot store the colour coding; decoders assume limited range."""
 ADDED_OPTIONS = {
-    "libx265": {"x265-params": "log-level=none"},  # it writes to the terminal by itself
-    "libvpx-vp9": {"b": "0"},  # or else its quality is that of a low bit rate
+    "libx265": {"x265-params": "log-level=none"},  # suppresses output on the terminal
+    "libvpx-vp9": {"b": "0"},  # otherwise the quality is that of a low bit rate
 }
 MPEG_TS_SOUND = ("aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "opus", "dca")
-"""What players find in an MPEG-TS; anything else goes in too, and is lost."""
+"""Audio codecs that players detect in MPEG-TS; others are muxed without a usable type."""
 OF_THE_CONTAINER = ("major_brand", "minor_version", "compatible_brands", "encoder", "ENCODER")
-"""Metadata that describe the source's container and not what it holds."""
+"""Metadata of the source's container, which do not apply to its content."""
 
 
 class Writable(Protocol):
-    """What takes bytes."""
+    """Byte output."""
 
     def write(self, data: bytes, /) -> int:
-        """Take some; how many."""
+        """Write bytes; return their number."""
         ...
 
 
 class Encoder:
-    """Encodes frames and packs them with copied sound; what a file and a stream have in common.
+    """Encoder of frames, with muxing of copied audio, for files and streams.
 
     Parameters
     ----------
     target
-        A file name or an address; or what takes the bytes, with a method ``write``.
+        File name or address, or an object with a method ``write`` for bytes.
     size : (width, height) px
     frame_rate : frames a second
-        The mean rate, which the encoder plans its bits by; every frame keeps its own time.
+        Mean frame rate for the rate control of the encoder; every frame keeps its own time.
     time_base : s, optional
-        The unit of the frames' times; the frame interval where not given.
+        Unit of the frame times; the frame interval by default.
     codec
-        An encoder of FFmpeg's.
+        FFmpeg encoder.
     crf
-        Constant quality, smaller is better; the encoder's own default where not given.
+        Constant rate factor, smaller is better; the default of the encoder if None.
     options
-        Further options of the encoder, such as ``{"preset": "fast"}``.
+        Other options of the encoder, such as ``{"preset": "fast"}``.
     like
-        The pixel format of what will come: depth, resolution of colours and transparency are kept where the codec can,
-        and ``lost`` says what is not. Pictures in red, green and blue become 4:2:0 where players expect it.
+        Pixel format of the input: bit depth, chroma subsampling and transparency are kept if the
+        codec supports them, and ``lost`` describes the losses. RGB images become 4:2:0 if players
+        expect it.
     pixel_format
-        The one to encode, whatever comes.
+        Encoded pixel format, regardless of the input.
     colour
-        How colours are coded; frames of pictures are converted to it.
+        Colour coding; frames of images are converted to it.
     display
-        What is told of the display that HDR was graded on; ``lost`` says so where the codec cannot.
+        Metadata of the HDR mastering display; ``lost`` reports if the codec does not support it.
     rotation_deg : deg
-        Noted beside the frames, counter-clockwise.
+        Rotation in the metadata, counter-clockwise.
     pixel_aspect
-        Width of a pixel over its height.
+        Width of a pixel divided by its height.
     audio
-        Streams whose packets will come, copied as they are.
+        Audio streams whose packets are copied.
     subtitles
-        Streams of text subtitles whose packets will come, converted to the form of the container; ``lost_tracks`` says
-        so where it holds none.
+        Text subtitle streams, whose packets are converted for the container; ``lost_tracks``
+        reports unsupported ones.
     chapters
-        Chapters; ``lost_tracks`` says so where the container holds none.
+        Chapters; ``lost_tracks`` reports if the container does not support them.
     begins_s : s
-        Added to the times of all frames and packets.
+        Offset of the times of all frames and packets.
     metadata
-        Title, time, place and so on.
+        Title, time, place and other metadata.
     container_format
-        The name of the format; by the name of the target where not given.
+        Container format; by default from the name of the target.
     container_options
-        Options of the format.
+        Options of the container format.
     is_live
-        Whether threads share each frame, instead of holding several back, which is quicker.
+        Use slice threads instead of frame threads, which reduces the latency.
 
     Raises
     ------
     MediaError
-        The codec is not known, or does not go with the format; the format cannot hold the sound.
+        The codec is unknown or not supported by the format, or the format does not support the
+        audio.
     InvalidParameter
-        The codec cannot encode pictures of that size.
+        The codec does not support the image size.
     """
 
     def __init__(
@@ -144,7 +146,7 @@ class Encoder:
             context.time_base = self._stream.time_base = self._time_base
             self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, like, pixel_format)
             self.lost = "" if pixel_format else losses(like, Kind.of(self.pixel_format))
-            """What pictures in the pixel format ``like`` lose, in words."""
+            """Losses of images in the pixel format ``like``, as a phrase."""
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
@@ -160,7 +162,7 @@ class Encoder:
             self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
             self._begins_s, name = begins_s, self.container.format.name
             self.lost_tracks = lost_in(name, audio, subtitles, chapters)
-            """Subtitles and chapters that the container cannot hold, in words."""
+            """Subtitles and chapters that the container does not support, as a phrase."""
             held = subtitles if name in SUBTITLES_OF else ()
             self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in held}
             if chapters and name in WITH_CHAPTERS:
@@ -176,9 +178,9 @@ class Encoder:
             raise
 
     def encode(self, frame: av.VideoFrame, is_key: bool = False) -> None:
-        """Encode a frame; its time and colour coding count, and a packed one is converted.
+        """Encode a frame with its time and colour coding; packed pixel formats are converted.
 
-        With ``is_key`` it is one that players can begin with, where the codec has such frames.
+        ``is_key`` forces a key frame, if the codec has them.
         """
         if (frame.width, frame.height) != self.size:
             raise InvalidParameter(
@@ -187,16 +189,16 @@ class Encoder:
             )
         frame = self._converted(frame)
         self._set_time(frame)
-        # what was a key frame in the source need not be one here
+        # key frames of the source are not forced
         frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
         with sentences(self.target):
             self.container.mux(self._stream.encode(frame))
         self.frames_written += 1
 
     def _converted(self, frame: av.VideoFrame) -> av.VideoFrame:
-        """The frame in the target's pixel format and colour coding."""
+        """Return the frame in the pixel format and colour coding of the target."""
         is_yuv = frame.format.name.startswith(("yuv", "nv"))
-        if not is_yuv:  # how colours become luma and chroma is for the target to say
+        if not is_yuv:  # the target determines the conversion to luma and chroma
             frame.colorspace, frame.color_range = self.colour.space, self.colour.range
             return converted(frame, self.pixel_format)
         is_full = is_full_range(frame)
@@ -205,7 +207,7 @@ class Encoder:
         return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
 
     def _set_time(self, frame: av.VideoFrame) -> None:
-        """Times in the target's unit that grow from frame to frame, as encoders and players need it."""
+        """Set increasing times in the unit of the target, as encoders and players require."""
         if frame.pts is None:
             pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
         else:
@@ -220,7 +222,7 @@ class Encoder:
         frame.time_base = self._time_base
 
     def copy(self, packet: Packet[AudioStream]) -> None:
-        """Pass on a packet of one of the audio or subtitle streams."""
+        """Write a packet of an audio or subtitle stream."""
         made: Packet[Any] | None = None
         if packet.size and (stream := self._audio.get(packet.stream_index)) is not None:
             packet.stream, made = stream, packet
@@ -236,13 +238,13 @@ class Encoder:
             self.container.mux(made)
 
     def finish(self) -> None:
-        """Encode what the encoder still holds back, and write the end."""
+        """Flush the encoder, and write the trailer."""
         with sentences(self.target):
             self.container.mux(self._stream.encode(None))
             self.container.close()
 
     def discard(self) -> None:
-        """Let go of the target, whatever it holds."""
+        """Close the target without a trailer."""
         with suppress(av.FFmpegError, OSError, ValueError):
             self.container.close()
 
@@ -267,7 +269,7 @@ class Encoder:
         raise self._cannot_hold(source)
 
     def _begin(self, audio: Sequence[AudioStream]) -> None:
-        """Write the head now, so that what the format cannot hold is refused before any work is done."""
+        """Write the header now: unsupported streams raise an error before any work."""
         try:
             self.container.start_encoding()
         except (av.error.ArgumentError, av.error.InvalidDataError, av.error.PatchWelcomeError):
@@ -286,13 +288,13 @@ class Encoder:
 
 
 def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[str, str]:
-    """The encoder's options, all of them known to it."""
+    """Return the options of the encoder after checking that it has them all."""
     try:
         context = av.CodecContext.create(codec, "w")
     except ValueError:
         raise MediaError(f"there is no encoder {codec!r}; valid are {', '.join(KNOWN_CODECS)}, among others") from None
     if codec == "libsvtav1":
-        os.environ.setdefault("SVT_LOG", "0")  # it writes to the terminal by itself, and has no option for it
+        os.environ.setdefault("SVT_LOG", "0")  # suppresses terminal output
     if context.type != "video":
         raise MediaError(f"{codec} does not encode pictures; valid are {', '.join(KNOWN_CODECS)}, among others")
     known = {option.name for option in (*context.supported_options.generic, *context.supported_options.private)}
@@ -306,7 +308,7 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
 
 
 def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | None) -> str:
-    """What is asked for, or what holds most of pictures in a format; the sides must go with it."""
+    """Return the requested pixel format, or that closest to the input; check the image size."""
     known = [pixel_format.name for pixel_format in codec.video_formats or []]
     if asked is not None and known and asked not in known:
         raise InvalidParameter(f"{codec.name} does not encode {asked}; valid are {', '.join(known)}")
@@ -325,7 +327,7 @@ def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | Non
 
 
 def _wanted(codec: str, like: str) -> Kind:
-    """What an encoder should hold of pictures in a format."""
+    """Return the required properties of the pixel format of an encoder."""
     kind, is_yuv = Kind.of(like), like.startswith(("yuv", "nv", "p0", "p2", "p4"))
     if not is_yuv and codec not in FULL_COLOUR:
         kind = replace(kind, colours="420", bits=min(kind.bits, 10))
@@ -334,7 +336,7 @@ def _wanted(codec: str, like: str) -> Kind:
 
 @contextmanager
 def sentences(target: str | Path) -> Iterator[None]:
-    """Turn what FFmpeg and the operating system say into a sentence."""
+    """Convert errors of FFmpeg and the operating system to messages."""
     try:
         yield
     except (MediaError, InvalidParameter):

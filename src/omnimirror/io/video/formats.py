@@ -1,4 +1,4 @@
-"""Pixel formats by what they hold: where colours are sampled, how many bits, whether transparency."""
+"""Properties of pixel formats: chroma subsampling, bit depth, transparency."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import av
 Colours = Literal["420", "422", "444"]
 DEPTHS = (8, 10, 12, 16)
 FULL_COLOUR = ("ffv1", "prores_ks", "utvideo", "ffvhuff")
-"""Codecs of studios and archives, whose players take colours of full resolution of pictures in red, green and blue."""
+"""Professional and archive codecs, whose players support 4:4:4 for RGB images."""
 NO_ALPHA = ("libx265", "libvpx-vp9")
-"""Codecs that know transparency in name, and need more than pictures for it, or that hardly anything reads."""
+"""Codecs with nominal transparency that requires additional streams or lacks support in players."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a pixel format of luma and colours holds.
+    """Properties of a pixel format of luma and chroma.
 
     >>> Kind.of("yuva444p10le")
     Kind(colours='444', bits=10, alpha=True)
@@ -27,13 +27,13 @@ class Kind:
     """
 
     colours: Colours = "420"
-    """Colours of each 2 x 2 pixels, of each 2 x 1, or of each."""
+    """Chroma subsampling: per 2 x 2 pixels, per 2 x 1, or per pixel."""
     bits: int = 8
     alpha: bool = False
 
     @classmethod
     def of(cls, pixel_format: str) -> Kind:
-        """What a format of FFmpeg's holds, at least; grey ones count as the least that shows them.
+        """Return the properties of an FFmpeg pixel format; grey counts as the lowest subsampling.
 
         Raises
         ------
@@ -57,17 +57,17 @@ class Kind:
 
     @property
     def name(self) -> str:
-        """The planar format that holds just this."""
+        """Planar format with these properties."""
         return f"yuv{'a' if self.alpha else ''}{self.colours}p{'' if self.bits == 8 else f'{self.bits}le'}"
 
     @property
     def even(self) -> tuple[bool, bool]:
-        """Whether a codec needs an even width and an even height."""
+        """True if the format requires an even width and an even height."""
         return self.colours != "444", self.colours == "420"
 
 
 def nearest(wanted: Kind, known: Sequence[str]) -> str:
-    """The format among known ones that loses least, and of these the one that adds least.
+    """Return the known format with the smallest loss, and among these with the smallest excess.
 
     >>> nearest(Kind("422", 10), ["yuv420p", "yuv444p", "yuv422p10le", "yuv444p12le"])
     'yuv422p10le'
@@ -88,7 +88,7 @@ def nearest(wanted: Kind, known: Sequence[str]) -> str:
 
 
 def losses(of: str, to: Kind) -> str:
-    """What pictures of a pixel format lose, in words; empty where they lose nothing.
+    """Describe the losses of a pixel format conversion; empty if there are none.
 
     >>> losses("yuva444p12le", Kind("420", 8)), losses("yuv420p", Kind("422", 10)), losses("rgb24", Kind())
     ('12 bits become 8, colours in 4:4:4 become 4:2:0, transparency is lost', '', 'colours in RGB become 4:2:0')

@@ -1,7 +1,7 @@
-"""One frame of a video: its planes as arrays, and arrays made into frames.
+"""Video frames: access to planes as arrays, and conversion of arrays to frames.
 
-A frame is PyAV's: it owns its memory, knows its time (``pts`` in units of ``time_base``, ``time`` in
-seconds) and how its colours are coded. Conversions follow that coding, and what they make carries it on.
+A frame is a PyAV frame: it owns its memory, and has a time (``pts`` in units of ``time_base``,
+``time`` in seconds) and a colour coding. Conversions use this coding and copy it to their results.
 """
 
 from __future__ import annotations
@@ -20,24 +20,26 @@ from .formats import Kind
 
 Image = NDArray[Any]
 Planes = tuple[NDArray[Any], ...]
-"""(y, u, v), or (y, uv) of NV12: (h, w), then (h/2, w/2), or (h/2, w/2, 2), halves rounded up; uint8. Frames of other
-kinds have colours of (h, w/2) in 4:2:2 and (h, w) in 4:4:4, a fourth plane (h, w) of transparency, and uint16."""
+"""Planes (y, u, v), or (y, uv) of NV12: (h, w), then (h/2, w/2), or (h/2, w/2, 2), halves rounded
+up; uint8. Other frames have chroma (h, w/2) in 4:2:2 and (h, w) in 4:4:4, a fourth plane (h, w) for
+transparency, and uint16.
+"""
 
 PLANAR = ("yuv420p", "yuvj420p", "nv12")
-"""The pixel formats whose planes are handed out as they are; the second is the first in full range."""
+"""Pixel formats with direct access to planes; the second is the first in full range."""
 PACKED = {1: "gray", 3: "rgb24", 4: "rgba"}
 FULL_RANGE = 2
 Siting = Literal["left", "center", "right", "top", "bottom"]
 """Position of chroma samples; the last three occur in frames that were turned or mirrored."""
 CENTRED = ("mjpeg", "mpeg1video", "h263", "flv1")
-"""Codecs whose colour samples lie in the middle of their four pixels, and not at the left ones."""
+"""Codecs with chroma samples at the centre of 2 x 2 pixels, instead of at the left."""
 
 _kept = threading.local()
 
 
 @dataclass(frozen=True)
 class Colour:
-    """How numbers stand for colours, as FFmpeg counts them (ITU-T H.273); the default is unspecified.
+    """Colour coding with the numbers of FFmpeg (ITU-T H.273); unspecified by default.
 
     >>> Colour(range=2).is_full_range
     True
@@ -46,7 +48,7 @@ class Colour:
     range: int = 0
     """1: luma from 16 to 235; 2: from 0 to 255."""
     space: int = 2
-    """The matrix of luma and chroma: 1 BT.709, 5 and 6 BT.601, 9 BT.2020."""
+    """Matrix of luma and chroma: 1 BT.709, 5 and 6 BT.601, 9 BT.2020."""
     primaries: int = 2
     transfer: int = 2
 
@@ -56,21 +58,21 @@ class Colour:
 
     @property
     def is_hdr(self) -> bool:
-        """Whether light is coded by PQ or HLG."""
+        """True if the transfer function is PQ or HLG."""
         return self.transfer in (16, 18)
 
     @classmethod
     def of(cls, coded: Any) -> Colour:
-        """The colour coding of a frame, or of a codec's context."""
+        """Return the colour coding of a frame, or of a codec context."""
         return cls(int(coded.color_range), int(coded.colorspace), int(coded.color_primaries), int(coded.color_trc))
 
     @classmethod
     def told_by(cls, frame: av.VideoFrame) -> Colour:
-        """That of a video with such frames; what is coded in red, green and blue becomes BT.709."""
+        """Return the colour coding of a video with such frames; RGB becomes BT.709."""
         return OF_RGB if frame.format.is_rgb or frame.format.has_palette else cls.of(frame)
 
     def put_on(self, coded: Any) -> None:
-        """Say so on a frame, or on a codec's context."""
+        """Set the colour coding of a frame, or of a codec context."""
         coded.color_range = self.range
         coded.colorspace = self.space
         coded.color_primaries = self.primaries
@@ -78,19 +80,19 @@ class Colour:
 
 
 OF_RGB = Colour(range=1, space=1, primaries=1, transfer=13)
-"""How pictures in red, green and blue become luma and colours: BT.709, of sRGB."""
+"""Coding of RGB images as luma and chroma: BT.709, with the sRGB transfer function."""
 
 
 def planes(frame: av.VideoFrame) -> Planes:
-    """The planes of a frame in planar YUV or NV12, without copying or converting.
+    """Return the planes of a frame in planar YUV or NV12, without copying or converting.
 
-    Rows may lie farther apart than they are wide, which the strides of the views tell. The views keep the
-    frame's memory alive.
+    Rows may be padded, as described by the strides of the views. The views keep the memory of the
+    frame alive.
 
     Raises
     ------
     MediaError
-        For a frame of another pixel format; :func:`planar` and :func:`workable` convert it first.
+        The frame has another pixel format; convert it first by :func:`planar` or :func:`workable`.
 
     Examples
     --------
@@ -106,7 +108,7 @@ def planes(frame: av.VideoFrame) -> Planes:
     for plane in frame.planes:
         step = abs(plane.line_size) // kind.itemsize
         rows = np.frombuffer(plane, kind)[: step * plane.height].reshape(plane.height, step)  # type: ignore[call-overload]
-        if plane.line_size < 0:  # stored from the bottom up
+        if plane.line_size < 0:  # stored bottom-up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)
         views.append(rows[:, : 2 * plane.width].reshape(plane.height, -1, 2) if is_pairs else rows[:, : plane.width])
@@ -114,7 +116,7 @@ def planes(frame: av.VideoFrame) -> Planes:
 
 
 def siting_of(codec: str) -> Siting:
-    """Where a codec's colour samples lie, unless a stream says otherwise (which PyAV does not tell).
+    """Return the chroma siting of a codec, unless specified by a stream (not available in PyAV).
 
     >>> siting_of("h264"), siting_of("mjpeg")
     ('left', 'center')
@@ -123,15 +125,15 @@ def siting_of(codec: str) -> Siting:
 
 
 def is_full_range(frame: av.VideoFrame) -> bool:
-    """Whether luma counts from 0 to 255."""
+    """Return whether luma has full range, 0 to 255."""
     return bool(frame.color_range == FULL_RANGE) or frame.format.name.startswith("yuvj")
 
 
 def converted(frame: av.VideoFrame, pixel_format: str, **colours: int) -> av.VideoFrame:
-    """The frame in another pixel format, with its time and colour coding.
+    """Convert a frame to another pixel format, with its time and colour coding.
 
-    What FFmpeg prepares for a conversion takes longer than the conversion, and is kept for the next frame
-    of the thread.
+    The setup of a conversion in FFmpeg takes longer than the conversion; it is cached per thread
+    for the next frame.
     """
     kept: dict[Any, VideoReformatter] = _kept.__dict__.setdefault("reformatters", {})
     kind = (frame.width, frame.height, frame.format.name, pixel_format)
@@ -141,18 +143,20 @@ def converted(frame: av.VideoFrame, pixel_format: str, **colours: int) -> av.Vid
 
 
 def planar(frame: av.VideoFrame) -> av.VideoFrame:
-    """The frame itself where its planes can be had, or else converted to yuv420p."""
+    """Return the frame itself if its planes are accessible, otherwise converted to yuv420p."""
     return frame if frame.format.name in PLANAR else converted(frame, "yuv420p")
 
 
 def has_planes(frame: av.VideoFrame) -> bool:
-    """Whether :func:`planes` can hand out its planes."""
+    """Return whether :func:`planes` supports the frame."""
     name = frame.format.name
     return name in PLANAR or Kind.of(name).name == name.replace("yuvj", "yuv")
 
 
 def workable(frame: av.VideoFrame) -> av.VideoFrame:
-    """The frame itself where its planes can be had, or else converted to planes that hold all that it does."""
+    """Return the frame itself if its planes are accessible, otherwise converted losslessly to a
+    planar format.
+    """
     if has_planes(frame):
         return frame
     if frame.format.is_rgb or frame.format.has_palette:
@@ -163,7 +167,7 @@ def workable(frame: av.VideoFrame) -> av.VideoFrame:
 def empty_frame(
     size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None
 ) -> tuple[av.VideoFrame, Planes]:
-    """A frame to be filled through its planes, which spares a copy.
+    """Allocate a frame to be filled through its planes, which avoids a copy.
 
     Parameters
     ----------
@@ -171,7 +175,7 @@ def empty_frame(
     pixel_format
         ``"nv12"``, or planar YUV; values are undefined.
     like
-        Time and colour coding are taken from this one.
+        Frame that provides time and colour coding.
     """
     frame = av.VideoFrame(size[0], size[1], pixel_format)
     if like is not None:
@@ -181,12 +185,13 @@ def empty_frame(
 
 
 def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.VideoFrame:
-    """A frame of planes as :func:`planes` gives them, copied; time and colour coding of ``like``.
+    """Create a frame from copies of planes as from :func:`planes`, with time and colour coding of
+    ``like``.
 
     Raises
     ------
     MediaError
-        If the shapes do not belong to one 4:2:0 picture.
+        The shapes do not form a 4:2:0 image.
     """
     height, width = parts[0].shape[:2]
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
@@ -199,21 +204,24 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
 
 
 def image_of_frame(frame: av.VideoFrame) -> Image:
-    """The frame as a picture (h, w, 3) uint8, red, green, blue; converted as its colour coding says."""
+    """Convert the frame to an image (h, w, 3) uint8, red, green, blue, according to its colour
+    coding.
+    """
     image: Image = converted(frame, "rgb24").to_ndarray()
     return image
 
 
 def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoFrame:
-    """A frame of a picture (h, w), (h, w, 3) or (h, w, 4) uint8; grey, or red, green, blue (alpha).
+    """Create a frame of an image (h, w), (h, w, 3) or (h, w, 4) uint8; grey, or red, green, blue
+    (alpha).
 
-    A contiguous picture is not copied: it must stay as it is until the frame has been written. The time is
-    that of ``like``, and its colour coding is noted for when the frame is converted to luma and chroma.
+    A contiguous image is not copied: it must not change until the frame is written. The time is
+    that of ``like``; its colour coding is stored for the later conversion to luma and chroma.
 
     Raises
     ------
     MediaError
-        For an array that is no such picture.
+        The array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in PACKED or image.dtype != np.uint8 or 0 in image.shape:
@@ -231,9 +239,9 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
 
 
 def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, int, int]:
-    """y, u and v of a colour (red, green, blue) of 8 bits, in a frame whose colours are coded like another's.
+    """Convert a colour (red, green, blue) of 8 bits to y, u and v in the colour coding of a frame.
 
-    Of a frame of more bits they count in these.
+    The values have the bit depth of the frame.
 
     >>> coded_colour((0, 0, 0), empty_frame((64, 48))[0])
     (16, 128, 128)
@@ -247,7 +255,7 @@ def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, i
 
 
 def as_frame(made: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.VideoFrame:
-    """A frame of what a picture function returned for ``like``: a frame, a picture or planes."""
+    """Convert the result of an image function (frame, image or planes) to a frame."""
     if isinstance(made, av.VideoFrame):
         if made.pts is None:
             _carry_on(like, made)
@@ -256,7 +264,7 @@ def as_frame(made: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.Vi
 
 
 def _carry_on(like: av.VideoFrame, frame: av.VideoFrame) -> None:
-    """Put the time of one frame on another."""
+    """Copy the time of one frame to another."""
     frame.pts = like.pts
     if like.time_base is not None:
         frame.time_base = like.time_base

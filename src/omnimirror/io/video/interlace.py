@@ -1,4 +1,4 @@
-"""Interlaced pictures made whole: two fields of different moments are no picture that can be straightened."""
+"""Deinterlacing: fields captured at different times cannot be dewarped as one image."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from av.filter import Graph
 
 
 class Fields:
-    """Makes whole pictures of interlaced ones as they come, by FFmpeg's bwdif; others pass as they are.
+    """Deinterlacer of interlaced frames with FFmpeg's bwdif; other frames pass unchanged.
 
-    Each picture shows the moment of its first field; what the second one hides is estimated from the pictures before
-    and after, for which one picture is held back.
+    Each image has the time of its first field; missing rows are estimated from the frames before
+    and after, which delays the output by one frame.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class Fields:
         self._kind: tuple[int, int, str] | None = None
 
     def __call__(self, frame: av.VideoFrame) -> list[av.VideoFrame]:
-        """The pictures that are ready once this one has come."""
+        """Return the images that are complete after this frame."""
         if self._graph is None and not frame.interlaced_frame:
             return [frame]
         ready: list[av.VideoFrame] = []
@@ -31,7 +31,7 @@ class Fields:
         return ready + _pulled(self._graph)
 
     def rest(self) -> list[av.VideoFrame]:
-        """The picture that is still held back."""
+        """Return the delayed image."""
         graph, self._graph = self._graph, None
         if graph is None:
             return []

@@ -1,4 +1,4 @@
-"""Numbered pictures that a video becomes, each written whole or not at all."""
+"""Image sequences as video output, each image written atomically."""
 
 from __future__ import annotations
 
@@ -21,36 +21,39 @@ from .reader import Item
 from .sequences import NUMBER, SEQUENCES, numbered, numbers_of
 
 EXACT = 2 | 0x2000 | 0x40000
-"""FFmpeg's bilinear, full_chroma_int and accurate_rnd: without the last, white of ten bits is not white."""
+"""FFmpeg's bilinear, full_chroma_int and accurate_rnd; without the last, 10-bit white is not exact.
+"""
 WHITE = 65280
 
 
 class NumberedPictures:
-    """Writes each frame as a picture of its own, by a pattern such as ``f%04d.png``: ``f0001.png``, ``f0002.png`` ..
+    """Writer of frames as images with a pattern such as ``f%04d.png``: ``f0001.png``, ``f0002.png``
+    ...
 
-    Pictures of more than 8 bits are written with 16 where the file holds them (PNG, TIFF), and transparency is kept
-    where it can be. Times, sound and how the source's colours were coded have no place in pictures: these are sRGB, or
-    whatever the source's transfer was, which :attr:`notes` says of HDR. Whatever ends the writing, the pictures that
-    were written are whole and stay.
+    Images of more than 8 bits are written with 16 if the format supports it (PNG, TIFF), and
+    transparency is kept if possible. Times, audio and colour coding of the source are not stored:
+    images are sRGB, or have the transfer function of the source, which :attr:`notes` reports for
+    HDR. On any interruption the written images are complete and are kept.
 
     Parameters
     ----------
     pattern
-        Its suffix names the format, and ``%04d`` in its name the number with four digits, which begins with 1.
+        Pattern whose suffix selects the format; ``%04d`` in its name is the number with four
+        digits, from 1.
     size : (width, height) px
     like
-        The pixel format of what will come.
+        Pixel format of the input.
     colour
-        How its colours are coded.
+        Colour coding of the input.
     panorama
-        What viewers are to know of every picture; left out of files that cannot say it.
+        Panorama metadata of every image; ignored for formats without support.
     skip_existing
-        The numbers of pictures that are there already are left out: whoever writes looks at :meth:`lacking`.
+        Skip the numbers of existing images; the caller filters frames with :meth:`lacking`.
 
     Raises
     ------
     MediaError
-        The pattern is none, or the format cannot hold pictures of that size.
+        The pattern is invalid, or the format does not support images of this size.
 
     Examples
     --------
@@ -64,7 +67,7 @@ class NumberedPictures:
     ['f001.png', 'f002.png']
     """
 
-    siting: Siting = "center"  # where FFmpeg takes colours to lie that it turns into red, green and blue
+    siting: Siting = "center"  # siting assumed by FFmpeg in conversions to RGB
 
     def __init__(
         self,
@@ -86,7 +89,7 @@ class NumberedPictures:
         self._there = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
         self._numbers = (number for number in count(1) if number not in self._there)
         self.notes = [f"{pattern}: {lost}" for lost in self._losses(kind, of, colour)]
-        """What whoever asked for the pictures should know of them, in sentences."""
+        """Remarks on the images for the user, in sentences."""
 
     def _losses(self, kind: Kind, of: PictureFormat, colour: Colour | None) -> Iterator[str]:
         told = []
@@ -100,7 +103,7 @@ class NumberedPictures:
             yield "the picture is HDR, and pictures do not say so; a video keeps its tags"
 
     def lacking(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The frames among a video's items whose pictures are not there yet."""
+        """Yield the frames of a video whose images do not exist yet."""
         number = 0
         for item in items:
             if isinstance(item, av.VideoFrame):
@@ -109,12 +112,12 @@ class NumberedPictures:
                     yield item
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Write the frame as the next picture.
+        """Write the frame as the next image.
 
         Raises
         ------
         MediaError
-            It cannot be written, for one because the disk is full.
+            The image cannot be written, for example because the disk is full.
         """
         write_image(numbered(self.pattern, next(self._numbers)), self._picture(frame), panorama=self._panorama)
         self.frames_written += 1
@@ -123,31 +126,31 @@ class NumberedPictures:
         if not self._is_deep:
             return converted(frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT).to_ndarray()
         image: Image = converted(frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT).to_ndarray()
-        colours = image[..., :3]  # FFmpeg's white is 255 parts of 256
+        colours = image[..., :3]  # white of FFmpeg is 255/256
         np.minimum(colours, WHITE, out=colours)
         colours += colours >> 8
         return image
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Forget a packet of sound."""
+        """Discard an audio packet."""
 
     def close(self) -> None:
-        """Everything is written.
+        """Finish the sequence.
 
         Raises
         ------
         MediaError
-            Nothing was, and nothing had been before.
+            No image was written, and none existed before.
         """
         if not self.frames_written and not self._there:
             raise MediaError(f"no frame was written to {self.pattern}")
 
     def abort(self) -> None:
-        """What was written is whole, and stays."""
+        """Stop; written images are complete and are kept."""
 
 
 def is_of_pictures(name: str | Path) -> bool:
-    """Whether the name of an output is one of pictures, as they are or numbered.
+    """Return whether the name of an output is that of an image or an image sequence.
 
     >>> is_of_pictures("out/f%04d.jpg"), is_of_pictures("f.png"), is_of_pictures("f%d.gif"), is_of_pictures("f%d.mp4")
     (True, True, True, False)
@@ -157,12 +160,12 @@ def is_of_pictures(name: str | Path) -> bool:
 
 
 def check_pattern(pattern: str | Path) -> Path:
-    """The name of numbered pictures that can be written.
+    """Return the pattern of an image sequence after checking that it can be written.
 
     Raises
     ------
     MediaError
-        It has no number or several, one without a width of zeros, or the suffix is not known.
+        The pattern has no number or several, one without zero padding, or the suffix is unknown.
     """
     path = Path(pattern)
     found = NUMBER.findall(path.name)

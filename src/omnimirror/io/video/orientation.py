@@ -1,4 +1,6 @@
-"""Orientation of a video: the display matrix that files carry for frames taken with a turned camera."""
+"""Orientation of a video: the display matrix that files carry for frames taken with a turned
+camera.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,17 @@ OF_AXES = {
     ((0, -1), (-1, 0)): 7,
     ((0, -1), (1, 0)): 8,
 }
-"""Orientation as in EXIF, by the directions (right, down) on the display of the stored rows and columns."""
+"""Orientation as in EXIF, by the directions (right, down) on the display of the stored rows and
+columns.
+"""
 SITED_LEFT: dict[int, Siting] = {2: "right", 3: "right", 5: "top", 6: "top", 7: "bottom", 8: "bottom"}
-"""Position of chroma samples after an orientation was applied to frames in which they lie at the left."""
+"""Position of chroma samples after an orientation of left-sited frames, by orientation."""
 
 
 def orientation_of(frame: av.VideoFrame) -> int | None:
-    """Return the orientation of a frame as in EXIF, 1 to 8; None for a rotation by no multiple of 90 deg."""
+    """Return the orientation of a frame as in EXIF, 1 to 8; None for a rotation by no multiple of
+    90 deg.
+    """
     beside: Any = frame.side_data
     matrix = beside.get(SideData.DISPLAYMATRIX)
     if matrix is None:
@@ -44,8 +50,8 @@ def orientation_of(frame: av.VideoFrame) -> int | None:
 def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:
     """Return a frame with an orientation applied; time and colour coding are kept.
 
-    Chroma that is subsampled in one direction only, or of frames with an odd number of rows or columns, is
-    interpolated to full resolution first.
+    Chroma that is subsampled in one direction only, or of frames with an odd number of rows or
+    columns, is interpolated to full resolution first.
     """
     if orientation == UPRIGHT:
         return frame

@@ -1,4 +1,4 @@
-"""Video files, read frame by frame with the sound beside them, through PyAV."""
+"""Video files, read frame by frame with their audio, through PyAV."""
 
 from __future__ import annotations
 
@@ -29,46 +29,47 @@ from .tracks import CLOCKED, chapters_between, lost_tracks, text_subtitles
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
-"""A decoded frame, or a packet of sound as it is stored."""
+"""Decoded frame, or audio packet as stored."""
 
 SEEK_BACK_S = (0, 2, 10)
-"""How much earlier to look where a file's index leads past the frame that was asked for."""
+"""Successive margins (s) for seeking earlier if the index of a file leads past the requested frame.
+"""
 LATE_SOUND_S = 5
-"""How far the sound may lie behind the pictures in a file."""
+"""Maximum delay of audio relative to video within a file."""
 CUT_SHORT_S = 0.5
-"""By how much a file may end before it says that it does."""
+"""Tolerance of the duration before a file is reported as truncated."""
 
 
 class VideoReader:
-    """A video file: what it is, and its frames and sound from one time to another.
+    """Video file: properties, and frames and audio of a time range.
 
-    The rotation or mirroring that a file carries for its frames (display matrix) is applied, as FFmpeg and players do,
-    unless ``stored_orientation`` is set. Interlaced pictures are made whole (:class:`.fields.Fields`).
-    Only the first video stream is read, with all audio streams, text subtitles and chapters; ``notes`` names other
-    tracks that are lost. Each pass reads the file anew.
+    The rotation or mirroring in the display matrix of a file is applied, as by FFmpeg and players,
+    unless ``stored_orientation`` is set. Interlaced frames are deinterlaced
+    (:class:`.interlace.Fields`). Only the first video stream is read, with all audio streams, text
+    subtitles and chapters; ``notes`` names other, dropped tracks. Each pass reads the file again.
 
     Parameters
     ----------
     path
-        A file, or numbered pictures such as ``f%04d.png``.
+        File, or image sequence such as ``f%04d.png``.
     start_s : s
-        Where to begin, from the beginning of the file.
+        Start time, from the start of the file.
     duration_s : s, optional
-        How much to read; all the rest where not given. Frames whose time lies in [start, start + duration)
-        are read, with the times in the file less ``start_s``.
+        Duration; the rest by default. Frames with times in [start, start + duration) are read, with
+        the times in the file minus ``start_s``.
     with_sound
         Whether packets of audio and subtitles are read too.
     frame_rate : frames a second
-        Of numbered pictures; files tell their own.
+        Frame rate of image sequences; files contain their own.
     stored_orientation
-        Return frames as they are stored, for a camera that was calibrated with stored pixels.
+        Return frames as stored, for a camera that was calibrated with stored pixels.
 
     Raises
     ------
     MediaError
-        There is no such file, or no video in it that can be decoded.
+        The file does not exist, or has no video that can be decoded.
     InvalidParameter
-        The part asked for does not lie in the video.
+        The requested part is outside the video.
 
     Examples
     --------
@@ -110,14 +111,14 @@ class VideoReader:
             raise
 
     def _probe(self) -> None:
-        """Learn what the video is; some of it only the first frame tells."""
+        """Read the properties of the video, some of them from the first frame."""
         stream = self._container.streams.video[0]
         first = next(_decoded(self._container, stream), None)
         if first is None:
             raise MediaError(f"no frame of the video {self.path} can be decoded; it is damaged or cut short")
         found = orientation_of(first)
         self.orientation = UPRIGHT if found is None or self.stored_orientation else found
-        """What is applied to the stored frames, as in EXIF, 1 to 8."""
+        """Orientation applied to the stored frames, as in EXIF, 1 to 8."""
         is_quarter_turn = self.orientation in QUARTER_TURNS
         self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
@@ -127,7 +128,7 @@ class VideoReader:
         if self.siting == "left":
             self.siting = SITED_LEFT.get(self.orientation, self.siting)
         self.notes: list[str] = []
-        """What whoever reads the file should know of it, in sentences."""
+        """Remarks on the file for the user, in sentences."""
         if self.orientation != UPRIGHT:
             self.notes.append(f"{self.path}: {WORDS[self.orientation]}, as the file requires; {STORED}")
         elif found is None:
@@ -151,14 +152,14 @@ class VideoReader:
             self.metadata["timecode"] = later(timecode, frames, self.frame_rate)
         self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_sound else ()
         self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
-        """Streams of text subtitles, whose packets come with those of the audio."""
+        """Text subtitle streams, whose packets are returned with those of the audio."""
         origin = _origin(self._container)
         start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
         length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
         self.chapters = chapters_between(self._container, start, None if length is None else start + length)
         is_clocked = any(name in CLOCKED for name in self._container.format.name.split(","))
         self.begins_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
-        """Time in the file at which it begins; times of frames and packets count from it."""
+        """Start time in the file; times of frames and packets are relative to it."""
         if self.with_sound and (lost := " and ".join(lost_tracks(self._container))):
             self.notes.append(f"{self.path}: not kept are {lost}")
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
@@ -170,7 +171,7 @@ class VideoReader:
 
     @property
     def expected_frames(self) -> int | None:
-        """How many frames :meth:`frames` should give, as far as the file tells."""
+        """Expected number of frames, if the file contains it."""
         stream = self._container.streams.video[0]
         is_whole = self.start_s == 0 and self.duration_s is None
         if is_whole and stream.frames:
@@ -181,22 +182,22 @@ class VideoReader:
         return round((rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate)
 
     def frames(self) -> Iterator[av.VideoFrame]:
-        """The frames in the order in which they are shown; as :meth:`items` without the sound."""
+        """Yield the frames in presentation order, as :meth:`items` without audio."""
         return (item for item in self.items() if isinstance(item, av.VideoFrame))
 
     def items(self) -> Iterator[Item]:
-        """Frames, and packets of sound as they are stored, in the order in which the file holds them.
+        """Yield frames, and audio packets as stored, in the order of the file.
 
         Raises
         ------
         MediaError
-            After everything that could be read, if the file is damaged or cut short.
+            The file is damaged or truncated; raised after all readable items.
         """
         with self._open() as container:
             yield from _Pass(self, container)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Release the file."""
         self._container.close()
 
     def __enter__(self) -> VideoReader:
@@ -211,7 +212,7 @@ class VideoReader:
         try:
             kind = "image2" if self._options else None
             for path in numbered_files(self.path) if self._options else (self.path,):
-                check_file(path)  # FFmpeg would wait for a pipe
+                check_file(path)  # FFmpeg would block on a pipe
             container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
         except FileNotFoundError:
             raise MediaError(f"there is no video {self.path}") from None
@@ -228,7 +229,7 @@ class VideoReader:
 
 
 class _Pass:
-    """One way through a file; it counts what it meets, to say at the end what was missing."""
+    """Single pass through a file, with counters for missing data that are reported at its end."""
 
     def __init__(self, reader: VideoReader, container: InputContainer) -> None:
         self.reader = reader
@@ -238,7 +239,7 @@ class _Pass:
         self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
         self.subtitles = [container.streams[own.index] for own in reader.subtitle_streams]
         self.lasting = {own.index: own for own in (*reader.audio_streams, *reader.subtitle_streams)}
-        """The reader's own streams: packets are looked at after this pass has closed its container."""
+        """Streams of the reader: packets are used after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
@@ -248,7 +249,7 @@ class _Pass:
         self.damaged = 0
         self.given = 0
         self.reached = Fraction(0)
-        """The time at which what was read ends, of any stream."""
+        """End time of the data read, of any stream."""
 
     def __iter__(self) -> Iterator[Item]:
         problem = None
@@ -262,7 +263,7 @@ class _Pass:
         self._check(problem)
 
     def _from_start(self) -> Iterator[Item]:
-        """From the key frame before the start on, decoded and left out up to the start."""
+        """Decode from the key frame before the start, and drop frames before the start."""
         for back in SEEK_BACK_S:
             target = max(Fraction(0), self.start - back)
             try:
@@ -279,7 +280,7 @@ class _Pass:
         yield from self._read(None)
 
     def _read(self, must_reach: Fraction | None) -> Iterator[Item]:
-        """What lies between start and end; nothing at all if the first frame is later than it must be."""
+        """Yield the items between start and end; none if the first frame is later than required."""
         early: list[Item] = []
         has_begun = must_reach is None
         for item, time in self._timed():
@@ -296,9 +297,11 @@ class _Pass:
                 yield self._shifted(item)
 
     def _timed(self) -> Iterator[tuple[Item, Fraction]]:
-        """Frames and packets with their times in the file (s), until both pictures and sound have passed the end."""
+        """Yield frames and packets with their times in the file (s), until video and audio have
+        passed the end.
+        """
         streams = [self.video, *self.audio, *self.subtitles]
-        running = {stream.index for stream in (self.video, *self.audio)}  # subtitles may be far apart
+        running = {stream.index for stream in (self.video, *self.audio)}  # subtitles may be sparse
         expected = Fraction(0)
         for packet in self.container.demux(streams):
             self._note(packet)
@@ -327,7 +330,7 @@ class _Pass:
             frames = packet.decode()
         except av.error.InvalidDataError:
             self.damaged += 1
-        except av.error.EOFError:  # flushed before
+        except av.error.EOFError:  # already flushed
             pass
         whole = [ready for frame in frames for ready in self.fields(frame)]
         whole = whole if packet.size else whole + self.fields.rest()
@@ -340,8 +343,8 @@ class _Pass:
             self.reached = max(self.reached, _time(packet) + (packet.duration or 0) * packet.time_base)
 
     def _is_inside(self, item: Item, time: Fraction) -> bool:
-        # Times in files are rounded to the stream's ticks, so half a tick early is still inside. What comes
-        # before the file's own beginning, such as the priming of an audio codec, belongs to the whole.
+        # File times are rounded to the ticks of the stream; half a tick before the start is inside.
+        # Data before the start of the file, such as the priming of an audio codec, belong to it.
         slack = (item.time_base or self.tick) / 2
         begins = self.reader.start_s == 0 or time >= self.start - slack
         return begins and (self.end is None or time < self.end - slack)
@@ -354,7 +357,7 @@ class _Pass:
         return item
 
     def _check(self, problem: str | None) -> None:
-        """Say what was missing, in one sentence."""
+        """Report missing data in one sentence."""
         path, count = self.reader.path, self.given
         if problem is not None:
             raise MediaError(f"the video {path} is damaged: {problem} after {count} frames, which were read")
@@ -365,7 +368,7 @@ class _Pass:
             )
         is_whole = self.reader.start_s == 0 and self.end is None
         says = self.reader.whole_s
-        counts = "mov" in self.container.format.name  # others count what they skip, or do not count
+        counts = "mov" in self.container.format.name  # other formats count skipped frames, or none
         lacks = is_whole and counts and self.packets < self.video.frames
         ends_early = self.end is None and says is not None and self.reached + Fraction(CUT_SHORT_S) < says
         if lacks or ends_early:
@@ -375,7 +378,7 @@ class _Pass:
 
 
 def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.VideoFrame]:
-    """Frames, whatever lies between them."""
+    """Yield the decoded frames, skipping damaged packets."""
     try:
         for packet in container.demux(stream):
             try:
@@ -387,7 +390,7 @@ def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.Vide
 
 
 def _duration(container: InputContainer, stream: VideoStream) -> float | None:
-    """How long the file says that it lasts (s), from its beginning; None where it does not say."""
+    """Return the duration in the file (s), from its start; None if unknown."""
     if stream.duration is not None and stream.time_base is not None:
         begin = Fraction(stream.start_time or 0) * stream.time_base
         return float(begin + stream.duration * stream.time_base - _origin(container))
@@ -398,7 +401,7 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
 
 
 def _origin(container: InputContainer) -> Fraction:
-    """The time (s) from which a file counts; what it holds earlier keeps its negative time."""
+    """Return the time origin (s) of a file; earlier data keep their negative times."""
     return max(Fraction(0), Fraction(container.start_time or 0, av.time_base))
 
 

@@ -1,4 +1,4 @@
-"""Numbered pictures that are read and written as a video, and videos that come on standard input."""
+"""Image sequences read and written as videos, and videos on standard input."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ...base.files import is_same_file
 
 SEQUENCES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 LARGEST_INPUT = 64 << 30
-"""Bytes of a video on standard input, which is stored in a temporary file."""
+"""Maximum size in bytes of a video on standard input, which is stored in a temporary file."""
 PIECE = 1 << 20
 NUMBER = re.compile(r"%(0?)(\d*)d")
 
 
 def is_sequence(name: str | Path) -> bool:
-    """Whether a name stands for numbered pictures.
+    """Return whether a name is the pattern of an image sequence.
 
     >>> is_sequence("shots/f%04d.png"), is_sequence("shots/100%.png"), is_sequence("f%d.mp4")
     (True, False, False)
@@ -30,12 +30,12 @@ def is_sequence(name: str | Path) -> bool:
 
 
 def first_number(pattern: Path) -> int:
-    """The number of a sequence's first picture.
+    """Return the number of the first image of a sequence.
 
     Raises
     ------
     MediaError
-        There is none, or numbers are missing between the first and the last.
+        There is no image, or numbers are missing between the first and the last.
     """
     numbers = sorted(numbers_of(pattern))
     if not numbers:
@@ -49,7 +49,7 @@ def first_number(pattern: Path) -> int:
 
 
 def numbers_of(pattern: Path) -> Iterator[int]:
-    """The numbers of a sequence's pictures that are there, in no order."""
+    """Yield the numbers of the existing images of a sequence, unsorted."""
     before, *_, after = NUMBER.split(pattern.name)
     digits = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
     folder = pattern.parent
@@ -60,12 +60,12 @@ def numbers_of(pattern: Path) -> Iterator[int]:
 
 
 def numbered_files(pattern: Path) -> Iterator[Path]:
-    """Yield the pictures of a sequence that are there, in no order."""
+    """Yield the existing images of a sequence, unsorted."""
     return (numbered(pattern, number) for number in numbers_of(pattern))
 
 
 def numbered(pattern: Path, number: int) -> Path:
-    """The picture of a number.
+    """Return the name of the image with a number.
 
     >>> numbered(Path("shots/f%04d.png"), 7).as_posix(), numbered(Path("%d.jpg"), 12).as_posix()
     ('shots/f0007.png', '12.jpg')
@@ -75,7 +75,7 @@ def numbered(pattern: Path, number: int) -> Path:
 
 
 def may_share_a_name(a: str | Path, b: str | Path) -> bool:
-    """Whether a picture of one sequence may have the name of one of another.
+    """Return whether images of two sequences may have the same name.
 
     >>> may_share_a_name("f%04d.png", "./f%03d.png"), may_share_a_name("f%d.png", "out/f%d.png")
     (True, False)
@@ -88,12 +88,12 @@ def may_share_a_name(a: str | Path, b: str | Path) -> bool:
 
 @contextmanager
 def standard_input() -> Iterator[Path]:
-    """A file of what comes on standard input, all of it: an index may stand at its end.
+    """Yield a temporary file with the whole standard input: the index may be at its end.
 
     Raises
     ------
     MediaError
-        Nothing comes, more than :data:`LARGEST_INPUT`, or it is a terminal.
+        The input is empty, exceeds :data:`LARGEST_INPUT`, or is a terminal.
     """
     if sys.stdin is None or sys.stdin.isatty():
         raise MediaError("standard input is a terminal; send a video to it")

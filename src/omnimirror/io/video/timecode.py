@@ -1,4 +1,4 @@
-"""The time of day that cameras count frames by (SMPTE ST 12)."""
+"""SMPTE timecodes of frames (ST 12)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from fractions import Fraction
 
 
 def timecode_of(notes: Iterable[Mapping[str, str]]) -> str | None:
-    """The first timecode among the metadata of a file and of its streams."""
+    """Return the first timecode in the metadata of a file and its streams."""
     told = (text for note in notes for key, text in note.items() if key.lower() == "timecode")
     return next(told, None)
 
 
 def later(timecode: str, frames: int, rate: Fraction) -> str:
-    """The timecode so many frames later; a semicolon means that numbers are dropped, to keep in step with the clock.
+    """Add a number of frames to a timecode; a semicolon marks drop-frame timecode.
 
     >>> later("00:00:59;29", 1, Fraction(30000, 1001)), later("00:09:59;29", 1, Fraction(30000, 1001))
     ('00:01:00;02', '00:10:00;00')
@@ -26,7 +26,7 @@ def later(timecode: str, frames: int, rate: Fraction) -> str:
         return timecode
     hours, minutes, seconds, frame = (int(parts[i]) for i in (1, 2, 3, 5))
     a_second = round(rate)
-    dropped = a_second // 15 if parts[4] != ":" else 0  # in each minute that ten does not divide
+    dropped = a_second // 15 if parts[4] != ":" else 0  # per minute, except every tenth
     a_minute, ten_minutes = 60 * a_second - dropped, 600 * a_second - 9 * dropped
     minutes += 60 * hours
     count = (60 * minutes + seconds) * a_second + frame - dropped * (minutes - minutes // 10) + frames

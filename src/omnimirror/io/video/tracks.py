@@ -1,4 +1,4 @@
-"""Tracks and chapters beside the frames of a video: what is kept of them in another file, and what is lost."""
+"""Tracks and chapters of a video besides frames: those kept in another file, and those lost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import av
 from av.packet import Packet
 
 TEXT_SUBTITLES = ("subrip", "ass", "webvtt", "mov_text", "text")
-"""Codecs of subtitles that are text, which containers hold in different forms; others are images."""
+"""Codecs of text subtitles, which containers store in different forms; others are images."""
 SUBTITLES_OF = {
     "mp4": ("mov_text",),
     "mov": ("mov_text",),
@@ -18,10 +18,10 @@ SUBTITLES_OF = {
     "matroska": ("subrip", "ass", "webvtt"),
     "webm": ("webvtt",),
 }
-"""Text subtitles that a container holds, by its format; subtitles in other forms are converted to the first."""
+"""Text subtitle codecs by container format; others are converted to the first."""
 WITH_CHAPTERS = tuple(SUBTITLES_OF)
 OF_A_TRACK = {"title": "title", "name": "title", "comment": "comment"}
-"""Metadata of a track that are kept, and what they are called in a new file (MP4 calls the title a name)."""
+"""Metadata of a track that are kept, and their names in the output (MP4 calls the title a name)."""
 WITHOUT_TITLES = ("ipod", "mpegts")
 QUICKTIME = frozenset(
     [
@@ -124,9 +124,9 @@ QUICKTIME_NAMES = {
     "rum": "ron", "cze": "ces", "slo": "slk", "mkd": "mac", "hye": "arm", "kat": "geo", "bod": "tib", "mya": "bur",
     "msa": "may", "cym": "wel", "eus": "baq",
 }  # fmt: skip
-"""Other codes of ISO 639-2 for them."""
+"""Alternative codes of ISO 639-2 for them."""
 CLOCKED = ("mpegts", "mpeg")
-"""Formats whose times count from any origin, so that the time of their beginning says nothing."""
+"""Formats with an arbitrary time origin, whose start time has no meaning."""
 MILLISECOND = Fraction(1, 1000)
 
 
@@ -144,7 +144,7 @@ class Chapter(NamedTuple):
 
 
 def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> tuple[Chapter, ...]:
-    """Return the chapters of a file between two times (s), from which they count."""
+    """Return the chapters of a file between two times (s), with times relative to the start."""
     found = []
     for each in container.chapters():
         first, last = each["start"] * each["time_base"], each["end"] * each["time_base"]
@@ -160,7 +160,7 @@ def text_subtitles(container: Any) -> tuple[Any, ...]:
 
 
 def lost_tracks(container: Any) -> Iterable[str]:
-    """Yield what of a file's tracks no output keeps, in words."""
+    """Yield descriptions of the tracks of a file that no output keeps."""
     images = [stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES]
     if images:
         yield f"{_number(images, 'subtitle track')} with images instead of text"
@@ -171,7 +171,7 @@ def lost_tracks(container: Any) -> Iterable[str]:
 
 
 def lost_in(format_name: str, audio: Sequence[Any], subtitles: Sequence[Any], chapters: Sequence[Chapter]) -> str:
-    """Return what of tracks and chapters a format cannot hold, in words; empty if it holds all.
+    """Describe the tracks and chapters that a format does not support; empty if it supports all.
 
     >>> lost_in("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
     '1 chapter'
@@ -198,7 +198,7 @@ def language_in(format_name: str, source: Any) -> str:
 
 
 def describe(stream: Any, source: Any, format_name: str) -> None:
-    """Copy language, title and disposition of a track to the one that is written."""
+    """Copy language, title and disposition of a track to the output."""
     stream.metadata.update({OF_A_TRACK[key]: text for key, text in source.metadata.items() if key in OF_A_TRACK})
     if language := language_in(format_name, source):
         stream.metadata["language"] = language
@@ -206,14 +206,14 @@ def describe(stream: Any, source: Any, format_name: str) -> None:
 
 
 class SubtitleTrack:
-    """Text subtitles that are written, in the form of the container.
+    """Text subtitles, converted to the form of the output container.
 
     Parameters
     ----------
     container
-        The file that is written; its head is not written yet.
+        Output file, before its header is written.
     source
-        The subtitle stream that is read.
+        Source subtitle stream.
     """
 
     def __init__(self, container: Any, source: Any) -> None:
@@ -231,7 +231,7 @@ class SubtitleTrack:
         describe(self._stream, source, container.format.name)
 
     def packet(self, packet: Packet[Any]) -> Packet[Any] | None:
-        """Return a packet of the source as it is written; None if it holds no text."""
+        """Return a packet of the source in the output form; None if it has no text."""
         if self._is_same:
             packet.stream = self._stream
             return packet
@@ -240,7 +240,7 @@ class SubtitleTrack:
             return None
         try:
             made: Any = self._stream.codec_context.encode_subtitle(decoded)
-        except av.FFmpegError:  # text without a character
+        except av.FFmpegError:  # empty text
             return None
         made.pts, made.dts, made.duration = packet.pts, packet.dts, packet.duration
         made.time_base, made.stream = packet.time_base, self._stream

@@ -1,4 +1,4 @@
-"""Video files, written whole or not at all."""
+"""Atomic writing of video files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .mp4.spherical import SUFFIXES, can_be_spherical, make_spherical
 from .reader import VideoReader
 
 CODECS = {".webm": "libvpx-vp9"}
-"""The default codec where it is not H.264, by suffix."""
+"""Default codec by suffix, if it is not H.264."""
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MOST_RESCUED = 999
@@ -31,60 +31,63 @@ KEEPING = "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format 
 UNFINISHED = {
     ".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {},
 }  # fmt: skip
-"""How a file is written so that it plays up to its last second however its writer ends. MP4 and MOV are fragments, and
-become one ordinary file at the end."""
+"""Container options for files that play up to the last second after any termination of the writer.
+MP4 and MOV are fragmented, and are converted to one ordinary file at the end.
+"""
 
 
 class Sink(Protocol):
-    """Where frames go. Ended once, by :meth:`close` or :meth:`abort`."""
+    """Consumer of frames, ended once, by :meth:`close` or :meth:`abort`."""
 
     @property
     def frames_written(self) -> int:
-        """How many frames it has taken."""
+        """Number of written frames."""
         ...
 
     @property
     def siting(self) -> Siting:
-        """Where readers of what is written take colour samples to lie."""
+        """Position of chroma samples that readers of the output assume."""
         ...
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Take the next frame."""
+        """Write the next frame."""
         ...
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Take a packet of sound; a sink without sound forgets it."""
+        """Write an audio packet; a sink without audio discards it."""
         ...
 
     def close(self) -> None:
-        """Finish: what was written can be played."""
+        """Finish the output, which is then playable."""
         ...
 
     def abort(self) -> None:
-        """Give up: what was there before is left as it was."""
+        """Abort; an existing output is unchanged."""
         ...
 
 
 class VideoWriter:
-    """A video file, written whole or not at all.
+    """Video file, written atomically.
 
-    It is encoded under a temporary name that takes its place at the end. Leaving the ``with`` block on
-    Ctrl-C finishes the file with what was done; any other error leaves an earlier file as it was. What a killed run
-    left under its temporary name plays; the next writer of the same file gives it the name ``NAME.rescued.mp4``.
+    It is encoded under a temporary name that is renamed at the end. Leaving the ``with`` block by
+    Ctrl-C finishes the file with the frames so far; after any other error an existing file is
+    unchanged. The temporary file of a killed run is playable; the next writer of the same file
+    renames it to ``NAME.rescued.mp4``.
 
     Parameters
     ----------
     path
-        Its suffix names the format, one of :data:`omnimirror.io.batch.VIDEOS_WRITTEN`.
+        Path whose suffix selects the format, one of :data:`omnimirror.io.batch.VIDEOS_WRITTEN`.
     panorama
-        What part of the full sphere the video shows, for players; MP4 and MOV can hold it.
+        Part of the full sphere in the video, for players; supported by MP4 and MOV.
     **encoding
         As for :class:`Encoder`.
 
     Raises
     ------
     MediaError
-        The suffix is not known, the format cannot hold what it should, or the file cannot be written.
+        The suffix is unknown, the format does not support the content, or the file cannot be
+        written.
 
     Examples
     --------
@@ -118,7 +121,7 @@ class VideoWriter:
         encoding.setdefault("codec", CODECS.get(suffix, DEFAULT_CODEC))
         encoding["container_options"] = {"flush_packets": "1", **UNFINISHED[suffix]}
         self.notes: list[str] = []
-        """What whoever asked for the file should know of it, in sentences."""
+        """Remarks on the file for the user, in sentences."""
         self._stack: ExitStack | None = ExitStack()
         with sentences(path), self._stack:
             self._temporary = self._stack.enter_context(replacing(self.path, self._rescue))
@@ -136,10 +139,11 @@ class VideoWriter:
     def like(
         cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **more: Any
     ) -> VideoWriter:
-        """A writer with the source's rate, times, depth, colour coding, rotation, metadata and tracks.
+        """Create a writer with rate, times, bit depth, colour coding, rotation, metadata and tracks
+        of a source.
 
-        ``more`` goes to :class:`VideoWriter`, and overrides what the source says: a view drawn upright,
-        for one, wants ``rotation_deg=0``.
+        ``more`` is passed to :class:`VideoWriter`, and overrides the source: a view drawn upright,
+        for example, requires ``rotation_deg=0``.
         """
         as_source = {
             "time_base": source.time_base,
@@ -157,7 +161,7 @@ class VideoWriter:
         return cls(path, size or source.size, more.pop("frame_rate", source.frame_rate), **{**as_source, **more})
 
     def _rescue(self, leftover: Path) -> Path | None:
-        """A name for what a killed run left, if anything can be seen in it."""
+        """Return a name for the output of a killed run, if it contains any frame."""
         try:
             VideoReader(leftover, with_sound=False).close()
         except MediaError:
@@ -183,23 +187,23 @@ class VideoWriter:
         Raises
         ------
         MediaError
-            The file cannot be written, for one because the disk is full.
+            The file cannot be written, for example because the disk is full.
         InvalidParameter
             The frame has another size.
         """
         self._encoder.encode(frame)
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Copy a packet of the source's sound."""
+        """Write an audio packet of the source."""
         self._encoder.copy(packet)
 
     def close(self) -> None:
-        """Finish the file and give it its name.
+        """Finish the file and rename it.
 
         Raises
         ------
         MediaError
-            The file cannot be written, or no frame was; an earlier one is left as it was.
+            The file cannot be written, or has no frame; an existing file is unchanged.
         """
         if self._stack is None:
             return
@@ -219,7 +223,7 @@ class VideoWriter:
                 raise
 
     def abort(self) -> None:
-        """Remove what was written; an earlier file is left as it was."""
+        """Remove the temporary file; an existing file is unchanged."""
         if self._stack is None:
             return
         stack, self._stack = self._stack, None
@@ -242,7 +246,7 @@ class VideoWriter:
 
 
 def check_video_name(path: str | Path) -> str:
-    """The suffix of a video file that can be written, in small letters.
+    """Return the suffix of a video file that can be written, in lower case.
 
     >>> check_video_name("room.MP4")
     '.mp4'
@@ -250,7 +254,7 @@ def check_video_name(path: str | Path) -> str:
     Raises
     ------
     MediaError
-        For any other suffix.
+        The suffix is not supported.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in VIDEOS_WRITTEN:

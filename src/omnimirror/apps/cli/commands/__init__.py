@@ -1,1 +1,1 @@
-"""The commands: one module each, which holds ``command``."""
+"""Commands: one module each, which defines ``command``."""

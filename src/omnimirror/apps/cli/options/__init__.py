@@ -1,1 +1,1 @@
-"""Options that commands share, and what they make of them."""
+"""Options shared by several commands, and their conversion to objects."""

@@ -1,4 +1,4 @@
-"""Options that the commands of the whole aperture share."""
+"""Options shared by the commands that trace the whole aperture."""
 
 from __future__ import annotations
 
@@ -20,37 +20,41 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObjectOptions(Options):
-    """Which objects are looked at."""
+    """Objects."""
 
     omega_deg: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg seen]"
+        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
     azimuth_deg: float = option(
         type=angle, default=0.0, metavar="DEG",
-        help="Direction in the picture, from right towards bottom; matters when the mirror is misaligned.",
+        help="Azimuth in the image, from right towards bottom; relevant for a misaligned mirror.",
     )  # fmt: skip
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
 
     def angles(self, sensor: Sensor) -> Array:
-        """The field angles (n,) asked for, or every 15 deg of an aligned sensor's field."""
+        """Return the field angles (n,), or every 15 deg of the field of an aligned sensor."""
         return angles_of(sensor, self.omega_deg)
 
 
 @dataclass(frozen=True)
 class ImageOptions(ObjectOptions):
-    """Which objects are looked at, and how their images are computed."""
+    """Objects and images, with focus and method of computation."""
 
     focus_mm: float | str | None = option(
-        type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default."
+        type=focus, metavar="MM|auto", help="Object distance in focus.  [default: the focus of the sensor]"
     )
     kind: Kind = option(
-        type=click.Choice(KINDS), default="diffraction", help="By waves with all aberrations, or by rays alone."
+        type=click.Choice(KINDS),
+        default="diffraction",
+        help="Wave-optical computation with all aberrations, or geometrical computation by rays.",
     )
 
     def focused_at(self, sensor: Sensor) -> float:
-        """The focus distance asked for, that of the sensor, or the best of the aligned one for ``auto``."""
+        """Return the focus distance: as given, of the sensor, or the optimum of the aligned sensor
+        for ``auto``.
+        """
         if self.focus_mm is None:
             return sensor.lens.focus_distance_mm
         if self.focus_mm == "auto":
@@ -59,7 +63,7 @@ class ImageOptions(ObjectOptions):
 
 
 def angles_of(sensor: Sensor, omega_deg: Array | None) -> Array:
-    """The field angles (n,) asked for, or every 15 deg of an aligned sensor's field."""
+    """Return the field angles (n,), or every 15 deg of the field of an aligned sensor."""
     if omega_deg is not None:
         return omega_deg
     if not sensor.is_axial:

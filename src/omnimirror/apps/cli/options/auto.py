@@ -1,4 +1,4 @@
-"""The options of a camera that nobody has measured: the rim is found in the pictures."""
+"""Options for an uncalibrated camera: the outline of the mirror is detected in the images."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ if TYPE_CHECKING:
     from ....calibration.rim import FoundRim
     from ....optics.sensor import Sensor
 
-LOOKED_AT = 9  # pictures of a folder, in which the rim is looked for
+LOOKED_AT = 9  # images of a folder used for outline detection
 FoundCamera: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
 
 
 @dataclass(frozen=True)
 class AutoOptions(Options):
-    """A camera that nobody knows, and which mirror it has."""
+    """Automatic camera, and its type of mirror."""
 
     auto: bool | None = option(
         is_flag=True,
-        help="The camera: find the mirror's rim in the pictures, and take it for that of --mirror; a ball is levelled "
-        "by what stands upright.",
+        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled "
+        "from vertical edges.",
     )
     mirror: str | None = option(
         metavar="PRESET|FILE|NAME",
-        help="With --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of "
-        "ball and convex is assumed to look forward, that of dome up (--camera-looks).  "
-        "[default: one-shot]",
+        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The "
+        "camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: "
+        "one-shot]",
     )
 
     def check(self, camera: CameraOptions) -> None:
-        """Refuse a mirror without --auto, and other cameras beside it."""
+        """Raise UsageError for --mirror without --auto, or for another camera with --auto."""
         if not self.auto:
             if self.mirror is not None:
                 raise click.UsageError("--mirror belongs to --auto")
@@ -53,7 +53,7 @@ class AutoOptions(Options):
             raise click.UsageError(f"--auto finds the camera, and {flag(given)} tells it; leave out one of them")
 
     def refuse_video(self, source: str) -> None:
-        """Refuse --auto for a video."""
+        """Raise UsageError for --auto with a video."""
         if self.auto:
             raise click.UsageError(
                 f"--auto looks for the rim in pictures, and {source} is none; 'omnimirror rim' finds it in one of its "
@@ -63,11 +63,13 @@ class AutoOptions(Options):
     def camera(
         self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions
     ) -> tuple[FoundCamera, str]:
-        """The camera of pictures, standing as the options say; and a sentence that says what was found."""
+        """Return the detected camera with the mounting of the options, and a report of the
+        detection.
+        """
         from ....calibration.rim import DEFAULT, PRESETS, camera_from_rim, find_rim, mirror_of
 
         name = self.mirror or DEFAULT
-        mirror_of(name)  # refused before a rim is looked for, which takes seconds
+        mirror_of(name)  # checked before the outline detection, which takes seconds
         pictures = _alike(sources, orientation)
         rim = find_rim(pictures)
         found = camera_from_rim(rim, name)
@@ -95,7 +97,7 @@ class AutoOptions(Options):
 
 
 def _other_tilt(rim: FoundRim, mirror: str) -> str:
-    """What is said of a known sensor whose rim is that of a mirror tilted to one side or to the other."""
+    """Return a warning if the outline of a known sensor implies a mirror tilted to either side."""
     from ....calibration.rim import PRESETS, sensors_from_rim
     from ....optics.sensor_files import load_sensor
 
@@ -106,7 +108,7 @@ def _other_tilt(rim: FoundRim, mirror: str) -> str:
 
 
 def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall, str]:
-    """The ball as it was photographed by what stands upright in its picture, where that is sure; and how that was."""
+    """Return the ball levelled from vertical edges of its image, if reliable, and a report."""
     from ....calibration.lines import level_in
 
     looks = {"up": "up", "down": "down", "forward": "ahead"}[ball.mount.camera_looks]
@@ -119,7 +121,7 @@ def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall,
 
 
 def _alike(sources: tuple[str, ...], orientation: OrientationOptions) -> list[NDArray[np.uint8]]:
-    """Those of the first pictures that are as large as the first: they share a rim."""
+    """Return those of the first images that have the size, and thus the outline, of the first."""
     from ....io import read_image
     from ....io.batch import expand_inputs
 

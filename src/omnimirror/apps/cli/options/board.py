@@ -1,4 +1,4 @@
-"""Options that say which board a target is."""
+"""Options that specify a calibration target."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SQUARE = "Side of a square, or of a tag."
 
 
 def board_size(text: str) -> tuple[int, int]:
-    """Columns and rows of a board.
+    """Parse the columns and rows of a board.
 
     >>> board_size("11x7")
     (11, 7)
@@ -30,24 +30,24 @@ def board_size(text: str) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class SoughtBoardOptions(Options):
-    """A calibration board, as :class:`omnimirror.Board` takes it, or none."""
+    """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
 
     board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
     square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
-    target: str = option(type=click.Choice(KINDS), default="chessboard", help="What kind of board it is.")
+    target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
     marker_mm: float | None = option(
         type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
     )
     spacing: float | None = option(
-        type=NUMBER, metavar="RATIO", help="April grid: gap between tags over their side.  [default: 0.3]"
+        type=NUMBER, metavar="RATIO", help="April grid: gap between tags as a fraction of their side.  [default: 0.3]"
     )
     family: str | None = option(
-        metavar="NAME", help="Of the markers, as OpenCV names them.  [default: 5X5_1000; April grid: APRILTAG_36H11]"
+        metavar="NAME", help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]"
     )
-    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: laid out as before OpenCV 4.6.")
+    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6.")
 
     def made(self) -> Board | None:
-        """The board itself; None where nothing is said of one."""
+        """Return the board; None without options for one."""
         if self.board is None or self.square_mm is None:
             if self.changed:
                 raise click.UsageError("a board takes --board and --square-mm")
@@ -59,13 +59,13 @@ class SoughtBoardOptions(Options):
 
 @dataclass(frozen=True)
 class BoardOptions(SoughtBoardOptions):
-    """A calibration board, as :class:`omnimirror.Board` takes it."""
+    """Calibration board, with the parameters of :class:`omnimirror.Board`."""
 
     board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
     square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
 
     def made(self) -> Board:
-        """The board itself."""
+        """Return the board."""
         made = super().made()
         assert made is not None
         return made

@@ -1,4 +1,4 @@
-"""The cameras that can be named on the command line, and the options that describe them."""
+"""Options that specify a camera and its mounting."""
 
 from __future__ import annotations
 
@@ -24,47 +24,50 @@ OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("opti
 
 @dataclass(frozen=True)
 class CameraOptions(Options):
-    """Which camera it was, and how it stands."""
+    """Camera model, with its mounting."""
 
     sensor: str | None = option(
-        type=SENSOR, metavar="FILE|NAME", help="The camera: a sensor file, a camera file, or a bundled sensor."
+        type=SENSOR, metavar="FILE|NAME", help="Camera: a sensor file, a camera file, or the name of a bundled sensor."
     )
-    ocam: str | None = option(metavar="FILE", help="The camera: OCamCalib's calib_results.txt.")
+    ocam: str | None = option(metavar="FILE", help="Camera: calib_results.txt of OCamCalib.")
     ball: tuple[float, float, float, float] | None = option(
         type=ball, metavar="CX,CY,R,FOV",
-        help="The camera: a mirror ball, its circle in px and its full field in deg. The optical axis is assumed to "
-        "point up; for a ball photographed horizontally, add --camera-looks forward.",
+        help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed "
+        "to point up; for a ball photographed horizontally, add --camera-looks forward.",
     )  # fmt: skip
     optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]), help="What --ocam calibrated.  [default: mirror]"
+        type=click.Choice(["mirror", "fisheye"]), help="Type of optics of the --ocam camera.  [default: mirror]"
     )
     rim_radius_px: float | None = option(
-        type=NUMBER, metavar="PX", help="Where the field of --ocam ends.  [default: nowhere]"
+        type=NUMBER, metavar="PX", help="Radius of the field of --ocam in the image.  [default: unlimited]"
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
-        help="Where the optical axis points.  [default: the sensor's, or up, also for --ball; forward for --auto with "
-        "--mirror ball or convex]",
+        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward "
+        "for --auto with --mirror ball or convex]",
     )
     forward_azimuth_deg: float | None = option(
         type=angle, metavar="DEG",
-        help="Image direction that is forward, from image right towards image bottom.  [default: the sensor's, or -90]",
+        help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, "
+        "or -90]",
     )  # fmt: skip
     image_flipped: bool | None = option(
-        "--image-flipped/--not-image-flipped", help="The picture was reversed left to right."
+        "--image-flipped/--not-image-flipped", help="Declare that the image is mirrored left to right."
     )
     level: tuple[float, float] | None = option(
         type=lean, metavar="PITCH,ROLL",
-        help="Level the view: the sensor leaned, its forward PITCH deg above the horizon, and ROLL deg clockwise.  "
-        "[default: the sensor's, or 0,0]",
+        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is "
+        "rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
     )  # fmt: skip
     keep_lean: bool | None = option(
         is_flag=True,
-        help="Draw the view as the sensor leans, not level; a panorama says by how much, for viewers to level it.",
+        help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
     )
 
     def check(self) -> None:
-        """Refuse options that name no camera or several, or that belong to another kind of camera."""
+        """Raise UsageError unless exactly one camera is given, or for options of another kind of
+        camera.
+        """
         sources = [name for name in OPTIONS_OF_SOURCE if name in self.given]
         if len(sources) != 1:
             found = "none is given" if not sources else f"{' and '.join(map(flag, sources))} are given"
@@ -72,10 +75,12 @@ class CameraOptions(Options):
         refuse_other(self.given, {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()}, flag(sources[0]))
 
     def camera(self, picture_size: tuple[int, int]) -> AnyCamera:
-        """The camera, standing as the options say; a ball is seen in a picture of that size (width, height)."""
+        """Return the camera with the mounting of the options; for a ball, in images of size (width,
+        height).
+        """
         camera: AnyCamera
         if self.sensor is not None:
-            from ....optics.sensor_files import load_camera  # which a mirror ball need not wait for
+            from ....optics.sensor_files import load_camera  # not required for a ball
 
             camera = load_camera(self.sensor)
         elif self.ocam is not None:
@@ -86,18 +91,18 @@ class CameraOptions(Options):
         return replace(camera, mount=self.standing(camera.mount))
 
     def standing(self, mount: Mount) -> Mount:
-        """How a camera stands, of which a mount tells what the options do not."""
+        """Return the mounting, with missing options taken from ``mount``."""
         stands = {f.name: self.given[f.name] for f in fields(Mount) if f.name in self.given}
         if self.level is not None:
             stands |= dict(zip(("pitch_deg", "roll_deg"), self.level, strict=True))
         return replace(mount, **stands)
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
-        """The camera that draws the view: plumb, however it really leans, where the options keep the lean."""
+        """Return the camera that draws the view: as if plumb if the options keep the tilt."""
         return replace(camera, mount=camera.mount.upright) if self.keep_lean else camera
 
     def words(self) -> tuple[str, tuple[str, ...]]:
-        """A name for the camera, and these options as they stand on a command line."""
+        """Return a name for the camera, and these options as words of a command line."""
         given = self.given
         kind = next(name for name in OPTIONS_OF_SOURCE if name in given)
         text = ",".join(f"{x:.10g}" for x in self.ball) if self.ball else str(given[kind])

@@ -1,4 +1,4 @@
-"""Values of options that several commands share; each parser serves as a click ``type``."""
+"""Value types of options shared by several commands; each parser serves as a click ``type``."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ MOST_VALUES = 1_000_000
 
 
 def _as_written(value: Any) -> Any:
-    """A number as people write it: Python's underscores and other scripts' digits are slips."""
+    """Parse a number in plain notation; Python underscores and digits of other scripts are
+    rejected.
+    """
     if isinstance(value, str) and (not value.isascii() or "_" in value):
         raise click.BadParameter(f"{shown(value)} is not a number")
     return value
 
 
 class SensorName(click.types.StringParamType):
-    """A sensor file, or the name of a sensor that comes with the package, which a shell completes."""
+    """Sensor file or name of a bundled sensor, with shell completion."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from ....optics.sensor_files import bundled_sensors
@@ -36,21 +38,21 @@ SENSOR = SensorName()
 
 
 class Number(click.types.FloatParamType):
-    """A number."""
+    """Number."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         return super().convert(_as_written(value), param, ctx)
 
 
 class Whole(click.types.IntParamType):
-    """A whole number."""
+    """Integer."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         return super().convert(_as_written(value), param, ctx)
 
 
 class WholeRange(click.IntRange):
-    """A whole number between two bounds."""
+    """Integer between two bounds."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         return super().convert(_as_written(value), param, ctx)
@@ -60,7 +62,7 @@ NUMBER, WHOLE = Number(), Whole()
 
 
 def values(text: str) -> NDArray[np.float64]:
-    """Numbers as ``START:STOP:STEP`` (ends included), or as a comma list.
+    """Parse numbers as ``START:STOP:STEP`` (ends included), or as a comma-separated list.
 
     >>> values("0:135:45"), values("90, 104")
     (array([  0.,  45.,  90., 135.]), array([ 90., 104.]))
@@ -85,7 +87,7 @@ def values(text: str) -> NDArray[np.float64]:
 
 
 def pixel(text: str) -> tuple[float, float]:
-    """A pixel as ``U,V``.
+    """Parse a pixel ``U,V``.
 
     >>> pixel("511.5,11.5")
     (511.5, 11.5)
@@ -95,7 +97,7 @@ def pixel(text: str) -> tuple[float, float]:
 
 
 def angle(text: str) -> float:
-    """A finite number of degrees.
+    """Parse a finite angle in degrees.
 
     >>> angle("-12.5")
     -12.5
@@ -104,7 +106,7 @@ def angle(text: str) -> float:
 
 
 def angle_range(text: str) -> tuple[float, float]:
-    """Two angles in degrees, ``MIN:MAX``.
+    """Parse two angles in degrees, ``MIN:MAX``.
 
     >>> angle_range("-30:45")
     (-30.0, 45.0)
@@ -114,13 +116,13 @@ def angle_range(text: str) -> tuple[float, float]:
 
 
 def ball(text: str) -> tuple[float, float, float, float]:
-    """The circle of a mirror ball in pixels and its full field in degrees, ``CX,CY,R,FOV``."""
+    """Parse the circle of a mirror ball (px) and its full field (deg), ``CX,CY,R,FOV``."""
     u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV, the ball's centre, radius and field")
     return u, v, radius, field
 
 
 def picture_size(text: str) -> tuple[int | None, int | None]:
-    """``WxH`` in whole pixels; a side left out is chosen later.
+    """Parse ``WxH`` in integer pixels; a missing side is chosen later.
 
     >>> picture_size("1440x360"), picture_size("x360")
     ((1440, 360), (None, 360))
@@ -133,7 +135,7 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
 
 
 def whole_size(text: str) -> tuple[int, int]:
-    """Width and height of a picture, both given.
+    """Parse width and height of an image, both required.
 
     >>> whole_size("1024x768")
     (1024, 768)
@@ -145,7 +147,7 @@ def whole_size(text: str) -> tuple[int, int]:
 
 
 def three_wavelengths(text: str) -> Any:
-    """Wavelengths of red, green and blue light, nm.
+    """Parse the wavelengths of red, green and blue light, nm.
 
     >>> three_wavelengths("610,540,465")
     (610.0, 540.0, 465.0)
@@ -154,7 +156,7 @@ def three_wavelengths(text: str) -> Any:
 
 
 def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
-    """So many finite numbers with a separator between them."""
+    """Parse a given number of finite values with a separator."""
     try:
         numbers = [float_of(part) for part in text.split(separator)]
     except ValueError:
@@ -165,7 +167,7 @@ def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
 
 
 def number_or_range(text: str) -> float | tuple[float, float]:
-    """A number, or a range ``LOW:HIGH`` to choose from.
+    """Parse a number, or a range ``LOW:HIGH`` to choose from.
 
     >>> number_or_range("12"), number_or_range("10:14")
     (12.0, (10.0, 14.0))
@@ -180,7 +182,7 @@ def number_or_range(text: str) -> float | tuple[float, float]:
 
 
 def distance(text: str) -> float:
-    """A length in mm above 0, ``inf`` allowed.
+    """Parse a length in mm above 0, ``inf`` allowed.
 
     >>> distance("inf")
     inf
@@ -195,7 +197,7 @@ def distance(text: str) -> float:
 
 
 def height(text: str) -> float:
-    """A finite length in mm, below 0 too.
+    """Parse a finite length in mm, negative values allowed.
 
     >>> height("-300")
     -300.0
@@ -204,7 +206,7 @@ def height(text: str) -> float:
 
 
 def height_range(text: str) -> tuple[float, float]:
-    """Two heights in mm, ``LOW:HIGH``.
+    """Parse two heights in mm, ``LOW:HIGH``.
 
     >>> height_range("-1200:1800")
     (-1200.0, 1800.0)
@@ -214,7 +216,7 @@ def height_range(text: str) -> tuple[float, float]:
 
 
 def lean(text: str) -> tuple[float, float]:
-    """Pitch and roll in degrees, ``PITCH,ROLL``.
+    """Parse pitch and roll in degrees, ``PITCH,ROLL``.
 
     >>> lean("24,-1.5")
     (24.0, -1.5)
@@ -224,7 +226,7 @@ def lean(text: str) -> tuple[float, float]:
 
 
 def offset(text: str) -> tuple[float, float, float]:
-    """A place in the world in mm, ``X,Y,Z``.
+    """Parse a position in the world frame in mm, ``X,Y,Z``.
 
     >>> offset("0,0,-500")
     (0.0, 0.0, -500.0)
@@ -234,7 +236,7 @@ def offset(text: str) -> tuple[float, float, float]:
 
 
 def factor(text: str) -> float:
-    """A factor above 0.
+    """Parse a factor above 0.
 
     >>> factor("2.5")
     2.5
@@ -246,7 +248,7 @@ def factor(text: str) -> float:
 
 
 def viewpoint(text: str) -> float | str:
-    """The word ``exact`` or ``single``, or a height over the mirror vertex in mm.
+    """Parse ``exact``, ``single``, or a height above the mirror vertex in mm.
 
     >>> viewpoint("single"), viewpoint("11.3")
     ('single', 11.3)
@@ -257,7 +259,7 @@ def viewpoint(text: str) -> float | str:
 
 
 def focus(text: str) -> float | str:
-    """A focus distance in mm, or the word ``auto``."""
+    """Parse a focus distance in mm, or ``auto``."""
     if text == "auto":
         return text
     try:

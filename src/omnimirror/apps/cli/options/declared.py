@@ -1,4 +1,4 @@
-"""Options declared once: as fields of a frozen dataclass, which travels as that from the door on."""
+"""Options declared once, as fields of a frozen dataclass that is passed on as one object."""
 
 from __future__ import annotations
 
@@ -17,32 +17,34 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Options:
-    """A group of options; what was left out holds its default, mostly None."""
+    """Group of options; omitted options have their default, mostly None."""
 
     @property
     def given(self) -> dict[str, Any]:
-        """The options that say something, by their fields' names."""
+        """Options that are given, by field name."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
     @property
     def changed(self) -> list[str]:
-        """The options that say something else than what holds anyway."""
+        """Options that differ from their defaults."""
         defaults = {f.name: f.default for f in fields(self)}
-        given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}  # given 0 times
+        given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}
         return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]
 
     def picked(self, *names: str) -> dict[str, Any]:
-        """Those of some options that say something."""
+        """Return those of the named options that are given."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
-    """A field of :class:`Options`, and how it is asked for: as :func:`click.option`, by its own name unless said."""
+    """Declare a field of :class:`Options` with the arguments of :func:`click.option`; named after
+    the field by default.
+    """
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
 def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
-    """Give a click command the options of a dataclass, which reach it as one argument of that name."""
+    """Add the options of a dataclass to a click command, which receives them as one argument."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
@@ -53,7 +55,7 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
         command: Any = gathered
         for f in reversed(fields(kind)):
             attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
-            if not attributes.get("required"):  # click takes a default of None for an answer, where one is required too
+            if not attributes.get("required"):  # None would satisfy a required option
                 attributes["default"] = f"{f.default:g}" if isinstance(f.default, float) else f.default
             declarations = (*(f.metadata["flags"] or [flag(f.name)]), f.name)
             command = click.option(*declarations, cls=GroupedOption, group=heading(kind), **attributes)(command)
@@ -63,12 +65,16 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
 
 
 def heading(kind: type[Options]) -> str:
-    """What stands above a group in ``--help``: the beginning of what its docstring says, to the first comma or stop."""
+    """Return the heading of a group in ``--help``: its docstring up to the first comma, semicolon
+    or stop.
+    """
     return re.split("[,;.]", kind.__doc__ or kind.__name__, maxsplit=1)[0]
 
 
 def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
-    """Refuse options that belong to other owners than the chosen one, each owner named by its flag."""
+    """Raise UsageError for options of owners other than the chosen one, each owner named by its
+    flag.
+    """
     for name in given:
         owners = [owner for owner, names in options_of.items() if name in names]
         if owners and chosen not in owners:
@@ -78,5 +84,5 @@ def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], c
 
 
 def flag(name: str) -> str:
-    """The option of a parameter."""
+    """Return the option name of a parameter."""
     return "--" + name.replace("_", "-")

@@ -1,4 +1,4 @@
-"""What ``omnimirror design`` makes of its options: requirements, and how an optimised mirror is searched for."""
+"""Options of ``omnimirror design``: requirements, and settings of the optimisation."""
 
 from __future__ import annotations
 
@@ -47,14 +47,16 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "imager": ("width_px", "height_px", "pixel_pitch_um"),
     "parts": ("catalogue", "most_price", "most_mass_g", "most_diameter_mm", "most_height_mm"),
 }  # fmt: skip
-"""The options that stand for entries of the requirement file, by their table."""
+"""Options for entries of the requirement file, by table."""
 
 OF_WAYS = {
     "mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"),
     "family": ("conic", "fit"),
     "optimise": ("shape",),
 }
-"""Ways to say what mirror is wanted, and what belongs to each: an option for one puts a file's other ways aside."""
+"""Alternative specifications of the mirror with their options; an option for one removes the others
+of a file.
+"""
 
 PAPER_PIXELS = {n: getattr(PAPER_IMAGER, n) for n in SECTIONS["imager"]}
 
@@ -64,11 +66,11 @@ PAPER: dict[str, dict[str, Any]] = {
     "lens": {"focal_length_mm": 11.6, "theta_max_deg": 12.0, "f_number": 4.0},
     "imager": PAPER_PIXELS,
 }
-"""The paper's sensors: what is optimised where nothing else is said."""
+"""Sensors of the paper: default requirements of an optimisation."""
 
 
 def whole_numbers(text: str) -> list[int]:
-    """Whole numbers above 0, parted by commas.
+    """Parse comma-separated integers above 0.
 
     >>> whole_numbers("4,8,16")
     [4, 8, 16]
@@ -80,12 +82,12 @@ def whole_numbers(text: str) -> list[int]:
 
 
 def merit_list(text: str) -> list[str]:
-    """Names of merits, parted by commas."""
+    """Parse comma-separated names of merits."""
     return [part.strip() for part in text.split(",")]
 
 
 def distances(text: str) -> float | tuple[float, float]:
-    """A distance in mm or two of them, ``NEAR:FAR``; ``inf`` is allowed.
+    """Parse a distance in mm or two of them, ``NEAR:FAR``; ``inf`` is allowed.
 
     >>> distances("inf"), distances("500:inf")
     (inf, (500.0, inf))
@@ -100,13 +102,15 @@ def distances(text: str) -> float | tuple[float, float]:
 
 
 AskedLimit = tuple[str, float, dict[str, Any]]
-"""A quantity, a number, and what else the limit's table holds: the part of the field, the spatial frequency."""
+"""Quantity, value, and other entries of the limit: part of the field, spatial frequency."""
 
 
 def limit(text: str) -> AskedLimit:
-    """A quantity, a number, and the part of the field if it is not all: ``QUANTITY=NUMBER[@FROM:TO]``.
+    """Parse a limit: quantity, value, and optionally a part of the field,
+    ``QUANTITY=NUMBER[@FROM:TO]``.
 
-    One angle may stand for both ends; a part may be given by elevations, an MTF has its frequency in cycles per pixel.
+    A single angle is used for both ends; elevations are allowed; an MTF has its frequency in cycles
+    per pixel.
 
     >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
     (('total_blur_px', 4.0, {}), ('resolution_px_per_deg', 3.5, {'omega_deg': [30.0, 120.0]}))
@@ -130,7 +134,7 @@ def limit(text: str) -> AskedLimit:
 
 
 def focus_range(text: str) -> Range:
-    """A distance in mm, or ``LOW:HIGH``, whose HIGH may be ``inf``.
+    """Parse a distance in mm, or ``LOW:HIGH`` with HIGH up to ``inf``.
 
     >>> focus_range("250:inf")
     (250.0, inf)
@@ -141,90 +145,105 @@ def focus_range(text: str) -> Range:
 
 @dataclass(frozen=True)
 class RequirementOptions(Options):
-    """What a sensor must do, as options that stand in the place of a requirement file's entries."""
+    """Requirements, which override entries of a requirement file."""
 
-    mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="How the image is to be laid out.")
-    family: str | None = option("--mirror", metavar="FAMILY", help=f"Instead: {', '.join(FAMILIES)} or polynomial:N.")
+    mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="Mapping of the image.")
+    family: str | None = option(
+        "--mirror", metavar="FAMILY", help=f"Mirror family instead of a mapping: {', '.join(FAMILIES)} or polynomial:N."
+    )
     optimise: str | None = option(
-        type=click.Choice([*DESIGN_MERITS]), help="Instead: the mirror of free form with the least of it."
+        type=click.Choice([*DESIGN_MERITS]), help="Merit to minimise with a freeform mirror, instead of a mapping."
     )
     shape: str | None = option(
-        metavar="FORM[:N]", help=f"What is optimised: {', '.join(FREE_FORMS)}; {SHAPE} by default."
+        metavar="FORM[:N]", help=f"Shape for --optimise: {', '.join(FREE_FORMS)}.  [default: {SHAPE}]"
     )
     fit: str | None = option(
-        metavar="FORM:N", help="Make it a polynomial:N or an asphere:N that keeps the mapping best."
+        metavar="FORM:N", help="Fit a polynomial:N or an asphere:N with minimum deviation from the mapping."
     )
     like: str | None = option(
-        metavar="SENSOR", help="Field, rim, lens and imager as of a sensor file or a bundled sensor."
+        metavar="SENSOR", help="Use field, rim, lens and imager of a sensor file or a bundled sensor."
     )
     omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")
-    omega_min_deg: float | None = option(type=NUMBER, help="Where the field begins that matters.")
+    omega_min_deg: float | None = option(type=NUMBER, help="Minimum field angle of interest.")
     elevation_deg: tuple[float, float] | None = option(
         type=angle_range,
         metavar="LOW:HIGH",
-        help="Instead of both: elevations over the horizon, as the mount has them.",
+        help="Elevation range above the horizon for the mounted sensor, instead of field angles.",
     )
     camera_looks: str | None = option(
-        type=click.Choice(["up", "down", "forward"]), help="How the sensor stands; up by default."
+        type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: up]"
     )
     apex: str | None = option(
-        type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg."
+        type=click.Choice(["smooth", "pointed"]),
+        help="Apex of the mirror; pointed: the image centre corresponds to omega-min-deg.",
     )
     object_distance_mm: Range | None = option(
-        type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default."
+        type=distances, metavar="MM|NEAR:FAR", help="Object distance from the mirror.  [default: inf]"
     )
     object_plane_distance_mm: float | None = option(
-        type=NUMBER, help="Instead: objects on a plane, from the mirror vertex to it."
+        type=NUMBER, help="Distance of an object plane from the mirror vertex, instead of an object distance."
     )
     object_cylinder_radius_mm: float | None = option(
-        type=NUMBER, help="Instead, or with it: objects on a cylinder around the axis."
+        type=NUMBER, help="Radius of an object cylinder around the axis, instead of or with an object plane."
     )
-    rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
+    rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Rim radius of the mirror.")
     conic: Range | None = option(
-        type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it."
+        type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, if the family leaves it free."
     )
-    plane_distance_mm: float | None = option(type=NUMBER, help="Of a ground-plane mapping: mirror vertex to the plane.")
-    cylinder_radius_mm: float | None = option(type=NUMBER, help="Of a cylinder mapping.")
-    mapping_csv: str | None = option(type=click.Path(), help="Of a tabulated mapping: columns omega_deg, height.")
+    plane_distance_mm: float | None = option(
+        type=NUMBER, help="Ground-plane mapping: distance from mirror vertex to plane."
+    )
+    cylinder_radius_mm: float | None = option(type=NUMBER, help="Cylinder mapping: radius of the cylinder.")
+    mapping_csv: str | None = option(
+        type=click.Path(), help="Tabulated mapping: CSV file with columns omega_deg, height."
+    )
     kind: str | None = option(
-        "--lens", type=click.Choice(["perspective", "orthographic"]), help="perspective by default."
+        "--lens", type=click.Choice(["perspective", "orthographic"]), help="Kind of lens.  [default: perspective]"
     )
-    focal_length_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
+    focal_length_mm: Range | None = option(
+        type=number_or_range, metavar="MM|LOW:HIGH", help="Focal length of the lens."
+    )
     theta_max_deg: Range | None = option(type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
-    f_number: Range | None = option(type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
+    f_number: Range | None = option(
+        type=number_or_range, metavar="F|LOW:HIGH", help="F-number of the lens.  [default: 4]"
+    )
     focus_mm: Range | None = option(
-        type=focus_range, metavar="MM|LOW:HIGH", help="In focus; the best by default. HIGH may be inf."
+        type=focus_range,
+        metavar="MM|LOW:HIGH",
+        help="Object distance in focus; HIGH may be inf.  [default: the optimum]",
     )
     magnification: Range | None = option(
-        type=number_or_range, metavar="MU|LOW:HIGH", help="Of a telecentric lens; by default the rim fills the imager."
+        type=number_or_range,
+        metavar="MU|LOW:HIGH",
+        help="Magnification of a telecentric lens.  [default: the rim fills the imager]",
     )
     fills: str | None = option(
-        type=click.Choice(["short-side", "long-side"]), help="Which side of the imager the rim may fill."
+        type=click.Choice(["short-side", "long-side"]), help="Side of the imager that the rim may fill."
     )
-    image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image that the lens covers.")
-    width_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
-    height_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
-    pixel_pitch_um: float | None = option(type=NUMBER, help="Of the imager; 5.2 by default.")
+    image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image circle of the lens.")
+    width_px: int | None = option(type=WHOLE, help="Width of the imager.  [default: 1024]")
+    height_px: int | None = option(type=WHOLE, help="Height of the imager.  [default: 1024]")
+    pixel_pitch_um: float | None = option(type=NUMBER, help="Pixel pitch of the imager.  [default: 5.2]")
     at_most: tuple[AskedLimit, ...] = option(
         type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
-        help="A limit, over a part of the field in degrees or all of it; may be repeated.",
+        help="Upper limit of a quantity, over a part of the field in degrees or the whole field (repeatable).",
     )  # fmt: skip
     at_least: tuple[AskedLimit, ...] = option(
         type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
-        help="Likewise; may be repeated.",
+        help="Lower limit of a quantity, as for --at-most (repeatable).",
     )  # fmt: skip
     catalogue: tuple[Path, ...] = option(
         "--parts", type=click.Path(path_type=Path), multiple=True, metavar="CATALOGUE", default=(), show_default=False,
-        help="Design with the lenses and imagers of these lists, or of 'typical'; may be repeated.",
+        help="Catalogue of lenses and imagers to design with, or 'typical' (repeatable).",
     )  # fmt: skip
-    most_price: float | None = option(type=NUMBER, help="Of the parts.")
-    most_mass_g: float | None = option(type=NUMBER, help="Of the whole.")
-    most_diameter_mm: float | None = option(type=NUMBER, help="Of the whole.")
-    most_height_mm: float | None = option(type=NUMBER, help="Of the whole.")
-    name: str | None = option(help="Of the sensor.")
+    most_price: float | None = option(type=NUMBER, help="Maximum price of the parts.")
+    most_mass_g: float | None = option(type=NUMBER, help="Maximum mass of the sensor.")
+    most_diameter_mm: float | None = option(type=NUMBER, help="Maximum diameter of the sensor.")
+    most_height_mm: float | None = option(type=NUMBER, help="Maximum height of the sensor.")
+    name: str | None = option(help="Name of the sensor.")
 
     def requirements(self, file: Path | None) -> Requirements:
-        """The requirements of a file with the options in place of its entries, or of the options alone."""
+        """Return the requirements of a file, overridden by options, or of the options alone."""
         if file is not None and self.like is not None:
             raise click.UsageError("give a requirement file or --like, not both")
         given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
@@ -247,7 +266,9 @@ class RequirementOptions(Options):
         return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
 
     def _tables(self, changes: dict[str, Any]) -> dict[str, Any]:
-        """The tables of the sensor to be like, or of the paper's for a mirror of free form, with the changes."""
+        """Return the tables of the reference sensor, or of the paper for a freeform mirror, with
+        changes applied.
+        """
         base = PAPER if self.optimise is not None else {}
         if self.like is not None:
             base = tables_like(load_sensor(self.like))
@@ -261,34 +282,36 @@ class RequirementOptions(Options):
 
 @dataclass(frozen=True)
 class SearchedOptions(Options):
-    """How a mirror of free form, or a front of them, is searched for."""
+    """Optimisation, of a freeform mirror or a Pareto front."""
 
     terms: list[int] | None = option(
-        type=whole_numbers, metavar="N[,N..]", help="The N of --shape; several give a table of convergence."
+        type=whole_numbers,
+        metavar="N[,N..]",
+        help="Number of terms N of --shape; several values give a convergence table.",
     )
-    starts: int = option(type=WHOLE, default=4, help="From how many mirrors to optimise.")
-    seed: int = option(type=WHOLE, default=0, help="Of all that is drawn at random.")
+    starts: int = option(type=WHOLE, default=4, help="Number of starting mirrors.")
+    seed: int = option(type=WHOLE, default=0, help="Random seed.")
     resume: Path | None = option(
         type=click.Path(path_type=Path),
-        help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.",
+        help="Save the state of the search to this file and resume from it: JSON; Parquet for a Pareto front.",
     )
     paper_mode: bool = option(
         is_flag=True, default=False, show_default=False,
-        help="Merits of blur by the paper's Eq. 29 instead of the exact form.",
+        help="Compute blur merits with Eq. 29 of the paper instead of the exact form.",
     )  # fmt: skip
-    image_radius_px: float | None = option(type=NUMBER, help="Merits for an image of this radius, as the paper's 500.")
-    population: int = option(type=WHOLE, default=120, help="Designs of a front.")
-    generations: int = option(type=WHOLE, default=200, help="Of the front's evolution.")
-    figure: Path | None = option(type=Output(FIGURES), help="Draw the front, known mirrors marked.")
-    pick: int | None = option(type=WHOLE, help="Which design of the front to take.")
+    image_radius_px: float | None = option(type=NUMBER, help="Image radius for the merits, 500 in the paper.")
+    population: int = option(type=WHOLE, default=120, help="Population of the Pareto front.")
+    generations: int = option(type=WHOLE, default=200, help="Generations of the Pareto front.")
+    figure: Path | None = option(type=Output(FIGURES), help="Figure of the Pareto front with known mirrors.")
+    pick: int | None = option(type=WHOLE, help="Index of the design to select from the Pareto front.")
 
     @property
     def mode(self) -> BlurMode:
-        """By which form blur is computed while merits and limits are searched for."""
+        """Blur formula for merits and limits during the search."""
         return "paper" if self.paper_mode else "exact"
 
     def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
-        """How one optimised mirror is searched for."""
+        """Return the settings for the optimisation of one mirror."""
         return SearchOptions(self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px)
 
 
@@ -297,7 +320,7 @@ def _limit_table(quantity: str, number: float, entries: dict[str, Any], side: st
 
 
 def _with_ways_aside(changes: dict[str, Any]) -> dict[str, Any]:
-    """Changes that also take away (None) what a file says of other ways to a mirror than the one asked for."""
+    """Return the changes with None for alternative mirror specifications of a file."""
     mirror = changes.get("mirror", {})
     chosen = [way for way in WAYS if way in mirror]
     if not chosen:

@@ -1,4 +1,4 @@
-"""What stands around the mirror, as options of all commands that ask for it: they complete the sensor's own."""
+"""Housing options shared by several commands; they override entries of the sensor file."""
 
 from __future__ import annotations
 
@@ -26,51 +26,63 @@ SIZES = {
     "medium": ("medium", tuple(SHELLS)),
     "dome_centre_mm": ("centre_mm", ("dome",)),
 }
-"""The options that are sizes of a support: the entry of its table, and the supports that have it."""
+"""Options for sizes of a support: entry of its table, and the supports that have it."""
 
 
 @dataclass(frozen=True)
 class HousingOptions(Options):
-    """What stands around the mirror; None where the options say nothing."""
+    """Housing, with None for omitted options."""
 
     support: str | None = option(
         type=click.Choice([*SUPPORTS, "none"]),
-        help="What holds the mirror: an opaque rod, a clear tube or dome.  [default: as the sensor's housing says]",
+        help="Support of the mirror: an opaque rod, a clear tube or dome.  [default: as in the sensor file]",
     )
     support_diameter_mm: float | None = option(
         type=distance, metavar="MM",
-        help="Of the support, outer; of a rod at its foot.  [default: of a rod 4, else 3 mm around the rim]",
+        help="Outer diameter of the support; of a rod at its foot.  [default: 4 for a rod, otherwise 3 mm "
+        "clearance around the rim]",
     )  # fmt: skip
     support_end_diameter_mm: float | None = option(
-        type=distance, metavar="MM", help="Of a rod that tapers: at the mirror."
+        type=distance, metavar="MM", help="Diameter of a tapered rod at the mirror."
     )
     gap_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="From the rod's foot to the lens.  [default: a quarter of the distance]"
+        type=NUMBER,
+        metavar="MM",
+        help="Distance from the foot of the rod to the lens.  [default: 0.25 of the distance between mirror and lens]",
     )
-    wall_mm: float | None = option(type=NUMBER, metavar="MM", help="Of tube or dome.  [default: 3]")
-    refractive_index: float | None = option(type=NUMBER, metavar="N", help="Of tube or dome.  [default: 1.49]")
+    wall_mm: float | None = option(type=NUMBER, metavar="MM", help="Wall thickness of the tube or dome.  [default: 3]")
+    refractive_index: float | None = option(
+        type=NUMBER, metavar="N", help="Refractive index of the tube or dome.  [default: 1.49]"
+    )
     wall_material: str | None = option(
-        type=click.Choice(list(MATERIALS)), help="Of tube, dome or window, instead of its index."
+        type=click.Choice(list(MATERIALS)),
+        help="Material of the tube, dome or window, instead of its refractive index.",
     )
     medium: str | None = option(
-        type=click.Choice(list(MATERIALS)), help="What is outside tube, dome or window.  [default: air]"
+        type=click.Choice(list(MATERIALS)), help="Medium outside the tube, dome or window.  [default: air]"
     )
     dome_centre_mm: float | None = option(
-        type=height, metavar="MM", help="Height of a dome's centre over the vertex.  [default: midway to the lens]"
+        type=height,
+        metavar="MM",
+        help="Height of the centre of the dome above the vertex.  [default: midway to the lens]",
     )
     camera_diameter_mm: float | None = option(
         type=distance, metavar="MM",
-        help="The camera, which the mirror shows in the middle.  [default: as the sensor's housing says]",
+        help="Diameter of the camera, which obscures the centre of the image.  [default: as in the sensor file]",
     )  # fmt: skip
     camera_height_mm: float | None = option(
-        type=height, metavar="MM", help="Of the camera's front over the lens's principal point.  [default: 0]"
+        type=height,
+        metavar="MM",
+        help="Height of the camera front above the principal point of the lens.  [default: 0]",
     )
     rim_width_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="A dark edge about the mirror's rim.  [default: as the sensor's housing says]"
+        type=NUMBER,
+        metavar="MM",
+        help="Width of a dark edge around the rim of the mirror.  [default: as in the sensor file]",
     )
 
     def on(self, camera: Stood) -> Stood:
-        """The sensor with the options in place of what its file says; of a calibrated camera no housing is known."""
+        """Return the sensor with the housing options; a calibrated camera has no housing."""
         if not self.given:
             return camera
         if not isinstance(camera, Sensor):
@@ -81,7 +93,7 @@ class HousingOptions(Options):
         return replace(camera, housing=self.of(camera.housing))
 
     def of(self, housing: Housing) -> Housing:
-        """A housing with the options in place of what it says.
+        """Return a housing with the options applied.
 
         >>> HousingOptions("rod", 3.0, camera_diameter_mm=30.0).of(Housing())
         Housing(camera=CameraBody(diameter_mm=30.0, height_mm=0.0, lens_diameter_mm=24.0), rod=Rod(diameter_mm=3.0,
@@ -102,7 +114,7 @@ class HousingOptions(Options):
         return replace(housing, camera=camera, rim=rim)
 
     def _sized(self, housing: Housing) -> Housing:
-        """The housing's rod, tube or dome with the sizes that are given."""
+        """Return the rod, tube or dome of the housing with the given sizes."""
         given = self.picked(*SIZES)
         if not given:
             return housing
@@ -123,9 +135,11 @@ class HousingOptions(Options):
 
 
 def _supported(housing: Housing, kind: str) -> Housing:
-    """The housing with a support of this kind and no other, as the housing has it or with all its sizes fitted."""
+    """Return the housing with only a support of this kind: as in the housing, or with default
+    sizes.
+    """
     rod: Rod | None = None
-    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None  # it holds nothing
+    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None
     if kind == "rod":
         rod = housing.rod or Rod()
     elif kind in SHELLS:

@@ -1,4 +1,4 @@
-"""A real lens in the place of the sensor's own, as options."""
+"""Options for a real lens in place of that of the sensor."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from .declared import Options, option
 
 @dataclass(frozen=True)
 class LensOptions(Options):
-    """Files of a lens; None where the sensor's own is taken."""
+    """Lens files; None for the lens of the sensor."""
 
     lens: Path | None = option(
         type=click.Path(path_type=Path), metavar="ZMX",
-        help="A lens by its surfaces in the place of the sensor's: its first surface stands where that has its "
-        "principal point, and it is focused as far away.",
+        help="Lens prescription that replaces the lens of the sensor, with the same first principal point and "
+        "focus distance.",
     )  # fmt: skip
     glass_catalogue: Path | None = option(
-        type=click.Path(path_type=Path), metavar="AGF", help="Glasses of the lens that do not come with omnimirror."
+        type=click.Path(path_type=Path),
+        metavar="AGF",
+        help="Glass catalogue of the lens, in addition to the bundled glasses.",
     )
 
     def on(self, sensor: Sensor) -> Sensor:
-        """The sensor with the lens of the options."""
+        """Return the sensor with the lens of the options."""
         if self.lens is None:
             return sensor
         entries: dict[str, Any] = {"focus_distance_mm": sensor.lens.focus_distance_mm}

@@ -1,4 +1,4 @@
-"""The option for the orientation of images and videos, and the report of what was applied."""
+"""Option for the orientation of images and videos, and reports of applied orientations."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class OrientationOptions(Options):
         self._report([orientation_of(file) for file in files])
 
     def report_video(self, video: str) -> None:
-        """Report what is notable in a video, such as the orientation that is applied to its frames."""
+        """Report remarks on a video, such as the orientation applied to its frames."""
         from ....io.video.reader import VideoReader
 
         with VideoReader(video, with_sound=False, stored_orientation=self.stored_orientation) as reader:

@@ -1,4 +1,4 @@
-"""The options that say how values are taken: interpolation, the colour outside the field, and threads."""
+"""Resampling options: interpolation, colour outside the field, and threads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .declared import Options, option
 
 
 def border(text: str) -> BorderColour:
-    """A grey level, ``R,G,B``, or ``#rrggbb``.
+    """Parse a grey level, ``R,G,B``, or ``#rrggbb``.
 
     >>> border("16").values, border("255,128,0").values, border("#ff8000").values
     ((16.0,), (255.0, 128.0, 0.0), (255.0, 128.0, 0.0))
@@ -28,17 +28,17 @@ def border(text: str) -> BorderColour:
 
 @dataclass(frozen=True)
 class SamplingOptions(Options):
-    """How values are taken."""
+    """Resampling."""
 
     interpolation: Interpolation = option(
         type=click.Choice(list(INTERPOLATIONS)), default="auto",
-        help="auto: cubic, and averaged where the view shrinks the picture; area: averaged everywhere.",
+        help="Interpolation; auto: cubic, with averaging for minification; area: averaging everywhere.",
     )  # fmt: skip
     border: BorderColour | None = option(
         type=border, metavar="GREY|R,G,B|#rrggbb",
-        help="The colour outside the field, in the picture's values or as on web pages.  [default: see --transparent]",
+        help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]",
     )  # fmt: skip
     threads: int | None = option(
         type=WholeRange(1, MOST_THREADS), metavar="N",
-        help="How many threads straighten.  [default: one per processor core]",
+        help="Number of dewarping threads.  [default: one per processor core]",
     )  # fmt: skip

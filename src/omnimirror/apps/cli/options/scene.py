@@ -1,4 +1,4 @@
-"""The scenes that can be named on the command line, and the options of the pictures taken of them."""
+"""Options that specify a scene and the rendering of its images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .declared import Options, flag, option
 
 
 def pose(text: str) -> Pose:
-    """A pose as ``X,Y,Z``, ``X,Y,Z,PAN``, .. up to ``X,Y,Z,PAN,TILT,ROLL``, in mm and degrees.
+    """Parse a pose ``X,Y,Z``, ``X,Y,Z,PAN``, ... up to ``X,Y,Z,PAN,TILT,ROLL``, in mm and degrees.
 
     >>> pose("500,0,-200,30")
     Pose(x_mm=500.0, y_mm=0.0, z_mm=-200.0, pan_deg=30.0, tilt_deg=0.0, roll_deg=0.0)
@@ -36,7 +36,8 @@ def pose(text: str) -> Pose:
 
 
 def reflectivity(text: str) -> Any:
-    """A reflectivity as a share, a metal's name or its index, or three of them with commas between.
+    """Parse a reflectivity: a fraction, the name of a metal or its index, or three comma-separated
+    values.
 
     >>> reflectivity("0.9"), reflectivity("gold"), reflectivity("0.96+6.69j,0.9,1")
     (0.9, 'gold', ((0.96+6.69j), 0.9, 1.0))
@@ -53,24 +54,24 @@ def reflectivity(text: str) -> Any:
 
 @dataclass(frozen=True)
 class SceneOptions(Options):
-    """What is looked at."""
+    """Scene."""
 
     scene: str = option(
         default="room", metavar="NAME|FILE",
-        help=f"What to look at: {', '.join(BUNDLED)}, an equirectangular picture (HDR, EXR, JPEG, ..), or a mesh "
-        "(GLB, glTF, OBJ, PLY, STL).",
+        help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, "
+        f"OBJ, PLY, STL).",
     )  # fmt: skip
     heading_deg: float | None = option(
-        type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
+        type=angle, metavar="DEG", help="Heading of the centre of an environment image.  [default: 0]"
     )
-    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000; of an STL 1]")
+    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]")
     up: str | None = option(
-        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; of an STL z]"
+        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; z for STL]"
     )
-    background: str | None = option(metavar="FILE", help="Environment behind a mesh.  [default: nothing]")
+    background: str | None = option(metavar="FILE", help="Environment image behind a mesh.  [default: none]")
 
     def source(self) -> SceneSource:
-        """Where the scene comes from."""
+        """Return the source of the scene."""
         source = SceneSource(self.scene, **self.picked("heading_deg", "unit_mm", "up", "background"))
         if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
             raise click.UsageError(f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none")
@@ -85,60 +86,65 @@ DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits",
 
 @dataclass(frozen=True)
 class TakingOptions(Options):
-    """How pictures are taken."""
+    """Rendering."""
 
     blur: str | None = option(
         type=click.Choice(["on", "off"]), is_flag=False, flag_value="on",
-        help="Look through the whole aperture, or sharp.  [default: on; off for a calibrated camera, whose aperture "
-        "nobody knows]",
+        help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, "
+        "which has no known aperture]",
     )  # fmt: skip
-    no_blur: bool | None = option(is_flag=True, help="The same as --blur off.")
+    no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
-    seed: int = option(type=WHOLE, default=0, help="Of the rays' places and of the noise.")
+    seed: int = option(type=WHOLE, default=0, help="Random seed for ray sampling and noise.")
     reflectivity: Any = option(
         type=reflectivity, metavar="SHARE|METAL|N+Kj",
-        help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
-        "[default: 1]",
+        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green "
+        "and blue.  [default: 1]",
     )  # fmt: skip
     vignetting: bool | None = option(
-        "--vignetting/--no-vignetting", help="The lens's natural one, cos^4.  [default: none]"
+        "--vignetting/--no-vignetting", help="Natural vignetting of the lens, cos^4.  [default: none]"
     )
     wavelengths_nm: tuple[float, float, float] | None = option(
         type=three_wavelengths,
         metavar="R,G,B",
-        help="Of the colours, which lens and cover refract each its own way.",
+        help="Wavelengths of the colours, for dispersion in lens and cover.",
     )
-    sees_past: bool | None = option("--sees-past/--black-past", help="What lies beside the mirror.  [default: black]")
+    sees_past: bool | None = option(
+        "--sees-past/--black-past", help="Render the surroundings of the mirror, or black.  [default: black]"
+    )
     exposure: float | None = option(
-        type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"
+        type=factor, metavar="FACTOR", help="Exposure factor; light above 1 saturates.  [default: 1]"
     )
-    full_well_e: float | None = option(type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]")
-    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Noise of reading out, electrons.  [default: 0]")
+    full_well_e: float | None = option(
+        type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]"
+    )
+    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]")
     black_level_dn: float | None = option(
         type=NUMBER, metavar="DN",
-        help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
+        help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard "
+        "deviations of read noise]",
     )  # fmt: skip
     bits: int | None = option(
-        type=WHOLE, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
+        type=WHOLE, metavar="8..16", help="Bit depth; PNG and TIFF support more than 8.  [default: 8]"
     )
-    curve: str | None = option(type=click.Choice(CURVES), help="Of the values.  [default: srgb]")
+    curve: str | None = option(type=click.Choice(CURVES), help="Transfer curve.  [default: srgb]")
     bayer: str | None = option(
-        type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"
+        type=click.Choice(BAYER), help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]"
     )
 
     @property
     def wants_blur(self) -> bool | None:
-        """Whether to look through the whole aperture; None: where the camera has one."""
+        """Blur setting; None to blur only cameras with an aperture."""
         if self.no_blur:
             return False
         return None if self.blur is None else self.blur == "on"
 
     def is_blurred(self, camera: Camera) -> bool:
-        """Whether a camera looks through its whole aperture."""
+        """Return whether images of a camera are rendered through its whole aperture."""
         return isinstance(camera, Sensor) if self.wants_blur is None else self.wants_blur
 
     def radiometry(self) -> Radiometry | None:
-        """How much light comes; None if the options say nothing."""
+        """Return the radiometric settings; None without options."""
         asked = self.picked(*RADIOMETRY)
         if not asked:
             return None
@@ -147,34 +153,34 @@ class TakingOptions(Options):
         return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
 
     def detector(self) -> Detector:
-        """The imager's electronics."""
+        """Return the detector model."""
         return Detector(**self.picked(*DETECTOR))
 
 
 @dataclass(frozen=True)
 class FilmOptions(Options):
-    """A video along poses."""
+    """Video along poses."""
 
     path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
-    fps: float | None = option(type=NUMBER, help="Videos: frames a second.  [default: 25]")
-    duration_s: float | None = option(type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+    fps: float | None = option(type=NUMBER, help="Videos: frames per second.  [default: 25]")
+    duration_s: float | None = option(type=NUMBER, help="Videos: duration.  [default: until the last pose]")
     bodies: Path | None = option(
-        type=click.Path(path_type=Path), help="Videos: boxes that move in the scene, a TOML file."
+        type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
     )
 
     @property
     def frame_rate(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         return 25.0 if self.fps is None else self.fps
 
     def moving(self) -> tuple[MovingBox, ...]:
-        """What moves in the scene."""
+        """Return the moving boxes of the scene."""
         return () if self.bodies is None else load_bodies(self.bodies)
 
 
 @contextmanager
 def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on stderr, told of rows or frames done."""
+    """Show a progress bar on stderr and yield its update function for rows or frames."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
         TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),

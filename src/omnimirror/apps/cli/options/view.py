@@ -1,4 +1,4 @@
-"""The views that can be asked for on the command line, and the options that describe them."""
+"""Options that specify a view."""
 
 from __future__ import annotations
 
@@ -47,74 +47,86 @@ OPTIONS_OF_PRESET = ("pan_deg", "tilt_deg", "zoom", *PLACE)
 
 @dataclass(frozen=True)
 class ViewOptions(Options):
-    """What is to be seen, and how large."""
+    """View, and its size."""
 
-    view: str | None = option(type=click.Choice(list(views.VIEWS)), help="What to show.  [default: panorama]")
+    view: str | None = option(type=click.Choice(list(views.VIEWS)), help="Type of view.  [default: panorama]")
     preset: str | None = option(
         type=click.Choice(list(views.PRESETS)),
-        help="Instead of --view: the paper's screen 28, 90 or 180 deg wide, the last one bent.",
+        help="Screen of the paper, 28, 90 or 180 deg wide, the last one curved; instead of --view.",
     )
     pan_deg: float | None = option(
-        type=angle, metavar="DEG", help="Centre of the view, right of forward; top of a round one.  [default: 0]"
+        type=angle,
+        metavar="DEG",
+        help="Azimuth of the view centre, right of forward; top of a round view.  [default: 0]",
     )
     tilt_deg: float | None = option(
-        type=angle, metavar="DEG", help="Centre of a perspective view, above the horizon.  [default: 0]"
+        type=angle, metavar="DEG", help="Elevation of the centre of a perspective view.  [default: 0]"
     )
-    roll_deg: float | None = option(type=angle, metavar="DEG", help="Turn a perspective view clockwise.  [default: 0]")
+    roll_deg: float | None = option(
+        type=angle, metavar="DEG", help="Clockwise rotation of a perspective view.  [default: 0]"
+    )
     hfov_deg: float | None = option(
         type=angle, metavar="DEG",
-        help="Width of a perspective view, or of a planet.  [default: 90; of a planet, the field]",
+        help="Horizontal field of a perspective or planet view.  [default: 90; the whole field for a planet]",
     )  # fmt: skip
     span_deg: float | None = option(type=angle, metavar="DEG", help="Width of a panorama.  [default: 360]")
     elevation_deg: tuple[float, float] | None = option(
         type=angle_range, metavar="MIN:MAX",
-        help="Height of a panorama.  [default: the camera's field; of a sphere, all]",
+        help="Elevation range of a panorama.  [default: the field of the camera; the full range for a sphere]",
     )  # fmt: skip
     omega_deg: tuple[float, float] | None = option(
         type=angle_range, metavar="MIN:MAX",
-        help="The same as angles from the axis of the camera; of a dome, from its pole.",
+        help="Range of angles from the camera axis instead of elevations; for a dome, from its pole.",
     )  # fmt: skip
     rows: Rows | None = option(
         type=click.Choice(["tilt", "height"]),
-        help="Rows of a panorama: linear in elevation, or in height on an upright wall.  [default: tilt]",
+        help="Rows of a panorama: linear in elevation, or in height on a vertical wall.  [default: tilt]",
     )
     wall_mm: tuple[float, float] | None = option(
         type=height_range, metavar="LOW:HIGH",
-        help="A panorama of the wall at --distance-mm between two heights over the mirror.",
+        help="Heights of a wall at --distance-mm above the mirror, for a panorama of the wall.",
     )  # fmt: skip
     distance_mm: float | None = option(
         type=distance, metavar="MM",
-        help="How far the screen stands from its centre: where things are seen without parallax.  [default: inf]",
+        help="Object distance at which the view is free of parallax.  [default: inf]",
     )  # fmt: skip
     offset_mm: tuple[float, float, float] | None = option(
-        type=offset, metavar="X,Y,Z", help="Move the screen forward, left and up from the mirror.  [default: 0,0,0]"
+        type=offset,
+        metavar="X,Y,Z",
+        help="Offset of the view centre from the mirror: forward, left and up.  [default: 0,0,0]",
     )
     viewpoint: Viewpoint | None = option(
         type=viewpoint, metavar="exact|single|MM",
-        help="See near screens by the true reflection, or from one viewpoint on the axis.  [default: exact]",
+        help="Viewpoint for near objects: exact reflection, or a single viewpoint on the axis.  [default: exact]",
     )  # fmt: skip
-    height_mm: float | None = option(type=height, metavar="MM", help="How high the mirror stands over the ground.")
+    height_mm: float | None = option(type=height, metavar="MM", help="Height of the mirror above the ground.")
     mm_per_px: float | None = option(
-        type=distance, metavar="MM", help="Scale of the ground.  [default: the picture's resolution]"
+        type=distance, metavar="MM", help="Scale of a ground view.  [default: the resolution of the image]"
     )
     pole: Pole | None = option(
-        type=click.Choice(["nadir", "zenith"]), help="Middle of a dome or planet.  [default: nearer]"
+        type=click.Choice(["nadir", "zenith"]), help="Centre of a dome or planet view.  [default: the nearer pole]"
     )
-    layout: Layout | None = option(type=click.Choice(list(LAYOUTS)), help="Faces of a cube.  [default: cross]")
-    zoom: float | None = option(type=factor, metavar="FACTOR", help="Enlarge the view about its middle.  [default: 1]")
-    past_resolution: bool | None = option(is_flag=True, help="Let --zoom go past what the camera resolves.")
+    layout: Layout | None = option(
+        type=click.Choice(list(LAYOUTS)), help="Layout of the faces of a cube.  [default: cross]"
+    )
+    zoom: float | None = option(
+        type=factor, metavar="FACTOR", help="Magnification about the view centre.  [default: 1]"
+    )
+    past_resolution: bool | None = option(is_flag=True, help="Allow --zoom beyond the resolution of the camera.")
     size: PartialSize | None = option(
         type=picture_size, metavar="WxH",
-        help="Output size; 1440x, x360 or nothing to choose by the picture's resolution.",
+        help="Output size; 1440x, x360, or by default chosen from the resolution of the image.",
     )  # fmt: skip
 
     @property
     def is_near(self) -> bool:
-        """Whether the screen stands at a finite distance."""
+        """True if the object distance is finite."""
         return self.distance_mm is not None and bool(np.isfinite(self.distance_mm))
 
     def check(self) -> None:
-        """Refuse options that do not apply to the view asked for, or that contradict each other."""
+        """Raise UsageError for options that do not apply to the selected view or contradict each
+        other.
+        """
         if self.view and self.preset:
             raise click.UsageError("--preset is a view of its own; leave out --view")
         name = self.view or "panorama"
@@ -142,7 +154,7 @@ class ViewOptions(Options):
             raise click.UsageError("--wall-mm needs --distance-mm, the distance of the wall")
 
     def of(self, camera: Camera) -> Shape:
-        """The view of a camera; one sentence on stderr where its zoom is not as asked."""
+        """Return the view of a camera; a limited zoom is reported on stderr."""
         view: Shape
         if self.preset:
             view = views.preset(self.preset, **self.picked("size", "pan_deg", "tilt_deg", *PLACE))
@@ -154,7 +166,9 @@ class ViewOptions(Options):
 
 
 def options_of(view: str) -> tuple[str, ...]:
-    """The options that belong to a view; of one that another package brings, its function's keywords say which."""
+    """Return the options of a view; for a view of another package, those among its keyword
+    arguments.
+    """
     if view in OPTIONS_OF_VIEW:
         return OPTIONS_OF_VIEW[view]
     known = {f.name for f in fields(ViewOptions)} - {"view", "preset", "zoom"}
@@ -162,7 +176,7 @@ def options_of(view: str) -> tuple[str, ...]:
 
 
 def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
-    """The view of a name; what only the command line says is translated."""
+    """Return the named view, with command-line options converted to its arguments."""
     if name in ("panorama", "sphere"):
         _elevations_of_omega(camera, options)
     if "wall_mm" in options:
@@ -175,7 +189,9 @@ def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
 
 
 def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
-    """Put elevations (deg) in the place of angles from the camera's axis, which must be upright but for its lean."""
+    """Convert angles from the camera axis to elevations (deg); the axis must be vertical, apart
+    from tilt.
+    """
     if "omega_deg" not in options:
         return
     up = plumb(cast("AnyCamera", camera)).axis[2]

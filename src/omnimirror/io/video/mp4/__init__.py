@@ -1,1 +1,1 @@
-"""What FFmpeg leaves to say in a finished MP4 or MOV."""
+"""Metadata of finished MP4 and MOV files that FFmpeg does not write."""

@@ -1,9 +1,10 @@
-"""The end of an MP4 that was written in fragments, where FFmpeg takes it for earlier than it is.
+"""Correction of the duration of fragmented MP4 files, for which FFmpeg writes too small a value.
 
-Where a fragment ends, its muxer (``mov_write_packet`` of movenc.c, FFmpeg 8.1) forgets how far the pictures reached and
-goes on from the one that comes next. Pictures are stored as decoders need them, so that this one may be shown before
-others that are in the file already (B-frames); if none is shown after those, the edit list ends before them, and
-players leave out the last of a video. Its index knows better.
+At the end of a fragment the muxer (``mov_write_packet`` of movenc.c, FFmpeg 8.1) discards the
+maximum presentation time and continues from the next packet. Packets are in decoding order: this
+one may be presented before others in the file (B-frames). If none is presented after those, the
+edit list ends before them, and players omit the last frames of a video. The index contains the
+correct times.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from numpy.typing import NDArray
 from .index import box, boxes, change_index, inside, is_video
 
 SCALED = {0: (12, ">I", 16), 1: (20, ">Q", 24)}
-"""Of mvhd and mdhd by version: where units a second stand, how a duration is written, and where."""
+"""Layout of mvhd and mdhd by version: offset of the time scale, format and offset of the duration.
+"""
 TRACK = {0: (">I", 20), 1: (">Q", 28)}
-"""The same of tkhd, which counts in the movie's units."""
+"""Layout of tkhd likewise; its duration has the time scale of the movie."""
 EDIT = {0: (">I", 12), 1: (">Q", 20)}
-"""Of elst: how a duration is written, with which each entry begins, and the bytes of an entry."""
+"""Layout of elst: format of a duration, at the start of each entry, and size of an entry in bytes.
+"""
 FIRST_EDIT = 8
 
 
 def show_to_the_last(path: Path) -> None:
-    """Let a finished MP4 or MOV, its index at its end, last until its last picture was shown, in place.
+    """Extend the duration of a finished MP4 or MOV, its index at its end, to its last frame, in
+    place.
 
     Raises
     ------
@@ -39,7 +43,7 @@ def show_to_the_last(path: Path) -> None:
 
 
 def _lasting(index: bytes) -> bytes:
-    """A movie's index in which no video track ends before its pictures do."""
+    """Return the index of a movie with durations that include all frames of its video tracks."""
     scale, latest, told = _scale(dict(boxes(index))[b"mvhd"]), 0, b""
     for kind, body in boxes(index):
         if kind == b"trak" and is_video(body):
@@ -50,10 +54,10 @@ def _lasting(index: bytes) -> bytes:
 
 
 def _track(body: bytes, scale: int) -> tuple[bytes, int]:
-    """A video track that lasts as long as its pictures, and how long that is, in the movie's units."""
+    """Return a video track with the duration of its frames, and this duration (movie units)."""
     media = dict(boxes(dict(boxes(body))[b"mdia"]))
     units = _shown(media)
-    shown = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as FFmpeg does
+    shown = -(-units * scale // _scale(media[b"mdhd"]))  # rounded up, as in FFmpeg
     body = inside(body, [b"mdia", b"mdhd"], lambda head: _at_least(head, *SCALED[head[0]][1:], units))
     body = inside(body, [b"edts", b"elst"], lambda edits: _edited(edits, shown))
     length = _length(body, shown)
@@ -61,7 +65,7 @@ def _track(body: bytes, scale: int) -> tuple[bytes, int]:
 
 
 def _shown(media: dict[bytes, bytes]) -> int:
-    """How long the pictures of a track are shown, in its own units."""
+    """Return the presentation duration of the frames of a track, in its own units."""
     samples = dict(boxes(dict(boxes(media[b"minf"]))[b"stbl"]))
     durations = _repeated(samples[b"stts"])
     decoded = np.concatenate([[0], np.cumsum(durations)[:-1]])
@@ -71,7 +75,7 @@ def _shown(media: dict[bytes, bytes]) -> int:
 
 
 def _repeated(body: bytes) -> NDArray[np.int64]:
-    """Values of a table of how often each comes: stts, and ctts, whose are signed."""
+    """Expand a run-length table: stts, and ctts with signed values."""
     counts, values = np.frombuffer(body[8:], ">i4").reshape(-1, 2).astype(np.int64).T
     return np.repeat(values, counts)
 
@@ -81,13 +85,13 @@ def _scale(head: bytes) -> int:
 
 
 def _edited(edits: bytes, shown: int) -> bytes:
-    """An edit list whose last entry, which shows the pictures, lasts for all of them."""
+    """Return an edit list whose last entry, with the frames, covers all of them."""
     form, step = EDIT[edits[0]]
     return _at_least(edits, form, FIRST_EDIT + step * (int.from_bytes(edits[4:8], "big") - 1), shown)
 
 
 def _length(track: bytes, shown: int) -> int:
-    """How long a track is, waiting for its first picture included, in the movie's units."""
+    """Return the duration of a track, including an initial empty edit, in units of the movie."""
     edits = dict(boxes(dict(boxes(track)).get(b"edts", b""))).get(b"elst")
     if edits is None:
         return shown
@@ -96,6 +100,6 @@ def _length(track: bytes, shown: int) -> int:
 
 
 def _at_least(body: bytes, form: str, at: int, least: int) -> bytes:
-    """A box's body in which the number at a place is no less than that."""
+    """Return the body of a box with the number at an offset raised to a minimum."""
     found = struct.unpack_from(form, body, at)[0]
     return body if found >= least else body[:at] + struct.pack(form, least) + body[at + struct.calcsize(form) :]

@@ -1,4 +1,4 @@
-"""The boxes that MP4 and MOV files are made of (ISO/IEC 14496-12), and the index that ends a finished one."""
+"""Boxes of MP4 and MOV files (ISO/IEC 14496-12), and the index at the end of a finished file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ....base.errors import MediaError
 
 
 def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
-    """Change the body of the index (``moov``) of a finished file, at whose end it stands, in place.
+    """Change the body of the index (``moov``) at the end of a finished file, in place.
 
     Raises
     ------
@@ -35,7 +35,9 @@ def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
 
 
 def _last_box(file: BinaryIO) -> int:
-    """Where the last box of a file begins; only heads are read, since what they hold may be large."""
+    """Return the offset of the last box of a file; only headers are read, since bodies may be
+    large.
+    """
     end = file.seek(0, os.SEEK_END)
     at = last = 0
     while at < end:
@@ -50,13 +52,13 @@ def _last_box(file: BinaryIO) -> int:
 
 
 def is_video(track: bytes) -> bool:
-    """Whether the body of a ``trak`` box is that of pictures."""
+    """Return whether the body of a ``trak`` box is that of a video track."""
     media = dict(boxes(dict(boxes(track))[b"mdia"]))
     return media[b"hdlr"][8:12] == b"vide"
 
 
 def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kinds and bodies of boxes that follow one another; four zero bytes may end them, as in QuickTime."""
+    """Yield kinds and bodies of consecutive boxes; four zero bytes may end them (QuickTime)."""
     at = 0
     while at + 8 <= len(data):
         size, head = int.from_bytes(data[at : at + 4], "big"), 8
@@ -71,12 +73,12 @@ def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def box(kind: bytes, body: bytes) -> bytes:
-    """A box of a kind."""
+    """Return a box of a kind."""
     return struct.pack(">I", 8 + len(body)) + kind + body
 
 
 def inside(body: bytes, path: list[bytes], change: Callable[[bytes], bytes]) -> bytes:
-    """A box's body with the first box at a path of kinds changed."""
+    """Return the body of a box with the first box at a path of kinds changed."""
     if not path:
         return change(body)
     parts, is_done = [], False

@@ -1,8 +1,9 @@
-"""What tells a player that an MP4 holds a panorama: Spherical Video, version 1 and version 2.
+"""Panorama metadata of MP4 files: Spherical Video, version 1 and version 2.
 
-https://github.com/google/spatial-media describes both: version 1 is an XML text in a uuid box of the
-track, version 2 are boxes in the description of its samples. Both are written, since players read the
-one or the other. The boxes go into the finished file, whose pictures are not touched.
+https://github.com/google/spatial-media specifies both: version 1 is an XML text in a uuid box of
+the track, version 2 consists of boxes in the sample description. Both are written, since players
+support one or the other. The boxes are inserted into the finished file without changes to its
+frames.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from .index import box, boxes, change_index, inside, is_video
 SUFFIXES = (".mp4", ".m4v", ".mov")
 V1_UUID = bytes.fromhex("ffcc8263f8554a938814587a02521fdd")
 SOURCE = b"omnimirror"
-SAMPLE_ENTRY_BYTES = 78  # fixed fields of a picture's sample entry, before its boxes
+SAMPLE_ENTRY_BYTES = 78  # fixed fields of a video sample entry, before its boxes
 MONOSCOPIC = 0
 
 
 def can_be_spherical(path: str | Path) -> bool:
-    """Whether a video file of that name can say that it is a panorama.
+    """Return whether a video file of that name can store panorama metadata.
 
     >>> can_be_spherical("room.mp4"), can_be_spherical("room.mkv")
     (True, False)
@@ -31,7 +32,7 @@ def can_be_spherical(path: str | Path) -> bool:
 
 
 def make_spherical(path: Path, panorama: GPano) -> None:
-    """Put the metadata into a finished file whose index stands at its end, in place.
+    """Insert the metadata into a finished file whose index is at its end, in place.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def make_spherical(path: Path, panorama: GPano) -> None:
 
 
 def _with_metadata(index: bytes, panorama: GPano) -> bytes:
-    """The movie's index with the metadata in its first video track."""
+    """Return the index of the movie with the metadata in its first video track."""
     parts, is_done = [], False
     for kind, body in boxes(index):
         if kind == b"trak" and not is_done and is_video(body):
@@ -58,19 +59,19 @@ def _with_metadata(index: bytes, panorama: GPano) -> bytes:
 
 
 def _described(stsd: bytes, panorama: GPano) -> bytes:
-    """The sample descriptions, the first with the boxes of version 2."""
+    """Return the sample descriptions, the first with the boxes of version 2."""
     (kind, entry), *others = boxes(stsd[8:])
     codec, *optional = (box(*part) for part in boxes(entry[SAMPLE_ENTRY_BYTES:]))
-    # Version 2 asks for a place after the codec's own box and before the optional ones.
+    # Version 2 requires a position after the codec's own box and before the optional ones.
     first = box(kind, entry[:SAMPLE_ENTRY_BYTES] + codec + v2_boxes(panorama) + b"".join(optional))
     return stsd[:8] + first + b"".join(box(*other) for other in others)
 
 
 def v2_boxes(panorama: GPano) -> bytes:
-    """The boxes st3d and sv3d: one eye, equirectangular, pose and bounds."""
+    """Return the boxes st3d and sv3d: monoscopic, equirectangular, pose and bounds."""
     heading = panorama.pose_heading_deg or 0.0
-    # Poses are in 16.16 degrees, the yaw counter-clockwise and so the other way round from a heading; a pitch
-    # counter-clockwise about the right side lifts the centre, and a roll is clockwise.
+    # Poses are 16.16 degrees: yaw is counter-clockwise, opposite to a heading; pitch is
+    # counter-clockwise about the right axis and raises the centre; roll is clockwise.
     yaw = round(((180.0 - heading) % 360.0 - 180.0) * 65536)
     pitch, roll = round(panorama.pitch_deg * 65536), round(panorama.roll_deg * 65536)
     bounds = panorama.bounds
@@ -83,7 +84,7 @@ def v2_boxes(panorama: GPano) -> bytes:
 
 
 def v1_text(panorama: GPano) -> bytes:
-    """The XML text of version 1, UTF-8."""
+    """Return the XML text of version 1, UTF-8."""
     fields: dict[str, object] = {
         "Spherical": "true",
         "Stitched": "true",
@@ -98,5 +99,5 @@ def v1_text(panorama: GPano) -> bytes:
 
 
 def _full(body: bytes) -> bytes:
-    """A box's body with version 0 and no flags before it."""
+    """Return the body of a box with version 0 and no flags."""
     return b"\0\0\0\0" + body

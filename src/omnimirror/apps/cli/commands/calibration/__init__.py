@@ -1,1 +1,1 @@
-"""Commands that measure a built sensor, and take cameras from one program to another."""
+"""Calibration commands: targets, camera models, mirror outlines, uncertainty, conversion."""

@@ -1,4 +1,4 @@
-"""``omnimirror board``: a calibration board to print."""
+"""``omnimirror board``: calibration targets for printing."""
 
 from __future__ import annotations
 
@@ -18,11 +18,15 @@ from ...outputs import format_option, output_option, say, say_written
 
 @dataclass(frozen=True)
 class SheetOptions(Options):
-    """The sheet, as :func:`omnimirror.write_board` takes it."""
+    """Sheet, with the parameters of :func:`omnimirror.write_board`."""
 
-    margin_mm: float | None = option(type=NUMBER, metavar="MM", help="White around the board.  [default: one square]")
-    paper: str | None = option(type=click.Choice(list(PAPERS_MM)), help="Paper.  [default: as large as it needs]")
-    dpi: float = option(type=NUMBER, default=300.0, help="PNG: dots per inch.")
+    margin_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
+    )
+    paper: str | None = option(
+        type=click.Choice(list(PAPERS_MM)), help="Paper size.  [default: as large as the board requires]"
+    )
+    dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
 
 
 @click.command(
@@ -32,16 +36,16 @@ class SheetOptions(Options):
 )
 @output_option(
     "-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES),
-    help="A .pdf, .svg or .png file.",
+    help="Output file: .pdf, .svg or .png.",
 )  # fmt: skip
 @format_option(tuple(suffix[1:] for suffix in SUFFIXES))
 @takes(BoardOptions, "board")
 @takes(SheetOptions, "sheet")
 def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
-    """Write a calibration board to print at true scale.
+    """Write a calibration target for printing at true scale.
 
-    Print it at 100 %, without fitting it to the page, and measure the line of 100 mm at its foot. Glue it to something
-    flat and stiff.
+    Print it at 100 %, without fitting it to the page, and measure the 100 mm line at its foot.
+    Mount it on a flat and stiff support.
     """
     made = board.made()
     written = write_board(made, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)

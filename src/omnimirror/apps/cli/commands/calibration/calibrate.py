@@ -1,4 +1,4 @@
-"""``omnimirror calibrate``: the camera that took pictures of a board."""
+"""``omnimirror calibrate``: camera calibration from images of a target."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FEW_SHOWN = 12
 
 
 def prior(text: str) -> Prior:
-    """What is known of a parameter, as ``NAME=VALUE+-SIGMA``, or ``NAME=VALUE`` to fix it.
+    """Parse prior knowledge of a parameter: ``NAME=VALUE+-SIGMA``, or ``NAME=VALUE`` to fix it.
 
     >>> prior("xi=0.97+-0.02")
     Prior(name='xi', value=0.97, sigma=0.02)
@@ -61,33 +61,34 @@ def prior(text: str) -> Prior:
 
 @dataclass(frozen=True)
 class SoughtCameraOptions(Options):
-    """What is known of the camera, as :func:`omnimirror.calibrate_camera` takes it."""
+    """Camera model, with the parameters of :func:`omnimirror.calibrate_camera`."""
 
     model: str = option(
         default="auto", metavar="NAME|FILE",
-        help=f"auto, {', '.join(KINDS)}; or the name or file of a sensor or camera to begin with.",
+        help=f"Model: auto, {', '.join(KINDS)}; or the name or file of a sensor or camera as initial value.",
     )  # fmt: skip
-    free: str | None = option(metavar="A,B,..", help="Of a sensor to begin with: what is estimated.")
+    free: str | None = option(metavar="A,B,..", help="Parameters to estimate if the initial value is a sensor.")
     optics: Optics = option(
-        default="mirror", type=click.Choice(["mirror", "fisheye"]), help="What the camera looks through."
+        default="mirror", type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens."
     )
     camera_looks: CameraLooks = option(
-        default="up", type=click.Choice(["up", "down", "forward"]), help="Where the optical axis points."
+        default="up", type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis."
     )
     forward_azimuth_deg: float = option(
-        default=-90.0, type=angle, metavar="DEG", help="Image direction that is forward, from right towards bottom."
+        default=-90.0, type=angle, metavar="DEG", help="Image direction of forward, from right towards bottom."
     )
-    flipped: bool = option(default=False, is_flag=True, help="The pictures were flipped left to right.")
+    flipped: bool = option(default=False, is_flag=True, help="Declare that the images are mirrored left to right.")
     centre_px: tuple[float, float] | None = option(
-        type=pixel, metavar="U,V", help="Where the search for the axis begins.  [default: the middle]"
+        type=pixel, metavar="U,V", help="Initial value of the image centre.  [default: the image centre]"
     )
     rim_radius_px: float | None = option(
         type=NUMBER, metavar="PX",
-        help="Where the field ends, as omnimirror rim tells.  [default: where picture or model do]",
+        help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit of the image or of "
+        "the model]",
     )  # fmt: skip
 
     def begun(self) -> str | CameraModel | Sensor:
-        """The kind of model, or one to begin with."""
+        """Return the kind of model, or the model that provides initial values."""
         if self.model == "auto" or self.model in KINDS:
             if self.free is not None:
                 raise click.UsageError("--free belongs to a sensor to begin with; name it with --model")
@@ -100,7 +101,7 @@ class SoughtCameraOptions(Options):
         return camera
 
     def asked(self) -> dict[str, Any]:
-        """Arguments of :func:`omnimirror.calibrate_camera`."""
+        """Return the arguments of :func:`omnimirror.calibrate_camera`."""
         mount = Mount(self.camera_looks, self.forward_azimuth_deg, self.flipped)
         return {
             "model": self.begun(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px,
@@ -110,45 +111,51 @@ class SoughtCameraOptions(Options):
 
 @dataclass(frozen=True)
 class EstimationOptions(Options):
-    """How it is estimated."""
+    """Estimation."""
 
     fixed: tuple[str, ...] = option(
         "--fix", default=(), multiple=True, metavar="NAME", show_default=False,
-        help="Keep a parameter as the model begins with it; may be repeated.",
+        help="Hold a parameter at its initial value (repeatable).",
     )  # fmt: skip
     priors: tuple[Prior, ...] = option(
         "--prior", default=(), multiple=True, type=prior, metavar="NAME=VALUE+-SIGMA", show_default=False,
-        help="What is known of a parameter; without +-SIGMA it is fixed to the value; may be repeated.",
+        help="Prior of a parameter; without +-SIGMA the parameter is fixed (repeatable).",
     )  # fmt: skip
-    flat_board: bool = option(default=False, is_flag=True, help="Take the board as flat and square.")
-    seed: int = option(default=0, type=WHOLE, help="Of the groups in which more than 20 pictures are left out.")
+    flat_board: bool = option(default=False, is_flag=True, help="Treat the board as flat and square.")
+    seed: int = option(
+        default=0, type=WHOLE, help="Random seed of the cross-validation groups for more than 20 images."
+    )
 
     def asked(self) -> dict[str, Any]:
-        """Arguments of :func:`omnimirror.calibrate_camera`."""
+        """Return the arguments of :func:`omnimirror.calibrate_camera`."""
         return {"fixed": self.fixed, "priors": self.priors, "board_shape": not self.flat_board, "seed": self.seed}
 
 
 @dataclass(frozen=True)
 class SurveyOptions(Options):
-    """What is known besides boards, as :func:`omnimirror.read_surveys` takes it."""
+    """Survey data, with the parameters of :func:`omnimirror.read_surveys`."""
 
     points: tuple[str, ...] = option(
         default=(), multiple=True, metavar="FILE", show_default=False,
-        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture if there are several; may be repeated.",
+        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).",
     )  # fmt: skip
     directions: tuple[str, ...] = option(
         default=(), multiple=True, metavar="FILE", show_default=False,
-        help="Stars, the sun or far towers, CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg; may be repeated.",
+        help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg "
+        "(repeatable).",
     )  # fmt: skip
     lines: tuple[str, ...] = option(
         default=(), multiple=True, metavar="FILE", show_default=False,
-        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture if there are several; may be repeated.",
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
     )  # fmt: skip
     lines_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="Of these edges, for mirrors of many viewpoints."
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance of the straight edges, for mirrors without a single viewpoint.",
     )
     image_size: tuple[int, int] | None = option(
-        type=whole_size, metavar="WxH", help="Of the pictures, where none with a board tells it."
+        type=whole_size, metavar="WxH", help="Image size, required if no image of a board is given."
     )
 
 
@@ -166,11 +173,11 @@ class SurveyOptions(Options):
 @takes(SoughtCameraOptions, "camera")
 @takes(EstimationOptions, "estimation")
 @takes(OrientationOptions, "orientation")
-@click.option("--several", is_flag=True, help="Pictures show several such chessboards at once; each is used.")
-@click.option("-o", "--output", type=Output(), help="The camera file to write, TOML.")
-@click.option("--json", "json_path", type=Output(), help="All numbers, as JSON.")
-@click.option("--report", type=Output(), help="A page with all of it, HTML.")
-@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="A folder for the figures, as SVG.")
+@click.option("--several", is_flag=True, help="Detect several such chessboards in each image.")
+@click.option("-o", "--output", type=Output(), help="Output camera file, TOML.")
+@click.option("--json", "json_path", type=Output(), help="Write all numbers as JSON.")
+@click.option("--report", type=Output(), help="Write an HTML report.")
+@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Output folder for figures, SVG.")
 def command(
     pictures: tuple[str, ...],
     target: SoughtBoardOptions,
@@ -184,14 +191,17 @@ def command(
     report: Path | None,
     figures: Path | None,
 ) -> None:
-    """Find out what camera took PICTURES of a board, or one video; nothing needs to be known of it.
+    """Calibrate a camera from PICTURES of a target, or one video, without prior knowledge of the
+    camera.
 
-    PICTURES are files, folders or patterns of them. With --points and --directions, pixels and what they are known to
-    show, the camera is found with boards or without. Straight edges (--lines) count beside either.
+    PICTURES are files, folders or file patterns. Known points and directions (--points,
+    --directions) are used in addition to boards or without them, and straight edges (--lines) in
+    addition to either.
 
-    Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
-    left out and named, 1 % at most and gross errors up to 5 %; a note reports those that remain. Models are compared by
-    their error in pictures that were left out. Ctrl-C keeps the best camera found until then.
+    Place the board at 10 to 20 positions over the whole field, also near the rim, and tilt it.
+    Outlier corners are rejected and reported: at most 1 %, and gross errors up to 5 %; a note
+    reports those that remain. Models are compared by the reprojection error in held-out images
+    (cross-validation). Ctrl-C stops the calibration and keeps the best camera so far.
     """
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)
@@ -222,7 +232,7 @@ def command(
 
 
 def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyOptions) -> None:
-    """Whether there is something to calibrate from, and nothing that belongs to nothing."""
+    """Raise UsageError if there is no input, or if an option has no effect on the given input."""
     if bool(pictures) != (board is not None):
         what = (
             "--board belongs to PICTURES of it" if board else "PICTURES show a board; say which: --board, --square-mm"
@@ -236,7 +246,7 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
 def _found(
     console: Console, pictures: tuple[str, ...], board: Board, several: bool, orientation: OrientationOptions
 ) -> tuple[list[Detection], int]:
-    """Boards in pictures, or in the frames of a video; and the exit code of who stopped the search, 0 if nobody did."""
+    """Detect boards in images or video frames; also return the exit code of an interruption."""
     is_stored = orientation.stored_orientation
     with progress_bar(console) as bar, interrupts.deferred():
         task = bar.add_task("looking for boards", total=None)
@@ -244,7 +254,7 @@ def _found(
         def progress(done: int, count: int | None) -> None:
             what = "looking for boards" + (f", {done} of {count}" if count else "")
             bar.update(task, description=what, completed=done, total=count)
-            if interrupts.is_pending():  # between two pictures, where nothing of one is lost
+            if interrupts.is_pending():  # between two images, which loses no partial result
                 raise KeyboardInterrupt
 
         if len(pictures) == 1 and is_video(pictures[0]):
@@ -259,7 +269,7 @@ def _found(
 
 @contextmanager
 def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """A bar that shows a word and a share."""
+    """Show a progress bar with description and percentage, and yield its update function."""
     with progress_bar(console) as bar:
         task = bar.add_task("calibrating", total=1.0)
         yield lambda what, share: bar.update(task, description=what, completed=share)
@@ -286,7 +296,7 @@ def _command_line() -> str:
     return shell_command(["omnimirror", *sys.argv[1:]])
 
 
-# -- what is printed -------------------------------------------------------------------------------------
+# -- printed output ---------------------------------------------------------------------------
 
 
 def _print(console: Console, found: Calibration, known: Surveys) -> None:

@@ -1,4 +1,4 @@
-"""``omnimirror convert``: a camera from one program's file to another's."""
+"""``omnimirror convert``: conversion of camera models between file formats."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ...outputs import Output, json_option, output_console, plain_table, say, sa
 
 
 def distance_list(text: str) -> tuple[float, ...]:
-    """Distances in mm with commas between them, ``inf`` allowed.
+    """Parse comma-separated distances in mm, ``inf`` allowed.
 
     >>> distance_list("500,inf")
     (500.0, inf)
@@ -32,51 +32,55 @@ def distance_list(text: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class UnsaidOptions(Options):
-    """What files of other programs do not say, as :func:`omnimirror.convert` takes it."""
+    """Missing data of the source, with the parameters of :func:`omnimirror.convert`."""
 
-    camera: str | None = option(metavar="N|NAME", help="Which camera of a rig, from 0, or its name.  [default: 0]")
+    camera: str | None = option(metavar="N|NAME", help="Camera of a rig: index from 0, or name.  [default: 0]")
     optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]), help="What the camera looks through.  [default: mirror]"
+        type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens.  [default: mirror]"
     )
-    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Where the field ends.  [default: nowhere]")
+    rim_radius_px: float | None = option(
+        type=NUMBER, metavar="PX", help="Radius of the field in the image.  [default: unlimited]"
+    )
     image_size: tuple[int, int] | None = option(
-        type=whole_size, metavar="WxH", help="How large the picture is, of a file that does not say it."
+        type=whole_size, metavar="WxH", help="Image size, for a source file without it."
     )
 
 
 @dataclass(frozen=True)
 class MountOptions(Options):
-    """How the camera of a file stands, which files of other programs do not say either."""
+    """Mounting, which other file formats do not contain."""
 
     camera_looks: CameraLooks | None = option(
-        type=click.Choice(["up", "down", "forward"]), help="Where the optical axis points.  [default: up]"
+        type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: up]"
     )
     forward_azimuth_deg: float | None = option(
         type=angle, metavar="DEG",
-        help="Image direction that is forward, from image right towards image bottom.  [default: -90]",
+        help="Image direction of forward, from image right towards image bottom.  [default: -90]",
     )  # fmt: skip
     image_flipped: bool | None = option(
-        is_flag=True, help="The picture that was calibrated had been flipped left to right."
+        is_flag=True, help="Declare that the calibrated image was mirrored left to right."
     )
 
 
 @dataclass(frozen=True)
 class CostOptions(Options):
-    """What a fitted model may cost."""
+    """Approximation error."""
 
     tolerance_px: float | None = option(
-        type=NUMBER, metavar="PX", help="Fit another model where the format does not hold this one, up to so far off."
+        type=NUMBER,
+        metavar="PX",
+        help="Fit another model with at most this error if the format does not support the source model.",
     )
     distance_mm: tuple[float, ...] | None = option(
         type=distance_list, metavar="MM,..",
-        help="Where things are, for a camera without a single viewpoint; 'inf' too.  "
-        f"[default: {','.join(f'{d:g}' for d in DISTANCES_MM)}]",
+        help="Object distances for a camera without a single viewpoint; 'inf' is allowed.  [default: "
+        f"{','.join(f'{d:g}' for d in DISTANCES_MM)}]",
     )  # fmt: skip
     field_deg: float | None = option(
-        type=NUMBER, metavar="DEG", help="Largest field angle of the fit.  [default: the calibrated field]"
+        type=NUMBER, metavar="DEG", help="Maximum field angle of the fit.  [default: the calibrated field]"
     )
     inner_deg: float | None = option(
-        type=NUMBER, metavar="DEG", help="Fit no nearer to the axis than this, where the camera sees itself."
+        type=NUMBER, metavar="DEG", help="Minimum field angle of the fit, excluding the image of the camera itself."
     )
 
 
@@ -87,9 +91,9 @@ class CostOptions(Options):
 )
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=Output())
-@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="The format of SOURCE.  [default: recognised]")
-@click.option("--to", metavar="FORMAT", help="The format of TARGET, or one of its models, such as kalibr-ds.")
-@click.option("--flip", is_flag=True, help="Write the camera of the picture flipped left to right.")
+@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="Format of SOURCE.  [default: detected]")
+@click.option("--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds.")
+@click.option("--flip", is_flag=True, help="Write the camera of the image mirrored left to right.")
 @takes(UnsaidOptions, "unsaid")
 @takes(MountOptions, "stands")
 @takes(CostOptions, "cost")
@@ -105,7 +109,7 @@ def command(
     cost: CostOptions,
     json_file: Path | None,
 ) -> None:
-    """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs."""
+    """Convert the camera model in SOURCE to another format, write TARGET, and report the error."""
     options: dict[str, Any] = {**unsaid.given, **cost.given}
     if stands.given:
         options["mount"] = Mount(**stands.given)
@@ -124,7 +128,7 @@ def command(
 
 
 def words_of(made: Conversion) -> str:
-    """What a conversion cost, in a line."""
+    """Format the approximation error of a conversion in one line."""
     if made.exact:
         return "the same numbers"
     what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"

@@ -1,4 +1,4 @@
-"""``omnimirror lines``: a camera refined and levelled by the straight edges of ordinary pictures."""
+"""``omnimirror lines``: refinement and levelling of a camera from straight edges."""
 
 from __future__ import annotations
 
@@ -33,43 +33,48 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LineOptions(Options):
-    """The camera to be refined, or what is known of one that nobody has calibrated, and where edges stand."""
+    """Camera, or known data of an uncalibrated camera, and object distance of the edges."""
 
-    camera: str | None = option(metavar="FILE|NAME", help="To be refined.  [default: nothing is known of it]")
+    camera: str | None = option(metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]")
     optics: Optics = option(
-        type=click.Choice(["mirror", "fisheye"]), default="mirror", help="Of a camera of which nothing is known."
+        type=click.Choice(["mirror", "fisheye"]), default="mirror", help="Type of optics of an uncalibrated camera."
     )
     camera_looks: CameraLooks = option(
         type=click.Choice(["up", "down", "forward"]), default="up",
-        help="Where the optical axis of an unknown camera points.",
+        help="Orientation of the optical axis of an uncalibrated camera.",
     )  # fmt: skip
     rim: tuple[float, float, float] | None = option(
         nargs=3, type=NUMBER, metavar="U V R",
-        help="Circle of the field in the picture, px.  [default: a mirror's rim, as found; of a fisheye the largest]",
+        help="Circle of the field in the image, px.  [default: the detected outline of a mirror; the largest "
+        "circle for a fisheye]",
     )  # fmt: skip
     inner_radius_px: float | None = option(
-        type=NUMBER, help="Inside of which the camera sees itself.  [default: as found with the rim]"
+        type=NUMBER,
+        help="Radius of the central obscuration by the camera itself, px.  [default: as detected with the rim]",
     )
     distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="Of the edges, for mirrors of many viewpoints."
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance of the edges, for mirrors without a single viewpoint.",
     )
 
     lines: tuple[str, ...] = option(
         default=(), multiple=True, metavar="FILE", show_default=False,
-        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture if there are several; may be repeated.",
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
     )  # fmt: skip
     image_size: tuple[int, int] | None = option(
-        type=whole_size, metavar="WxH", help="Of the pictures, where there are --lines alone."
+        type=whole_size, metavar="WxH", help="Image size, if only --lines are given."
     )
 
     def model(self) -> Sensor | CameraModel | None:
-        """The camera to be refined."""
+        """Return the camera to refine."""
         return None if self.camera is None else load_camera(self.camera)
 
     def refined(
         self, pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], model: Sensor | CameraModel | None
     ) -> LineCalibration:
-        """What the edges of some pictures say of the camera."""
+        """Return the refinement of the camera from the edges of images."""
         return calibrate_lines(
             pictures, lines=lines, image_size=self.image_size, model=model, optics=self.optics,
             mount=Mount(self.camera_looks),
@@ -90,9 +95,9 @@ class LineOptions(Options):
 @click.argument("images", nargs=-1)
 @takes(LineOptions, "asked")
 @takes(OrientationOptions, "orientation")
-@output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
+@output_option("-o", "--output", help="Output camera file, levelled and with its uncertainty.")
 @json_option("Write parameters, residuals and lean.")
-@output_option("--figure", help="Draw the edges of the first picture: green where straight, red where not.")
+@output_option("--figure", help="Draw the edges of the first image: green if straight, red if not.")
 def command(
     images: tuple[str, ...],
     asked: LineOptions,
@@ -101,10 +106,11 @@ def command(
     json_file: Path | None,
     figure: Path | None,
 ) -> None:
-    """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
+    """Refine a camera until straight edges in IMAGES are straight, and level it from vertical
+    edges.
 
-    IMAGES are files, folders or patterns of them: rooms and streets, where there is no target. Edges that programs do
-    not follow are marked by hand: --lines.
+    IMAGES are files, folders or file patterns of rooms and streets, without a target. Mark edges
+    that are not detected automatically by hand: --lines.
     """
     if not (images or asked.lines):
         raise click.UsageError("there are no IMAGES, and no --lines that were marked in them")
@@ -147,7 +153,9 @@ def command(
 
 
 def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, float], float]:
-    """Circle (middle, radius) and inner radius of the field, px, of a rim that is sure."""
+    """Return the circle (centre, radius) and the inner radius of the field, px, of an accepted
+    outline.
+    """
     found = find_rim(pictures)
     if not found.is_sure:
         raise InvalidParameter(

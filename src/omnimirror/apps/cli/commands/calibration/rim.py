@@ -1,4 +1,4 @@
-"""``omnimirror rim``: the mirror's rim, found in its pictures."""
+"""``omnimirror rim``: mirror-outline detection."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from ...outputs import FIGURES, json_option, output_console, output_option, plai
 )
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @takes(OrientationOptions, "orientation")
-@click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
-@output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
+@click.option("--each", is_flag=True, help="Process each image separately, as from different sensors.")
+@output_option("--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF).")
 @json_option("Write the outline, whether it is accepted, and the rejected candidates.")
 def command(
     images: tuple[str, ...], orientation: OrientationOptions, each: bool, figure: Path | None, json_file: Path | None
 ) -> None:
-    """Find the rim of the mirror in IMAGEs: pictures, folders or patterns of them.
+    """Detect the outline of the mirror in IMAGES: image files, folders or file patterns.
 
-    Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
-    middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
-    confidence of 0.6 it is not accepted, but listed as a candidate, with the next best circles of the picture.
+    Several images are assumed to be from one sensor and are evaluated together. An outline is an
+    ellipse, in px from the centre of the first pixel; its angle is that of the major axis, from
+    image right towards image bottom. Below a confidence of 0.6 it is not accepted, but listed as a
+    candidate, with the next best circles of the image.
     """
     files = expand_inputs(images, READABLE)
     pictures = orientation.read(files)
@@ -72,7 +73,7 @@ def command(
 
 
 def _drawn(figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]) -> Path:
-    """Write a figure of the pictures with what was found in them."""
+    """Write a figure of the images with the detected outlines."""
     from .....analysis.figures import save_figure
     from .....analysis.figures.calibration.rims import DrawnRim, found_rims
 

@@ -1,4 +1,4 @@
-"""``omnimirror uncertainty``: uncertainty of directions and of points of a floor."""
+"""``omnimirror uncertainty``: uncertainty of directions and of points on the floor."""
 
 from __future__ import annotations
 
@@ -23,25 +23,27 @@ from ...outputs import FIGURES, format_option, json_option, output_console, outp
 @click.option(
     "--height-mm",
     type=NUMBER,
-    help="Of the mirror over the floor, below 0 under a ceiling: errors of points there, in mm.  "
-    "[default: of directions, in deg]",
+    help="Height of the mirror above the floor, negative below a ceiling: report errors of points there, in mm.  "
+    "[default: errors of directions, in deg]",
 )
 @click.option(
     "--field-deg",
     type=NUMBER,
     metavar="DEG",
-    help="Largest field angle, from what the centre of the image sees.  [default: the calibrated field]",
+    help="Maximum field angle, measured from the image centre.  [default: the calibrated field]",
 )
-@output_option("-o", "--output", formats=FIGURES, help="Map over the picture (PNG, SVG, PDF).")
+@output_option("-o", "--output", formats=FIGURES, help="Map over the image (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @json_option("Write median, 95th percentile and largest error.")
 def command(
     camera: str, height_mm: float | None, field_deg: float | None, output: Path | None, json_file: Path | None
 ) -> None:
-    """Estimate the uncertainty of directions measured with the calibrated CAMERA, or of points on the floor.
+    """Estimate the uncertainty of directions measured with the calibrated CAMERA, or of points on
+    the floor.
 
-    One standard deviation, from the table [uncertainty] that a calibration writes into the camera's file. The result
-    is restricted to the calibrated field: beyond the outermost corner the model is an extrapolation.
+    The result is one standard deviation, from the table [uncertainty] that a calibration writes to
+    the camera file. It is restricted to the calibrated field: beyond the outermost corner the model
+    is an extrapolation.
     """
     seen_by = load_camera(camera)
     found = uncertainty_map(seen_by, height_mm=height_mm, field_deg=field_deg)

@@ -1,1 +1,1 @@
-"""Commands that make a sensor, choose its parts, and hand it to a workshop."""
+"""Design commands: sensors, off-the-shelf parts, tolerances, and export."""

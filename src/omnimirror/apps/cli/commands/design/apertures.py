@@ -1,4 +1,4 @@
-"""``omnimirror apertures``: the F-number and focus that leave the least blur and diffraction."""
+"""``omnimirror apertures``: F-number and focus with minimum blur and diffraction."""
 
 from __future__ import annotations
 
@@ -22,22 +22,28 @@ from ...outputs import head, json_option, output_console, plain_table, say_writt
 
 @dataclass(frozen=True)
 class ApertureOptions(Options):
-    """What the lens can be set to, and by what its settings are compared."""
+    """Lens settings, and the criterion for their comparison."""
 
     f_number: Range = option(
-        type=number_or_range, metavar="F|LOW:HIGH", default="0.5:64", help="What the lens can be set to."
+        type=number_or_range,
+        metavar="F|LOW:HIGH",
+        default="0.5:64",
+        help="F-number, or range of F-numbers, of the lens.",
     )
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
-    omega_min_deg: float = option(type=NUMBER, default=0.0, help="Where the field that counts begins.")
+    omega_min_deg: float = option(type=NUMBER, default=0.0, help="Minimum field angle of the evaluated field.")
     paper_mode: bool = option(
-        is_flag=True, default=False, show_default=False, help="Blur by the paper's Eq. 29 instead of the exact form."
+        is_flag=True,
+        default=False,
+        show_default=False,
+        help="Compute blur with Eq. 29 of the paper instead of the exact form.",
     )
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the Airy disk.")
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
 
     def best(self, sensor: Sensor) -> list[BestAperture]:
-        """The best apertures of a sensor."""
+        """Return the optimum apertures of a sensor."""
         return best_apertures(
             sensor, self.f_number, object_distance_mm=self.object_distance_mm, omega_min_deg=self.omega_min_deg,
             mode="paper" if self.paper_mode else "exact", wavelength_nm=self.wavelength_nm,
@@ -53,10 +59,11 @@ class ApertureOptions(Options):
 @takes(ApertureOptions, "apertures")
 @json_option()
 def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Path | None) -> None:
-    """The best F-number and focus of each of SENSORS, tangentially, sagittally and for both together.
+    """Find the optimum F-number and focus of each of SENSORS: tangential, sagittal and for both
+    together.
 
-    A wide aperture blurs, a narrow one diffracts; what is least is the root of the squares of both, in pixels, at the
-    worst field angle.
+    A large aperture increases blur, a small one diffraction. The merit is the root sum of squares
+    of both, in pixels, at the worst field angle.
     """
     numbers = (head("f_number"), head("focus_mm"), "worst\npx", "blur\npx", head("airy_px"))
     table = plain_table("sensor", "least", *numbers, words=("sensor", "least"))

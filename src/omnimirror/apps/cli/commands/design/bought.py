@@ -1,4 +1,6 @@
-"""``omnimirror design`` with a catalogue: combinations of parts, the cheapest first, each with its own mirror."""
+"""``omnimirror design`` with a catalogue: combinations of off-the-shelf parts by price, each with
+its own mirror.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ def buy(
     out: Path | None,
     json_file: Path | None,
 ) -> NoReturn:
-    """Design with parts, print what was found and what was not, write the cheapest; ends the program."""
+    """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
     with console.status("Designing") as status:
         found = design_from_parts(
             asked, most=most, front=front, processes=processes,
@@ -82,7 +84,7 @@ def _named(design: BoughtDesign, kind: str) -> str:
 
 
 def _print_counts(console: Console, found: PartsSearch) -> None:
-    """How many combinations there were, and what became of them."""
+    """Print the number of combinations by result."""
     console.print(f"\n{found.combinations} combinations; {len(found.found)} of them above", highlight=False)
     for said, counts in (("cut, before any mirror was made", found.cut), ("designed, and missed", found.missed)):
         if counts:

@@ -1,4 +1,4 @@
-"""``omnimirror design``: from requirements to a sensor file, and the margins."""
+"""``omnimirror design``: sensor design from requirements, with margins."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ ONLY = {
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @takes(RequirementOptions, "options")
 @click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
-              help="Instead: what these cost each other, designs of which none is better by all.")  # fmt: skip
+              help="Compute the Pareto front of these merits instead of a single design.")  # fmt: skip
 @takes(SearchedOptions, "searched")
-@click.option("--most", type=WHOLE, default=10, help="With parts: after how many combinations that do to stop.")
-@click.option("--front", is_flag=True, help="With parts: instead those sharper than every cheaper one.")
-@click.option("--processes", type=WHOLE, default=1, help="With parts: that design at the same time.")
+@click.option("--most", type=WHOLE, default=10, help="Stop after N feasible combinations; with a catalogue.")
+@click.option("--front", is_flag=True, help="Return designs that are sharper than all cheaper ones; with a catalogue.")
+@click.option("--processes", type=WHOLE, default=1, help="Number of parallel designs; with a catalogue.")
 @format_option(FIGURES)
-@output_option("-o", "--out", help="Write the sensor file.")
+@output_option("-o", "--out", help="Output sensor file.")
 @json_option("Write the table, and what conflicts.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
 @takes(HousingOptions, "housing")
 @click.pass_context
 def command(
@@ -83,10 +83,10 @@ def command(
     front: bool,
     processes: int,
 ) -> None:
-    """Design a sensor that meets REQUIREMENTS, a TOML file; or what the options say, which go before the file.
+    """Design a sensor that meets REQUIREMENTS, a TOML file, or the requirements given as options.
 
-    Prints what was asked, what is reached and the margins, and where not all can be met what would have to give.
-    The exit code is then 3.
+    Options override entries of the file. Prints the requirements, the values reached and the
+    margins; for infeasible requirements also the necessary relaxations, with exit code 3.
     """
     if merits:
         options = replace(options, optimise=merits[0])
@@ -130,7 +130,7 @@ def command(
 
 
 def _write(console: Console, design: Design, out: Path | None, json_file: Path | None) -> None:
-    """Write the sensor file and the table, then print the table; called before the search for relaxations."""
+    """Write the sensor file and the table, and print the table, before searching relaxations."""
     if out:
         save_sensor(design.sensor, out)
     if json_file:
@@ -139,7 +139,7 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
 
 
 def _finish(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
-    """Print the relaxations and the merits, write the relaxations, and draw the figures."""
+    """Print relaxations and merits, write the relaxations, and draw the figures."""
     if design.conflict is not None:
         print_conflict(console, design.conflict, design.verdict)
         if json_file:
@@ -158,8 +158,8 @@ def _optimised(
 ) -> Design:
     """Return the best design of one or several numbers of terms, with a progress bar.
 
-    ``on_design`` receives the design before the search for relaxations; with several numbers of terms, the best
-    design after the table of convergence.
+    ``on_design`` receives the design before the search for relaxations; with several numbers of
+    terms, the best design after the table of convergence.
     """
     shape = asked.mirror.shape or SHAPE
     counts = searched.terms or [FreeForm.parse(shape).terms]

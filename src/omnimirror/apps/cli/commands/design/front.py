@@ -1,4 +1,6 @@
-"""``omnimirror design --pareto``: the front of some merits, its table and figure, and one of its designs."""
+"""``omnimirror design --pareto``: Pareto front of merits, its table and figure, and one selected
+design.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from ...outputs import head, plain_table, progress_bar
 
 
 def find_front(console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions) -> Front:
-    """Find the front, draw and print it."""
+    """Compute, draw and print the Pareto front."""
     if searched.figure and len(merits) != 2:
         raise click.UsageError(f"a figure shows two merits; {len(merits)} were given")
     with progress_bar(console) as bar:
@@ -29,7 +31,7 @@ def find_front(console: Console, asked: Requirements, merits: list[str], searche
             mode=searched.mode, image_radius_px=searched.image_radius_px,
         )  # fmt: skip
     if searched.pick is not None:
-        front.sensor(searched.pick)  # says so, before anything is written, where there is none
+        front.sensor(searched.pick)  # raises if the design does not exist
     problem = front.space.problem
     known = {name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()}
     if searched.figure:
@@ -65,7 +67,7 @@ def _draw(front: Front, known: dict[str, Any], path: Path) -> None:
 
 
 def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
-    """Refuse what is to be written of one design of a front where none is named."""
+    """Raise UsageError for outputs of a single design if none is selected with --pick."""
     named = [f"--{name}" for name, path in outputs.items() if path]
     if pick is None and named:
         raise click.UsageError(f"{named[0]} is about one design of the front; name it with --pick NUMBER")

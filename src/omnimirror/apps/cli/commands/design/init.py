@@ -1,4 +1,4 @@
-"""``omnimirror init``: a commented sensor file to start from."""
+"""``omnimirror init``: commented sensor file as a template."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ...outputs import Output, say
     examples=("omnimirror init mine.toml",),
 )
 @click.argument("path", type=Output(), default="sensor.toml")
-@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def command(path: Path, force: bool) -> None:
-    """Write a commented sensor file to PATH (sensor.toml by default), and say what to do with it."""
+    """Write a commented sensor file to PATH (sensor.toml by default) and print the next steps."""
     if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} exists already; choose another name or give --force to replace it")
     write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))

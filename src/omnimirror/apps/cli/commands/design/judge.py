@@ -1,4 +1,4 @@
-"""``omnimirror judge``: any sensor beside requirements, and the margins."""
+"""``omnimirror judge``: check of a sensor against requirements, with margins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .tables import MISSED, print_verdict
 
 
 def temperatures(text: str) -> tuple[float, float]:
-    """Two temperatures, degrees Celsius.
+    """Parse two temperatures, degrees Celsius.
 
     >>> temperatures("-40:85")
     (-40.0, 85.0)
@@ -44,7 +44,12 @@ def temperatures(text: str) -> tuple[float, float]:
 @click.argument("requirements", type=click.Path(path_type=Path))
 @click.argument("sensor", type=SENSOR)
 @json_option()
-@click.option("--temperatures", type=temperatures, metavar="A:B", help="Say over which of these, in C, it is met.")
+@click.option(
+    "--temperatures",
+    type=temperatures,
+    metavar="A:B",
+    help="Temperature range, C: report the part in which the requirements are met.",
+)
 @takes(HousingOptions, "housing")
 def command(
     requirements: Path,
@@ -53,10 +58,11 @@ def command(
     temperatures: tuple[float, float] | None,
     housing: HousingOptions,
 ) -> None:
-    """Judge SENSOR by REQUIREMENTS, a TOML file as omnimirror design reads it.
+    """Check SENSOR against REQUIREMENTS, a TOML file as for omnimirror design, and report the
+    margins.
 
-    Prints what was asked, what is reached and the margins. What the sensor does is judged, as it is focused, and not
-    how its mirror came about. The exit code is 3 where a requirement is missed.
+    Prints the requirements, the values reached and the margins. The sensor is evaluated at its own
+    focus; the type of mirror is not checked. The exit code is 3 if a requirement is missed.
     """
     asked = load_requirements(requirements)
     asked, seen = replace(asked, housing=housing.of(asked.housing)), housing.on(load_sensor(sensor))
@@ -76,7 +82,7 @@ def command(
 
 
 def _range_words(found: TemperatureRange) -> str:
-    """A range of temperatures, and what ends it."""
+    """Format a range of temperatures and its limiting requirements."""
     if math.isnan(found.low_c):
         return f"at no temperature: {', '.join(found.above)} is missed at the reference already"
     sides = ((found.below, "below"), (found.above, "above"))

@@ -1,4 +1,4 @@
-"""``omnimirror mappings``: every mapping that a mirror can be generated for, beside each other."""
+"""``omnimirror mappings``: comparison of all mappings for which a mirror can be generated."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MOST_DRAWN = 6
 
 @dataclass(frozen=True)
 class RimOptions(Options):
-    """The ray that leaves the mirror at its rim."""
+    """Rim ray."""
 
     omega_max_deg: float = option(type=NUMBER, default=75.0, help="Field angle at the rim.")
     theta_max_deg: float = option(
-        type=NUMBER, default=12.0, help="Viewing angle of the lens there; 0 for an orthographic one."
+        type=NUMBER, default=12.0, help="Viewing angle of the lens at the rim; 0 for an orthographic lens."
     )
 
 
@@ -37,13 +37,13 @@ class RimOptions(Options):
     examples=("omnimirror mappings --omega-max-deg 135 --figure mappings.png",),
 )
 @takes(RimOptions, "rim")
-@output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
+@output_option("--figure", formats=FIGURES, help="Figure of the mirror sections and image heights: svg, png, pdf.")
 @format_option(FIGURES)
 @json_option()
 def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> None:
-    """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
+    """List the mappings of omnimirror design with the mirror of each for a given field and lens.
 
-    Lengths are in rim radii M.
+    Lengths are in units of the rim radius M.
     """
     console = output_console()
     table = plain_table("mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True)

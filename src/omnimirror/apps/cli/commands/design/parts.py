@@ -1,4 +1,4 @@
-"""``omnimirror parts``: which lens and imager out of a list suit a mirror."""
+"""``omnimirror parts``: selection of a lens and an imager for a mirror."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ from ...outputs import head, json_option, output_console, output_option, plain_t
 
 @dataclass(frozen=True)
 class SelectionOptions(Options):
-    """What parts have to do."""
+    """Selection criteria."""
 
     least_fill: float = option(
-        type=NUMBER, default=0.6, help="Share of half the imager's shorter side that the rim's image has to reach."
+        type=NUMBER,
+        default=0.6,
+        help="Minimum radius of the rim image as a fraction of half the shorter side of the imager.",
     )
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
 
 
@@ -47,17 +49,18 @@ class SelectionOptions(Options):
 @click.argument("sensor", type=SENSOR)
 @click.argument("catalogue", nargs=-1, type=click.Path(path_type=Path))
 @takes(SelectionOptions, "selection")
-@click.option("--best", is_flag=True, help="Only those that fit.")
-@output_option("-o", "--out", help="Write the best as a sensor file.")
+@click.option("--best", is_flag=True, help="List feasible combinations only.")
+@output_option("-o", "--out", help="Write the best combination as a sensor file.")
 @json_option()
 def command(
     sensor: str, catalogue: tuple[Path, ...], selection: SelectionOptions, best: bool, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Rank the lenses and imagers of CATALOGUE files before the mirror of SENSOR, and say why others do not fit.
+    """Rank the lenses and imagers of CATALOGUE files for the mirror of SENSOR, with reasons for
+    rejections.
 
-    The mirror stays where it is; a catalogue is TOML or CSV. Without one, kinds of parts that are common are ranked.
-    omnimirror design --parts designs the mirror for each combination instead.
+    The mirror keeps its position. A catalogue is a TOML or CSV file; without one, common types of
+    parts are ranked. omnimirror design --parts designs the mirror for each combination instead.
     """
     found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
     fitting = [c for c in found if c.fits]
@@ -90,7 +93,9 @@ def _table(combinations: list[Combination]) -> Table:
 
 
 def _record(c: Combination) -> dict[str, Any]:
-    """What the table tells of a lens with an imager, and the numbers that a lens of the wrong kind does not have."""
+    """Return a table row of a lens with an imager; None for values that its type of lens does not
+    have.
+    """
     told = {"lens": c.lens, "imager": c.imager, "fits": c.fits, "reasons": c.reasons}
     if c.sensor is None:
         return told
@@ -103,6 +108,6 @@ def _record(c: Combination) -> dict[str, Any]:
 
 
 def _f_number(sensor: Sensor) -> float:
-    """As it is engraved, of a telecentric lens that of the image."""
+    """Return the F-number as engraved, or of the image for a telecentric lens."""
     lens = sensor.lens
     return lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()

@@ -1,4 +1,6 @@
-"""What ``omnimirror design`` and ``judge`` print: the table of requirements, what conflicts, merits and convergence."""
+"""Printed output of ``omnimirror design`` and ``judge``: requirements, conflicts, merits and
+convergence.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,9 @@ from ...outputs import head, plain_table, say
 
 OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
 MAX_ALTERNATIVES = 3
-"""Number of alternatives printed for each entry under each heading; the JSON file holds all."""
+"""Number of alternatives printed for each entry under each heading; the JSON file contains all."""
 MISSED = 3
-"""Exit code where a sensor misses a requirement."""
+"""Exit code for a sensor that misses a requirement."""
 
 
 def print_design(console: Console, design: Design) -> None:
@@ -38,7 +40,7 @@ def print_design(console: Console, design: Design) -> None:
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
-    """Requirement by requirement: what was asked, what is reached, and the margin."""
+    """Print each requirement with its limit, the value reached, and the margin."""
     by_elevation = verdict.requirements.field.angles == "elevation"
     numbers = ("asked", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
     table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
@@ -55,16 +57,18 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
-    if sensor.obscured and not any("hides it" in remark for remark in remarks):  # no limit has told it
+    if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
         told = hidden_words(sensor.obscured, sensor.hidden_percent)
         console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
 
 
 def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
-    """The elevation where a row's worst value is, of an angle of the field itself that angle's; and its label."""
+    """Return the elevation of the worst value of a row, or of a limit on the field itself; and its
+    label.
+    """
     mount = verdict.requirements.mount
     omega = row.reached if row.name in ("omega_max_deg", "omega_min_deg") else row.omega_deg
-    at = None if omega is None else mount.elevations_deg((omega, omega))[0] + 0.0  # no -0
+    at = None if omega is None else mount.elevations_deg((omega, omega))[0] + 0.0  # avoids -0
     if row.part_deg is None:
         return at, row.label
     low, high = (round(v, 9) + 0.0 for v in mount.elevations_deg(row.part_deg))
@@ -84,7 +88,7 @@ def _number(value: float | None) -> str:
 
 
 def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> None:
-    """Print the missed requirements, and the relaxations that make the others feasible."""
+    """Print the missed requirements and the relaxations that make the others feasible."""
     labels = {}
     if verdict.requirements.field.angles == "elevation":
         labels = {row.label: _place_told(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
@@ -120,7 +124,7 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
 
 
 def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
-    """What one requirement would become; labels of its own words are by those of the requirements."""
+    """Format the relaxed value of a requirement, with labels as in the table of requirements."""
     unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
     share = f" ({r.share:.2%})" if r.share is not None else ""
     needed, asked = r.needed, r.asked
@@ -133,7 +137,7 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
-    """How each number of terms ended."""
+    """Print the result for each number of terms."""
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
     table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm"))
     for count, design in designs.items():
@@ -148,7 +152,7 @@ def print_convergence(console: Console, designs: dict[int, Design]) -> None:
 
 
 def print_merits(console: Console, best: Optimum) -> None:
-    """All merits of the mirror found, beside those of the sphere for the same field."""
+    """Print all merits of the optimised mirror next to those of the sphere for the same field."""
     sphere = next(iter(known_sensors(best.problem).values()))
     table = plain_table("merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning"))
     focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
@@ -159,7 +163,7 @@ def print_merits(console: Console, best: Optimum) -> None:
     console.print()
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
-    if best.problem.optics is not None:  # the bound is of ideal lenses
+    if best.problem.optics is not None:  # the bound holds for ideal lenses
         return
     least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     if least:

@@ -87,7 +87,7 @@ class SweepOptions(Options):
     )
 
     def of(self, trials: int, out: Path | None) -> Sweep | None:
-        """Return the storage of the trials; None if they fit into one shard and no option is given."""
+        """Return the storage of the trials; None for a single shard without options."""
         size = self.shard_trials or SHARD_TRIALS
         if out is None:
             for name in self.changed:
@@ -140,10 +140,11 @@ def command(
     report_file: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the manufacturing yield.
+    """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the
+    manufacturing yield.
 
-    Prints the yield, the sensitivity to each error, and residuals after calibrations; with --yield, allocates
-    tolerances of minimum cost.
+    Prints the yield, the sensitivity to each error, and residuals after calibrations; with --yield,
+    allocates tolerances of minimum cost.
 
     omnimirror tolerance init SENSOR writes a commented tolerance file to tolerances.toml.
     """
@@ -156,7 +157,7 @@ def command(
     plan = options.plan(load_tolerances(tolerances, nominal))
     if save_trials and out is None:
         raise click.UsageError("--save-trials requires --output")
-    if report_file is not None:  # before anything is built
+    if report_file is not None:  # before any computation
         from ....reports.tolerances import page_name
 
         page_name(report_file)
@@ -181,7 +182,7 @@ def command(
     _print(console, found)
     if sweep is not None:
         say(f"\nTrials stored in {sweep.folder}", console=console)
-        if not sweep.is_whole:  # charts are of all
+        if not sweep.is_whole:  # charts require all trials
             say(
                 f"Part {storage.part} completed; when all parts are done, run without --part to combine them",
                 console=console,
@@ -236,7 +237,7 @@ def _print(console: Console, found: ToleranceReport) -> None:
     for name in (*usual, *(name for name in statistics.limits if name not in usual)):
         limit = statistics.limits.get(name)
         good = "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
-        digits = 6 if is_requirement_merit(name) else 3  # those may vary by little
+        digits = 6 if is_requirement_merit(name) else 3  # more digits: these merits may vary little
         values = [f"{statistics.quantile(name, share):.{digits}g}" for share in (0.5, 0.95, 0.99)]
         side = "" if limit is None else f"{'≥' if is_lower_limit(name) else '≤'} {limit:g}"
         table.add_row(name, side, *values, good)

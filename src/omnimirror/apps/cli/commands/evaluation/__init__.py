@@ -1,1 +1,1 @@
-"""Commands that say what a sensor does."""
+"""Evaluation commands."""

@@ -1,4 +1,4 @@
-"""``omnimirror compare``: up to six sensors side by side."""
+"""``omnimirror compare``: comparison of up to six sensors."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ FORMATS = ("png", "html")
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
 @click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
-              help="Distance of the objects from the mirror, for lengths per pixel.")  # fmt: skip
+              help="Object distance from the mirror, for lengths per pixel.")  # fmt: skip
 @output_option("-o", "--output", formats=FORMATS,
-               help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
+               help="Output of table, curves and images of one scene: one .html page or one .png file.")  # fmt: skip
 @format_option(FORMATS)
-@output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
+@output_option("--csv", "csv_file", help="Write the table with 17 significant digits.")
 @json_option("Write the table, an object per sensor.")
 def command(
     sensors: tuple[str, ...],
@@ -38,9 +38,10 @@ def command(
     csv_file: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
+    """Compare up to six SENSORS, files or names of bundled sensors; the best value of each row is
+    marked.
 
-    A sensor whose mirror is decentred or tilted is compared over its whole picture, at all azimuths.
+    A sensor with a decentred or tilted mirror is compared over its whole image, at all azimuths.
     """
     console = output_console()
     comparison = compare([load_sensor(s) for s in sensors], object_distance_mm)
@@ -60,7 +61,7 @@ def command(
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:
-    """One row per quantity; the best are bold and starred."""
+    """Print one row per quantity; the best values are bold and starred."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("")
     table.add_column("")

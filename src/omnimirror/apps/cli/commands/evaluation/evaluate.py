@@ -1,4 +1,4 @@
-"""``omnimirror evaluate``: the paper's whole evaluation of one sensor."""
+"""``omnimirror evaluate``: complete evaluation of one sensor as in the paper."""
 
 from __future__ import annotations
 
@@ -34,49 +34,49 @@ from ...outputs import json_option, output_console, output_option, print_rows, s
 
 Array = NDArray[np.float64]
 
-MOST_NAMED = 5  # points that are wrong
+MOST_NAMED = 5  # outliers listed by name
 TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
-"""What fits a terminal; files hold every column."""
+"""Columns printed on the terminal; files contain all columns."""
 
 
 @dataclass(frozen=True)
 class EvaluationOptions(Options):
-    """Where a sensor is evaluated, and how; as :func:`omnimirror.evaluate` takes it."""
+    """Evaluation points, with the parameters of :func:`omnimirror.evaluate`."""
 
     omega_deg: Array | None = option(
         type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
     )
     x_mm: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
+        type=values, metavar="A:B:STEP", help="Mirror points by their distance from the axis, instead of field angles."
     )
     h_px: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre."
+        type=values, metavar="A:B:STEP", help="Image heights in pixels from the centre, instead of field angles."
     )
     pixels: tuple[tuple[float, float], ...] = option(
-        "--pixel", type=pixel, metavar="U,V", multiple=True, help="Instead: pixels, one per option."
+        "--pixel", type=pixel, metavar="U,V", multiple=True, help="Pixel, instead of field angles (repeatable)."
     )
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="From the reflection point to the object."
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the reflection point."
     )
     focus_mm: Any = option(
-        type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'; the sensor's own by default."
+        type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]"
     )
     merit: str = option(
         type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2",
-        help="What 'auto' focus makes least.",
+        help="Merit minimised by --focus-mm auto.",
     )  # fmt: skip
-    paper_mode: bool | None = option(is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
-    image_radius_px: float | None = option(
-        type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500."
+    paper_mode: bool | None = option(
+        is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
     )
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the Airy disk.")
-    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur: depth of field.")
+    image_radius_px: float | None = option(type=NUMBER, help="Scale the image to this rim radius, 500 in the paper.")
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
+    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur for the depth of field.")
     temperature_c: float | None = option(
-        type=NUMBER, metavar="C", help="Of the sensor, whose file says in [thermal] how it expands."
+        type=NUMBER, metavar="C", help="Temperature of the sensor; requires a table [thermal] in its file."
     )
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
-        """The evaluation that is asked for."""
+        """Return the evaluation for the options."""
         asked = self.given | {"pixels": self.pixels or None}
         asked.pop("temperature_c", None)
         mode: BlurMode = "paper" if asked.pop("paper_mode", False) else "exact"
@@ -94,10 +94,12 @@ class EvaluationOptions(Options):
 @click.argument("sensor", type=SENSOR)
 @takes(EvaluationOptions, "asked")
 @output_option(
-    "--csv", "csv_file", help="Write all columns, 17 significant digits; of a measured mirror their deviations too."
+    "--csv",
+    "csv_file",
+    help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
 )
 @json_option("Write summary and all columns.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
 @takes(LensOptions, "lens")
 @takes(HousingOptions, "housing")
 def command(
@@ -111,11 +113,12 @@ def command(
 ) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
-    Prints a table; files hold more columns.
+    Prints a table; output files contain more columns.
 
-    A calibrated camera, from its camera file or OCamCalib's, has a table of radius, resolution, viewpoint and, where
-    its uncertainty is known, the error of directions; so has a sensor whose mirror is decentred or tilted, in the mean
-    over the azimuths. How sure a calibrated camera is all over its picture says omnimirror uncertainty.
+    For a calibrated camera (camera file or OCamCalib file) the table contains radius, resolution,
+    viewpoint and, if the uncertainty is known, the error of directions; likewise for a sensor with
+    a decentred or tilted mirror, averaged over azimuths. omnimirror uncertainty evaluates the
+    uncertainty of a calibrated camera over the whole image.
     """
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
@@ -143,7 +146,7 @@ def command(
 
 
 def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
-    """How far the picture moves on the way to a temperature."""
+    """Print the image motion due to the change of temperature."""
     motion = thermal_motion_px(sensor, temperature_c)
     assert sensor.thermal is not None, "what moves says how"
     console.print(
@@ -153,7 +156,9 @@ def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
 
 
 def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
-    """Of a calibrated camera nothing is known but where rays go, and a misaligned mirror has no meridian."""
+    """Raise UsageError for quantities that a calibrated camera or a misaligned mirror does not
+    have.
+    """
     given = [_flag_of(name) for options in asked for name in options.changed if name != "omega_deg"]
     if given := [*given, *(["--figures"] if figures else [])]:
         why = "asks for mirror and lens, of which a camera file says nothing"
@@ -196,7 +201,7 @@ def _show_mapping(
 
 
 def print_table(console: Console, result: Evaluation) -> None:
-    """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
+    """Print the columns that fit; on narrow terminals fewer columns, never wrapped numbers."""
     columns = [*TERMINAL_COLUMNS, *result.of_lens]
     cells, width = result.texts(columns), 0
     shown: list[str] = []
@@ -214,7 +219,7 @@ def print_table(console: Console, result: Evaluation) -> None:
 
 
 def print_summary(console: Console, result: Evaluation, merit: str) -> None:
-    """Field, focus and blur of the sensor in a few lines."""
+    """Print field, focus and blur of the sensor in a few lines."""
     sensor, s = result.sensor, result.summary()
     near, far = result.depth_of_field_mm
     best = best_focus(
@@ -249,7 +254,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
 
 
 def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
-    """What is known of a sampled mirror's points: how much they scatter, which are wrong, and what that does."""
+    """Format the noise, the outliers and the resulting errors of a measured mirror profile."""
     fit, lines = mirror.fit, []
     if wrong := mirror.outliers:
         named = ", ".join(f"{i + 1} (x = {mirror.x_mm[i]:g} mm)" for i in wrong[:MOST_NAMED])
@@ -274,7 +279,7 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
 
 
 def _out_of_place(sensor: Sensor) -> str:
-    """What of a sensor is decentred or tilted, and by how much."""
+    """Format the decentration and tilt of a sensor."""
     parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
     said = [
         f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by "

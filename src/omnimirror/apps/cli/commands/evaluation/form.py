@@ -74,8 +74,8 @@ def command(
 ) -> None:
     """Analyse the form error of the mirror of SENSOR from measured POINTS.
 
-    Separates alignment, form and noise, and evaluates the effect on the image before and after calibration. POINTS:
-    list of x, y, z, OpticStudio grid sag, .x3p, Zygo .dat and .datx, ...
+    Separates alignment, form and noise, and evaluates the effect on the image before and after
+    calibration. POINTS: list of x, y, z, OpticStudio grid sag, .x3p, Zygo .dat and .datx, ...
     """
     if asymmetric and output is None:
         raise click.UsageError("--asymmetric requires --output")

@@ -1,4 +1,4 @@
-"""``omnimirror illumination``: how bright an evenly lit world appears over the field."""
+"""``omnimirror illumination``: relative illumination over the field."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from ...outputs import (
     say_written,
 )
 
-CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
+CURVE, RIM_DEG = 121, 1.5  # points of the curve; refined zone inside the rim
 
 
 def reflectivity(text: str) -> Reflectivity:
-    """A share, a metal's index ``n,k``, or the name of a metal.
+    """Parse a reflectivity: a fraction, a refractive index ``n,k``, or the name of a metal.
 
     >>> reflectivity("0.9"), reflectivity("0.96,6.69"), reflectivity("silver")
     (0.9, (0.96+6.69j), 'silver')
@@ -53,22 +53,22 @@ def reflectivity(text: str) -> Reflectivity:
 
 @dataclass(frozen=True)
 class LightOptions(Options):
-    """Along which field angles the light is followed, and how much of it mirror and lens pass on."""
+    """Illumination, with transmission of mirror and lens."""
 
     omega_deg: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg seen]"
+        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
     azimuth_deg: float = option(
-        type=angle, default=0.0, metavar="DEG", help="Direction in the picture, from right towards bottom."
+        type=angle, default=0.0, metavar="DEG", help="Azimuth in the image, from right towards bottom."
     )
     reflectivity: Reflectivity = option(
         type=reflectivity, default=1.0, metavar="R|N,K|METAL",
-        help=f"Of the mirror: a share, an index, or {', '.join(METALS)}.",
+        help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.",
     )  # fmt: skip
-    transmission: float = option(type=NUMBER, default=1.0, help="Of the lens.")
+    transmission: float = option(type=NUMBER, default=1.0, help="Transmission of the lens.")
 
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
-        """The illumination at field angles (n,)."""
+        """Return the illumination at field angles (n,)."""
         return illumination(sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission"))
 
 
@@ -79,9 +79,9 @@ class LightOptions(Options):
 )
 @click.argument("sensor", type=SENSOR)
 @takes(LightOptions, "light")
-@output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
+@output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
-@output_option("--csv", "csv_file", help="Write the table.")
+@output_option("--csv", "csv_file", help="Write the table as CSV.")
 @json_option("Write what --csv does, as a list of objects.")
 def command(
     sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None, json_file: Path | None

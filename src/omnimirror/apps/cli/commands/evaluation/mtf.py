@@ -27,24 +27,22 @@ from ...outputs import (
     say_written,
 )
 
-SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
+SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, printed on the terminal
 
 
 @dataclass(frozen=True)
 class MtfOptions(ImageOptions):
-    """Of what waves the contrast is computed, and what takes part in it."""
+    """MTF conditions."""
 
     cycles_per_px: Array | None = option(
         type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]"
     )
-    wavelength_nm: Any = option(
-        type=values, default=550.0, metavar="LIST", help="Of the light; several in equal shares."
-    )
-    pixel: bool = option("--pixel/--no-pixel", default=True, help="Multiply by the MTF of the square pixel.")
+    wavelength_nm: Any = option(type=values, default=550.0, metavar="LIST", help="Wavelengths, equally weighted.")
+    pixel: bool = option("--pixel/--no-pixel", default=True, help="Multiply by the MTF of a square pixel.")
 
     @property
     def frequencies(self) -> Array:
-        """The spatial frequencies (k,) asked for, cycles/px."""
+        """Spatial frequencies (k,), cycles/px."""
         return np.linspace(0, 1, 51) if self.cycles_per_px is None else self.cycles_per_px
 
 
@@ -55,12 +53,12 @@ class MtfOptions(ImageOptions):
 )
 @click.argument("sensor", type=SENSOR)
 @takes(MtfOptions, "waves")
-@output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
+@output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
-@output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
+@output_option("--csv", "csv_file", help="Write the MTF in cycles/px, lp/mm and cycles/deg.")
 @json_option("Write what --csv does, as a list of objects.")
 def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
-    """Compute the modulation transfer of SENSOR through its whole aperture."""
+    """Compute the MTF of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     nu, shown = waves.frequencies, np.array(SHOWN)
     found = mtf(

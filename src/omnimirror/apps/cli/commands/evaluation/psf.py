@@ -1,4 +1,4 @@
-"""``omnimirror psf``: point-spread functions and the energy that they encircle."""
+"""``omnimirror psf``: point-spread functions and encircled energy."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from ...outputs import (
 )
 
 MOST = 15
-SHARES = (0.5, 0.8)  # of the light, whose radii are told
+SHARES = (0.5, 0.8)  # fractions of the energy with printed radii
 
 
 @dataclass(frozen=True)
 class PsfOptions(ImageOptions):
-    """Which point-spread functions are computed."""
+    """PSF conditions."""
 
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the light.")
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength.")
 
 
 @click.command(
@@ -52,7 +52,7 @@ class PsfOptions(ImageOptions):
 def command(
     sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None, json_file: Path | None
 ) -> None:
-    """Compute the images of point objects through the whole aperture of SENSOR."""
+    """Compute the point-spread functions of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
@@ -83,7 +83,7 @@ def command(
         from .....analysis.figures import save_figure
         from .....analysis.figures.aperture import encircled_energy, psf_pictures
 
-        widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of one size beside each other
+        widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of equal size
         found = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found]
         for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
             if path:
@@ -91,7 +91,7 @@ def command(
 
 
 def _record(p: Psf) -> dict[str, Any]:
-    """What the table tells of a point-spread function; no Strehl ratio without waves."""
+    """Return a table row of a PSF; without diffraction there is no Strehl ratio."""
     radius = np.linspace(0, float(p.offset_px[-1]), 2000)
     radii = np.interp(SHARES, p.encircled_energy(radius), radius)
     return {

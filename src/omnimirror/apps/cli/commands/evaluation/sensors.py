@@ -1,4 +1,4 @@
-"""``omnimirror sensors``: what comes with the package."""
+"""``omnimirror sensors``: list of bundled sensors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...outputs import json_option, output_console, plain_table, say_written
 )
 @json_option()
 def command(json_file: Path | None) -> None:
-    """List the bundled sensors; each name can stand wherever a command takes a SENSOR."""
+    """List the bundled sensors; every SENSOR argument accepts these names."""
     words = ("name", "mirror", "what it is")
     console = output_console()
     records = []

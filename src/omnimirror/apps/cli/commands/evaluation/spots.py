@@ -1,4 +1,6 @@
-"""``omnimirror spots``: spot diagrams by real rays, through focus, and how far the paper's blur holds."""
+"""``omnimirror spots``: spot diagrams by real ray tracing, through focus, and accuracy of the blur
+of the paper.
+"""
 
 from __future__ import annotations
 
@@ -35,18 +37,20 @@ MOST_FOCUSES = 15
 
 @dataclass(frozen=True)
 class SpotOptions(ObjectOptions):
-    """Which objects are looked at, at which focuses and by how many rays."""
+    """Spot diagrams, with focus and number of rays."""
 
     focus_mm: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Focus distances, for spots through focus.  [default: the sensor's]"
+        type=values,
+        metavar="A:B:STEP",
+        help="Focus distances for a through-focus diagram.  [default: the focus of the sensor]",
     )
-    rings: int = option(type=WHOLE, default=12, help="Rings of rays across the aperture.")
+    rings: int = option(type=WHOLE, default=12, help="Number of ray rings across the aperture.")
     f_numbers: Array | None = option(
-        type=values, metavar="LIST", help="Instead: a table of the blur's error at these F-numbers."
+        type=values, metavar="LIST", help="Print the error of the blur formula at these F-numbers instead of spots."
     )
 
     def of(self, sensor: Sensor) -> Spots:
-        """The spots that are asked for."""
+        """Return the spots for the options."""
         return spots(
             sensor, self.angles(sensor), focus_mm=self.focus_mm, azimuth_deg=self.azimuth_deg,
             object_distance_mm=self.object_distance_mm, pupil=hexapolar(self.rings),
@@ -60,14 +64,14 @@ class SpotOptions(ObjectOptions):
 )
 @click.argument("sensor", type=SENSOR)
 @takes(SpotOptions, "asked")
-@output_option("-o", "--output", formats=FIGURES, help="Figure: angles by focuses (PNG, SVG, PDF).")
+@output_option("-o", "--output", formats=FIGURES, help="Figure of field angles by focus distances (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
 @json_option("Write what --csv does, as a list of objects.")
 def command(
     sensor: str, asked: SpotOptions, output: Path | None, csv_file: Path | None, json_file: Path | None
 ) -> None:
-    """Trace real rays through the whole aperture of SENSOR and show where they land."""
+    """Trace real rays through the whole aperture of SENSOR and compute spot diagrams."""
     seen = load_sensor(sensor)
     console = output_console()
     if asked.f_numbers is not None:
@@ -95,7 +99,7 @@ def command(
 
 
 def _print_spots(console: Console, found: Spots) -> None:
-    """A line for each angle and focus."""
+    """Print one line per field angle and focus."""
     names = ("chief_px", "rms_radius_px", "rms_t_px", "rms_s_px", "extent_t_px", "extent_s_px")
     table = plain_table(head("omega_deg"), head("focus_mm"), *map(head, names), head("filled", "%"))
     rms_t, rms_s = found.rms_px()
@@ -108,7 +112,7 @@ def _print_spots(console: Console, found: Spots) -> None:
 
 
 def _print_check(console: Console, sensor: Sensor, f_numbers: Array, objects: ObjectOptions) -> None:
-    """The blur of Eq. 28 against real rays, one line per F-number."""
+    """Compare the blur of Eq. 28 with real rays, one line per F-number."""
     found = check_blur(sensor, f_numbers, omega_deg=objects.omega_deg, object_distance_mm=objects.object_distance_mm)
     low, high = found.omega_deg[[0, -1]]
     console.print(

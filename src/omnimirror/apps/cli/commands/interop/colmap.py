@@ -67,9 +67,9 @@ def command(
 ) -> None:
     """Dewarp IMAGES, files, a folder or a video, into a rig of pinhole cameras for COLMAP.
 
-    The output folder contains images and masks of every view, database.db, rig_config.json, and with --gsplat
-    transforms.json. The printed reprojection errors at several object distances, px, arise because the rays of a
-    mirror do not meet in one point. Lengths are in metres.
+    The output folder contains images and masks of every view, database.db, rig_config.json, and
+    with --gsplat transforms.json. The printed reprojection errors at several object distances, px,
+    arise because the rays of a mirror do not meet in one point. Lengths are in metres.
     """
     _check_view_options(panorama)
     if gsplat != (poses is not None):

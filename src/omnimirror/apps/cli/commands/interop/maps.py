@@ -34,7 +34,8 @@ from .common import check_one_file, formats_option, print_exported_files
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
     """Write the map of a view, the source pixel of each of its pixels, for other programs.
 
-    SENSOR|CAMERA is a sensor file, a camera file or a bundled sensor. The view is specified as for omnimirror dewarp.
+    SENSOR|CAMERA is a sensor file, a camera file or a bundled sensor. The view is specified as for
+    omnimirror dewarp.
     """
     view.check()
     loaded_camera = load_camera(camera)

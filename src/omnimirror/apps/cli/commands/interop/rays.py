@@ -29,8 +29,9 @@ from .common import check_one_file, formats_option, print_exported_files
 def command(camera: str, output: Path, formats: list[str] | None, step: int) -> None:
     """Write origin, direction and weight of the ray of each pixel for other programs.
 
-    SENSOR|CAMERA is a sensor file, a camera file or a bundled sensor. Lengths are in mm unless the format requires
-    another unit; x is forward, y left and z up, with the origin at the mirror vertex.
+    SENSOR|CAMERA is a sensor file, a camera file or a bundled sensor. Lengths are in mm unless the
+    format requires another unit; x is forward, y left and z up, with the origin at the mirror
+    vertex.
     """
     check_one_file(output, formats, RAY_FORMATS)
     console = output_console()

@@ -1,1 +1,1 @@
-"""Commands that take, straighten, sharpen and show pictures."""
+"""Image commands: render, dewarp, restore, view and serve."""

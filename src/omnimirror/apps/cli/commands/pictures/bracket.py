@@ -1,4 +1,4 @@
-"""``omnimirror bracket``: where to focus several pictures, and one sharp picture of them."""
+"""``omnimirror bracket``: planning of a focus bracket, and merging of its images."""
 
 from __future__ import annotations
 
@@ -41,46 +41,46 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObjectDistance(Options):
-    """How far away what is looked at stands."""
+    """Object."""
 
     object_distance_mm: float = option(
-        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+        type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
 
 
 @dataclass(frozen=True)
 class PlanOptions(ObjectDistance):
-    """What the pictures have to keep."""
+    """Limits."""
 
-    limit_px: float = option(type=NUMBER, default=1.0, help="Largest blur, in pixels.")
+    limit_px: float = option(type=NUMBER, default=1.0, help="Maximum blur, px.")
 
 
 @dataclass(frozen=True)
 class MergeOptions(ObjectDistance):
-    """How the pictures were taken."""
+    """Capture."""
 
     focus_mm: Array = option(
-        type=values, required=True, show_default=False, metavar="A,B,..", help="Where the pictures are focused."
+        type=values, required=True, show_default=False, metavar="A,B,..", help="Focus distances of the images."
     )
 
 
 @dataclass(frozen=True)
 class TakeOptions(Options):
-    """How the pictures are taken."""
+    """Rendering."""
 
     focus_mm: Array | None = option(
-        type=values, metavar="A,B,..", help="Where to focus.  [default: as planned for 1 px]"
+        type=values, metavar="A,B,..", help="Focus distances.  [default: planned for a blur of 1 px]"
     )
     stands: Pose | None = option(
         "--pose", type=pose, metavar="X,Y,Z,..",
-        help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]",
+        help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
     )  # fmt: skip
     samples: int = option("--samples", "--spp", type=WHOLE, default=32, help="Rays per pixel.")
 
 
 @click.group()
 def command() -> None:
-    """Focus bracketing: a few pictures at planned distances, merged by radius into one that is sharp."""
+    """Plan a focus bracket and merge its images by image radius into one sharp image."""
 
 
 @command.command(
@@ -92,7 +92,9 @@ def command() -> None:
 @takes(PlanOptions, "asked")
 @json_option()
 def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -> None:
-    """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it."""
+    """Compute the fewest focus distances that keep the blur of SENSORS below a limit, and the
+    astigmatic zones.
+    """
     focus = head("focus_mm")
     numbers = ("pictures", "worst px\none focus", "worst px\nmerged", "astigmatic\ndeg", "least px\nthere")
     table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
@@ -118,7 +120,7 @@ def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -
 
 
 def _astigmatic(found: Bracket) -> tuple[str, str]:
-    """Between which angles no focus is sharp, and the least blur there."""
+    """Format the range of field angles without a sharp focus, and its minimum blur."""
     if not found.astigmatic.any():
         return "-", "-"
     low, high = found.omega_deg[found.astigmatic][[0, -1]]
@@ -134,12 +136,12 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
 @takes(MergeOptions, "taken")
 @takes(OrientationOptions, "orientation")
-@output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
+@output_option("-o", "--output", formats=PICTURES, required=True, help="Output image.")
 @format_option(PICTURES)
 def merge(
     sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, orientation: OrientationOptions, output: Path
 ) -> None:
-    """Merge PICTURES of SENSOR, focused at different distances, to the scale of its own focus."""
+    """Merge PICTURES of SENSOR, focused at different distances, at the scale of its own focus."""
     format_of(output)
     merged = merge_bracket(load_sensor(sensor), orientation.read(pictures), **taken.given)
     write_image(output, merged)
@@ -154,9 +156,9 @@ def merge(
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @takes(TakeOptions, "taking")
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
 def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) -> None:
-    """Simulate the pictures that SENSOR takes of a scene at each focus."""
+    """Render the images of a scene that SENSOR would capture at each focus distance."""
     seen, camera = PosedScene(scene.source().load(), taking.stands or Pose()), load_sensor(sensor)
     for focus in plan_bracket(camera).focus_mm if taking.focus_mm is None else taking.focus_mm:
         path = output / f"{focus:.1f}mm.png"

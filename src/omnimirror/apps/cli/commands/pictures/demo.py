@@ -1,4 +1,4 @@
-"""``omnimirror demo``: one sensor through the whole house, onto one page."""
+"""``omnimirror demo``: evaluation, simulation and dewarping of one sensor, with a report."""
 
 from __future__ import annotations
 
@@ -19,10 +19,14 @@ from ...outputs import output_console, say
 )
 @click.argument("sensor", type=SENSOR, default="paper-spherical")
 @click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
-              help="Folder for pictures, table and report.")  # fmt: skip
-@click.option("--blur/--no-blur", default=True, show_default=True, help="Look through the whole aperture, or sharp.")
+              help="Output folder for images, table and report.")  # fmt: skip
+@click.option(
+    "--blur/--no-blur", default=True, show_default=True, help="Render through the whole aperture, or without blur."
+)
 def command(sensor: str, out: Path, blur: bool) -> None:
-    """Evaluate SENSOR (paper-spherical by default), take its picture of a room, straighten it, write a report."""
+    """Evaluate SENSOR (paper-spherical by default), render and dewarp an image of a room, and write
+    a report.
+    """
     from ....reports import write_demo
 
     console = output_console()

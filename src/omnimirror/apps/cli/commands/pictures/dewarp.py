@@ -1,4 +1,4 @@
-"""``omnimirror dewarp``: straighten pictures, folders of them, and videos."""
+"""``omnimirror dewarp``: dewarping of images, folders of images, and videos."""
 
 from __future__ import annotations
 
@@ -37,44 +37,45 @@ PIPE_FORMATS = get_args(PipeFormat)
 
 @dataclass(frozen=True)
 class PictureOptions(Options):
-    """What is asked of pictures alone."""
+    """Images."""
 
     skip_existing: bool | None = option(
         is_flag=True,
-        help="Leave out what has been written already: a folder or numbered pictures that were stopped go on.",
+        help="Skip existing output files, which continues an interrupted folder or image sequence.",
     )
     transparent: bool | None = option(
         "--transparent/--black",
-        help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
+        help="Images: make pixels outside the field transparent.  [default: on if the format supports it: PNG, "
+        "TIFF, WebP]",
     )
     restore: bool | None = option(
-        is_flag=True, help="Pictures: first sharpen what --sensor is known to blur, or what --blur-px tells."
+        is_flag=True, help="Images: restore (deconvolve) first, with the known blur of --sensor or with --blur-px."
     )
     noise: float | None = option(
-        type=NUMBER, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]"
+        type=NUMBER, metavar="SHARE", help="Noise for --restore, as a fraction of full scale.  [default: estimated]"
     )
     object_distance_mm: float | None = option(
-        type=distance, metavar="MM", help="With --restore, from the mirror to what is seen.  [default: inf]"
+        type=distance, metavar="MM", help="Object distance for --restore, from the mirror.  [default: inf]"
     )
     blur_px: str | None = option(
         metavar="PX|T,S|FILE",
-        help="With --restore, of any camera: blur diameter, tangential and sagittal ones, or a CSV file of radius_px "
-        "or omega_deg, t_px and s_px.  [default: the sensor's]",
+        help="Blur for --restore with any camera: diameter, tangential and sagittal diameters, or a CSV file of "
+        "radius_px or omega_deg, t_px and s_px.  [default: the blur of the sensor]",
     )
 
     wavelengths_nm: tuple[float, float, float] | None = option(
         type=three_wavelengths,
         metavar="R,G,B",
-        help="Pictures of a --sensor: straighten each colour as lens and cover refract it.",
+        help="Images of a --sensor: dewarp each colour channel with its own refraction by lens and cover.",
     )
 
     def check(self) -> None:
-        """Refuse what says how to restore where nothing is to be restored."""
+        """Raise UsageError for restoration options without --restore."""
         if not self.restore and (asked := self.picked("noise", "object_distance_mm", "blur_px")):
             raise click.UsageError(f"{flag(next(iter(asked)))} belongs to --restore")
 
     def restoration(self) -> Restoration | None:
-        """How pictures are sharpened first; None if they are not."""
+        """Return the restoration settings; None without --restore."""
         if not self.restore:
             return None
         from .....dewarp.pipelines.restoring import Restoration
@@ -84,28 +85,31 @@ class PictureOptions(Options):
 
 @dataclass(frozen=True)
 class VideoOptions(Options):
-    """What is asked of videos alone."""
+    """Videos."""
 
     start_s: float | None = option(
-        "--start", "--start-s", type=NUMBER, help="Videos: where to begin, in seconds.  [default: 0]"
+        "--start", "--start-s", type=NUMBER, help="Videos: start time in seconds.  [default: 0]"
     )
     duration_s: float | None = option(
-        "--duration", "--duration-s", type=NUMBER, help="Videos: how much to take, in seconds.  [default: the rest]"
+        "--duration", "--duration-s", type=NUMBER, help="Videos: duration in seconds.  [default: the rest]"
     )
-    frame_rate: float | None = option(type=NUMBER, help="Numbered pictures: frames a second.  [default: 25]")
-    codec: str | None = option(help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
-    crf: int | None = option(type=WHOLE, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
+    frame_rate: float | None = option(type=NUMBER, help="Image sequences: frames per second.  [default: 25]")
+    codec: str | None = option(help="Videos: encoder by FFmpeg name.  [default: by the file suffix]")
+    crf: int | None = option(
+        type=WHOLE, help="Videos: constant rate factor, smaller is better.  [default: of the encoder]"
+    )
     keyframes: Path | None = option(
         type=click.Path(path_type=Path),
-        help="Videos: pan, tilt, roll, field and distance over time, a CSV or TOML file.",
+        help="Videos: keyframes of pan, tilt, roll, field and distance, a CSV or TOML file.",
     )
     preview: bool | None = option(is_flag=True, help="Videos: show the view in a window; Escape ends it.")
     pixel_format: str | None = option(
-        help="Videos: what is encoded, by FFmpeg's name.  [default: the source's, as far as the codec can; raw: rgb24]"
+        help="Videos: encoded pixel format by FFmpeg name.  [default: that of the source if the codec supports it; "
+        "raw: rgb24]"
     )
 
     def recording(self, kind: str | None) -> Recording:
-        """What is taken of the video, and how it is written; ``kind`` is what goes to a pipe."""
+        """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
             raise click.UsageError(f"--format {kind} belongs to pictures; of a video valid are {valid}")
@@ -127,8 +131,8 @@ class VideoOptions(Options):
     "--output",
     "outputs",
     multiple=True,
-    help="What to write: a picture, or a folder for many; of a video also an address (udp://.., rtsp://..), a virtual "
-    "camera (/dev/video9), numbered pictures (f%04d.png) or - for a pipe, and several of them.",
+    help="Output: an image, or a folder for several; for videos also an address (udp://..., rtsp://...), a virtual "
+    "camera (/dev/video9), an image sequence (f%04d.png) or - for a pipe (repeatable).",
 )
 @takes(AutoOptions, "auto")
 @takes(CameraOptions, "camera")
@@ -143,13 +147,12 @@ class VideoOptions(Options):
     "kind",
     type=click.Choice([*PIPE_FORMATS, *PICTURES]),
     metavar="NAME",
-    help=f"What '-o -' writes to the pipe: {', '.join(PIPE_FORMATS)} or, of a picture, {', '.join(PICTURES)}.  "
-    "[default: y4m, png]",
+    help=f"Format for '-o -': {', '.join(PIPE_FORMATS)}, or for an image {', '.join(PICTURES)}.  [default: y4m, png]",
 )
 @click.option(
     "--viewer",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="One picture or video: write an HTML file in which to look around, with everything inside it.",
+    help="One image or video: write a self-contained HTML viewer.",
 )
 def command(
     sources: tuple[str, ...],
@@ -165,14 +168,15 @@ def command(
     kind: str | None,
     viewer: Path | None,
 ) -> None:
-    """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
+    """Dewarp (undistort) each SOURCE, captured with a mirror sensor, a mirror ball or a fisheye.
 
-    A SOURCE is a picture, a folder or pattern of pictures, a video file, a camera or stream
-    (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), a video on standard
-    input (-), or a recording of a robot (.mcap, .db3, .bag, or a folder of rosbag2). Say which
-    camera it was with one of --sensor, --ocam and --ball; or, where nobody knows, with --auto,
-    which looks for the mirror's rim. The result is drawn as seen from the camera's place: never
-    reversed, forward in the middle of a panorama and at the top of a dome.
+    A SOURCE is an image, a folder or pattern of images, a video file, a camera or stream
+    (/dev/video0, rtsp://...), an image sequence as a video (f%04d.png), a video on standard input
+    (-), or a robot recording (.mcap, .db3, .bag, or a rosbag2 folder).
+
+    Specify the camera with one of --sensor, --ocam and --ball, or use --auto to detect the outline
+    of the mirror. The output is drawn from the viewpoint of the camera: never reversed, with
+    forward at the centre of a panorama and at the top of a dome.
     """
     auto.check(camera)
     for options in (view, pictures):
@@ -211,7 +215,7 @@ def command(
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
         restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
         told = ""
-        if auto.auto:  # once nothing of what was asked is refused
+        if auto.auto:  # after all options are checked
             found, told = auto.camera(sources, camera, orientation)
             how = replace(how, camera=found)
         straightener = PictureStraightener(
@@ -221,7 +225,7 @@ def command(
 
 
 def straightening(camera: CameraOptions, view: ViewOptions, sampling: SamplingOptions) -> Straightening:
-    """How the options want pictures straightened."""
+    """Return the dewarping settings of the options."""
     return Straightening(
         camera.camera, view.of, sampling.interpolation, view.viewpoint or "exact", sampling.border,
         bool(camera.keep_lean),
@@ -266,7 +270,7 @@ def _refuse_of_videos(
 
 
 def _output(sources: tuple[str, ...], output: str, kind: str | None) -> tuple[Path, bool]:
-    """Where pictures go, and whether that is the file of one picture and not a folder."""
+    """Return the output path of images, and whether it is a single file rather than a folder."""
     if len(sources) == 1 and is_one_picture(sources[0]) and not (Path(output).is_dir() or output.endswith("/")):
         return _named(output, kind), True
     return Path(output), False
@@ -280,7 +284,9 @@ def _pictures(
     threads: int | None,
     told: str,
 ) -> None:
-    """One picture into a file, or many into a folder; ``told`` is what was found of their camera."""
+    """Dewarp one image to a file, or several to a folder; ``told`` is the report of the detected
+    camera.
+    """
     target, is_file = output
     if is_file:
         done = straightener(Path(sources[0]), target)
@@ -319,19 +325,19 @@ def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
 
 
 def _named(output: str, kind: str | None) -> Path:
-    """The file of one picture; ``-`` gets the suffix of its format."""
+    """Return the file name of one image; ``-`` gets the suffix of its format."""
     if kind in PIPE_FORMATS:
         raise click.UsageError(f"--format {kind} belongs to videos; of a picture valid are {', '.join(PICTURES)}")
     if output != "-":
         if kind is not None:
             raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
-        format_of(output)  # refused before the picture is read
+        format_of(output)  # raises before the image is read
         return Path(output)
     return take_standard_output("--output", kind or PICTURES[0])
 
 
 def _told(blur_px: str) -> ToldBlur | str:
-    """One or two numbers, or the name of a file."""
+    """Parse one or two numbers, or a file name."""
     try:
         numbers = [float(part) for part in blur_px.split(",")]
     except ValueError:
@@ -342,7 +348,7 @@ def _told(blur_px: str) -> ToldBlur | str:
 
 
 def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording: Recording) -> None:
-    """Straighten every frame under a progress bar, and say what became of it."""
+    """Dewarp every frame of a video with a progress bar, and print the result."""
     try:
         from .....dewarp.pipelines.video import Listener, straighten_video
     except ModuleNotFoundError as e:
@@ -358,6 +364,6 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
     remark(f"{name}: {done.view}, {told}")
     if done.summary:
         remark(f"{source}: {done.summary}")
-    if outcome.stopped and (outputs or outcome.is_signal):  # closing a window is how a mere preview ends
+    if outcome.stopped and (outputs or outcome.is_signal):  # not a closed preview
         notice(f"stopped; {name} holds what was done" if outputs else "stopped")
         sys.exit(outcome.exit_code)

@@ -64,9 +64,9 @@ def command(
 ) -> None:
     """Serve views of SOURCE as network cameras: MJPEG, MPEG-TS, HLS and JPEG images over HTTP.
 
-    SOURCE is a camera or stream (/dev/video0, rtsp://...), or a video file, which is repeated. Each view of the file
-    is available at /NAME.mjpg, /NAME.ts, /NAME.m3u8 and /NAME.jpg; /api/views lists them, and a POST request to
-    /api/views/NAME steers a steerable view.
+    SOURCE is a camera or stream (/dev/video0, rtsp://...), or a video file, which is repeated. Each
+    view of the file is available at /NAME.mjpg, /NAME.ts, /NAME.m3u8 and /NAME.jpg; /api/views
+    lists them, and a POST request to /api/views/NAME steers a steerable view.
     """
     camera.check()
     try:

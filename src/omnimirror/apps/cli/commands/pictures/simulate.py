@@ -1,4 +1,4 @@
-"""``omnimirror simulate``: pictures, videos and ground truth that a sensor would take."""
+"""``omnimirror simulate``: rendered images, videos and ground truth of a sensor."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ OF_PICTURES = ("bits", "bayer", "wavelengths_nm")
 
 
 class Simulate(click.Group):
-    """What follows is a sensor, unless it is the name of a command."""
+    """Command group that treats the first argument as a sensor unless it names a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
@@ -59,9 +59,9 @@ class Simulate(click.Group):
 
 @click.group(cls=Simulate)
 def command() -> None:
-    """Show what a sensor would see.
+    """Render the images that a sensor would capture.
 
-    'omnimirror simulate SENSOR ..' is short for 'omnimirror simulate picture SENSOR ..'.
+    'omnimirror simulate SENSOR ...' is short for 'omnimirror simulate picture SENSOR ...'.
     """
 
 
@@ -77,14 +77,14 @@ def command() -> None:
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
-              help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
+              help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
 @takes(FilmOptions, "film")
-@click.option("--distant", is_flag=True, help="Take the scene for infinitely far away: no parallax.")
+@click.option("--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax.")
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
-@output_option("--panorama", formats=PICTURES, help="Write its panorama, too.")
+@output_option("--panorama", formats=PICTURES, help="Write a panorama of the light as well.")
 @output_option("-o", "--output", formats=PICTURES, required=True,
-               help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
+               help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.")  # fmt: skip
 @format_option(PICTURES)
 def picture(
     sensor: str,
@@ -97,14 +97,15 @@ def picture(
     panorama: Path | None,
     output: Path,
 ) -> None:
-    """Take the picture, or the video, that SENSOR would take of a scene.
+    """Render the image, or the video, that SENSOR would capture of a scene.
 
-    SENSOR is a sensor, or a camera as it was calibrated, whose pictures are sharp.
+    SENSOR is a sensor, or a calibrated camera, which is rendered without blur.
 
-    An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
-    (A), or camera, rod, rim or a lid hide it (H); the point where it leaves the mirror, or the outer side of its tube
-    or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
-    sensor's world frame.
+    An EXR file contains linear light (R, G, B) and, for the chief ray of each pixel centre:
+    visibility of the scene (A) and obscuration by camera, rod, rim or lid (H); the point at which
+    it leaves the mirror, or the outer surface of its tube or dome (OX, OY, OZ, mm), its direction
+    there (DX, DY, DZ) and the distance to the observed point (Z, mm), in the world frame of the
+    sensor.
     """
     seen, camera = scene.source().load(), housing.on(load_camera(sensor))
     if film.path is not None:
@@ -124,7 +125,9 @@ def picture(
 def _photograph(
     camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions, panorama: Path | None = None
 ) -> None:
-    """Take the picture and write it as its file's kind holds it, and the panorama of its light."""
+    """Render the image, convert it to the output format, and write it with the panorama of its
+    light.
+    """
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
     if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
@@ -203,7 +206,7 @@ def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taki
 
 
 def _stopped(output: Path, done: int, what: str) -> None:
-    """Say what is left of work that Ctrl-C has ended; the last word is the application's."""
+    """Report the partial output after Ctrl-C and raise Abort."""
     held = f"holds the {done} {what} that were done" if done else "was not written"
     notice(f"{output} {held}")
 
@@ -215,12 +218,14 @@ def _stopped(output: Path, done: int, what: str) -> None:
     examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",),
 )
 @click.argument("sensor", type=SENSOR, required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
 @click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
-              help="Make that set again: its sensor, its options, no others.")  # fmt: skip
-@click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
+              help="Reproduce a dataset: its sensor and options, no others.")  # fmt: skip
+@click.option("--views", type=WHOLE, help="Number of images of the hall.  [default: 12]")
 @takes(FilmOptions, "film")
-@click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
+@click.option(
+    "--truth", is_flag=True, help="Write an EXR file with light, depth and directions for each image or frame."
+)
 @takes(SceneOptions, "scene")
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
@@ -235,16 +240,18 @@ def dataset(
     taking: TakingOptions,
     housing: HousingOptions,
 ) -> None:
-    """Write a calibration set, or with --path a video set, of what SENSOR would take.
+    """Write a calibration dataset, or with --path a video dataset, of SENSOR.
 
-    A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
-    pose and the true pixels of the corners of all boards in view (7 rows of 11; null where a corner is hidden or out of
-    the field), and the corners' places in the hall (mm).
+    A calibration dataset contains images of the checkerboards of the hall from many poses.
+    dataset.json contains for each image its pose and the true pixels of the corners of all visible
+    boards (7 rows of 11; null for a corner that is obscured or outside the field), and the
+    positions of the corners in the hall (mm).
 
-    A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
+    A video dataset contains video.mp4 and poses.csv, the pose of the sensor at each frame, in the
+    given scene.
 
-    A set that was stopped or killed goes on where it was when the same is asked for again. dataset.json also holds all
-    that --again needs to make the same files once more.
+    Repeating the same command continues an interrupted dataset. dataset.json also contains all
+    settings that --again requires to reproduce the files.
     """
     from .....simulation.datasets.recipe import VideoRecipe
 
@@ -261,7 +268,7 @@ def dataset(
 
 
 def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
-    """The recipe of a set that was made before."""
+    """Return the recipe of an existing dataset."""
     from importlib.metadata import version
 
     from .....simulation.datasets.recipe import load_recipe
@@ -286,7 +293,7 @@ def _asked_for(
     scene: SceneOptions,
     taking: TakingOptions,
 ) -> CalibrationRecipe | VideoRecipe:
-    """The recipe of the set that the options ask for."""
+    """Return the recipe of the dataset for the options."""
     from .....simulation.datasets.recipe import CalibrationRecipe, VideoRecipe
 
     if taking.wavelengths_nm is not None:
@@ -347,9 +354,9 @@ def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
 
 @dataclass(frozen=True)
 class ShardOptions(Options):
-    """How samples are stored."""
+    """Storage."""
 
-    per_shard: int = option(type=WHOLE, default=100, help="Samples in each tar file.")
+    per_shard: int = option(type=WHOLE, default=100, help="Samples per tar file.")
 
 
 @command.command(
@@ -359,7 +366,7 @@ class ShardOptions(Options):
     examples=("omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",),
 )
 @click.argument("sensor", type=SENSOR)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
 @takes(FilmOptions, "film")
 @takes(ShardOptions, "stored")
 @takes(SceneOptions, "scene")
@@ -374,10 +381,11 @@ def learning(
     taking: TakingOptions,
     housing: HousingOptions,
 ) -> None:
-    """Write a set to learn from: what SENSOR would take along a --path, and what each pixel sees.
+    """Write a training dataset: images of SENSOR along a --path, with ground truth for each pixel.
 
-    Shards of WebDataset, tar files in which each frame has a picture, its pose, and arrays: depth, directions and
-    origins of the rays, normals, labels, optical flow to the next frame. README.md beside them explains all of it.
+    The dataset consists of WebDataset shards, tar files in which each frame has an image, its pose,
+    and arrays: depth, directions and origins of the rays, normals, labels, and optical flow to the
+    next frame. README.md describes the format.
     """
     from .....simulation.datasets.learning_set import write_learning_set
     from .....simulation.datasets.video import load_path
@@ -403,7 +411,7 @@ def learning(
 
 @dataclass(frozen=True)
 class RoundTripOptions(Options):
-    """How the wall's pictures are taken."""
+    """Rendering."""
 
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
 
@@ -418,11 +426,12 @@ class RoundTripOptions(Options):
 @takes(RoundTripOptions, "taking")
 @json_option()
 def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Path | None) -> None:
-    """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
+    """Render a wall of the room at 800 mm, dewarp it, and compare it with a pinhole camera.
 
-    Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
-    and straightened from the best single viewpoint; what share of the blurred picture's error is blur; then the largest
-    shifts found, and the one that Eq. 23 predicts. All sensors that come with the package unless some are named.
+    The table contains the PSNR (dB, sRGB) of the sharp image dewarped exactly, with pixels of half
+    the size, blurred by the aperture, and dewarped from the best single viewpoint; the fraction of
+    the error due to blur; and the largest measured shifts with the prediction of Eq. 23. All
+    bundled sensors are used unless SENSORS are given.
     """
     from .....simulation.round_trip import measure_round_trip
 

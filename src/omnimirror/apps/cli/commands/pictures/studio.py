@@ -1,4 +1,4 @@
-"""``omnimirror studio``: look through a sensor, and design one, in the browser."""
+"""``omnimirror studio``: image viewer and sensor design in the browser."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ListenOptions(Options):
-    """Where a server listens."""
+    """Server."""
 
-    host: str = option(default="127.0.0.1", help="Where to listen; beyond this machine, with a token.")
-    port: int = option(
-        type=WholeRange(0, 65535), default=0, show_default=False, help="Where to listen.  [default: any that is free]"
+    host: str = option(
+        default="127.0.0.1", help="Host address; addresses reachable from other machines require a token."
     )
+    port: int = option(type=WholeRange(0, 65535), default=0, show_default=False, help="Port.  [default: any free port]")
 
 
 @dataclass(frozen=True)
 class ServerOptions(ListenOptions):
-    """How the page is served."""
+    """Server and browser."""
 
     open_browser: bool = option(
-        "--open/--no-open", default=True, show_default=False, help="Whether to open the page in the browser."
+        "--open/--no-open", default=True, show_default=False, help="Open the page in the browser."
     )
     folders: tuple[Path, ...] = option(
         "--folder", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Offer the pictures and videos of a folder too.",
+        help="Serve the images and videos of a folder as well.",
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class PageOptions(Options):
-    """A page in the server's place."""
+    """Standalone page."""
 
     page: Path | None = option(
         "--page", type=click.Path(dir_okay=False, path_type=Path),
-        help="Write a page instead that looks through the bundled sensors at any picture, without a server.",
+        help="Write a standalone page that views any image through the bundled sensors, without a server.",
     )  # fmt: skip
 
 
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
-    """Serve until Ctrl-C, or say what is missing."""
+    """Serve until Ctrl-C, or report the missing packages."""
     try:
         from ....studio.server import serve
     except ModuleNotFoundError as e:
@@ -73,9 +73,10 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
 @takes(PageOptions, "written")
 @takes(ServerOptions, "server")
 def command(server: ServerOptions, written: PageOptions) -> None:
-    """Open the studio in the browser: look through a sensor at pictures, videos and cameras, or design one.
+    """Open the studio in the browser: view images, videos and cameras through a sensor, or design
+    one.
 
-    It listens on this machine alone unless --host says otherwise.
+    The server listens on this machine only, unless --host is given.
     """
     if written.page is not None:
         return _write_page(written.page)
@@ -90,7 +91,7 @@ def command(server: ServerOptions, written: PageOptions) -> None:
 
 
 def _write_page(path: Path) -> None:
-    """The page that needs no server."""
+    """Write the standalone page."""
     from rich.console import Console
 
     from ....studio import page_alone

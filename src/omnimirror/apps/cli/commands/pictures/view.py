@@ -1,4 +1,4 @@
-"""``omnimirror view``: the studio, opened on pictures, videos, cameras or streams."""
+"""``omnimirror view``: studio page for images, videos, cameras or streams."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ if TYPE_CHECKING:
 @takes(CameraOptions, "camera")
 @takes(ServerOptions, "server")
 def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptions) -> None:
-    """Look around in each SOURCE, in the browser.
+    """View each SOURCE in the browser.
 
-    SOURCE is a picture, a video file, or a camera or stream (/dev/video0, rtsp://..); the page opens with the first
-    and offers the others. Say which camera took them with one of --sensor, --ocam and --ball, or choose it in the page.
+    SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
+    opens with the first and lists the others. Specify the camera with one of --sensor, --ocam and
+    --ball, or select it on the page.
     """
     if camera.given:
         camera.check()
@@ -53,7 +54,9 @@ def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptio
 
 
 def _is_live(source: str) -> bool:
-    """Whether it is a camera or stream; what is neither that nor a file is refused before a page opens."""
+    """Return whether a source is a camera or stream; raise an error if it is neither that nor a
+    file.
+    """
     live = is_video(source) and not Path(source).is_file()
     if live and Path(source).suffix and "://" not in source and not source.startswith("/dev/"):
         raise MediaError(f"there is no video {source}")
@@ -63,7 +66,7 @@ def _is_live(source: str) -> bool:
 
 
 def _known(source: str, options: CameraOptions) -> Known:
-    """The camera that the options describe; the page adds to its command line how it stands."""
+    """Return the camera of the options; the page adds its mounting to the command line."""
     from ....studio.look.cameras import Known
     from ....studio.look.tables import title_of
 

@@ -1,4 +1,4 @@
-"""The part of ``omnimirror dewarp`` that writes a page in which to look around."""
+"""HTML viewer output of ``omnimirror dewarp``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...outputs import say
 def write_viewer(
     sources: tuple[str, ...], output: Path, options: CameraOptions, orientation: OrientationOptions
 ) -> None:
-    """Write the page in which to look around in one picture or video."""
+    """Write an HTML viewer of one image or video."""
     from ....studio import video_viewer_of, viewer_of
 
     is_film = is_video(sources[0]) and Path(sources[0]).is_file()
@@ -39,12 +39,12 @@ def write_viewer(
 
 
 def is_one_picture(source: str) -> bool:
-    """Whether a source names one file, and no folder or pattern."""
+    """Return whether a source is a single file, not a folder or pattern."""
     return not Path(source).is_dir() and (Path(source).exists() or not set("*?[") & set(source))
 
 
 def needs_pyav(source: str) -> OmnimirrorError:
-    """What to raise where videos cannot be read."""
+    """Return the exception for a missing video reader."""
     return OmnimirrorError(f"{source} is a video, which needs PyAV: pip install 'omnimirror[video]'")
 
 
