@@ -24,7 +24,8 @@ OBJECT_RAY_RADII = 0.8  # length of rays in object space, in rim radii
 
 
 def sensor_card(sensor: Sensor) -> str:
-    """Return an HTML card: cross-section with chief rays and properties, or the reason why the sensor is invalid."""
+    """Return an HTML card: cross-section with chief rays and properties, or the reason for
+    invalidity."""
     nominal = sensor.aligned()
     try:
         drawing, field = (
@@ -102,7 +103,7 @@ def _secondary(sensor: Sensor) -> str:
 
 
 def _misalignment(sensor: Sensor) -> dict[str, str]:
-    """Describe the misalignment of a sensor, which the drawing shows aligned."""
+    """Describe the misalignment of a sensor; the drawing is aligned."""
     if sensor.is_axial:
         return {}
     pose = sensor.mirror_pose

@@ -96,8 +96,7 @@ def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
 
 
 def cubic_pieces(values: Array, rates: Array) -> Array:
-    """Return the coefficients (n, 4) of cubic Hermite pieces between n + 1 nodes, rates per
-    cell."""
+    """Return the coefficients (n, 4) of cubic Hermite pieces between n + 1 nodes.
 
     >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
     array([1., 3., 3., 1.])
