@@ -24,16 +24,14 @@ class Imager:
     width_px, height_px
     pixel_pitch_um : micrometres
     centre_px : (u, v), optional
-            Intersection of the optical axis with the array; integers are pixel centres. The centre
-            of the
-            array by default. It refers to the image before a flip: with ``image_flipped`` the axis
-            is at
-            ``width_px - 1 - u`` in the delivered image.
+        Intersection of the optical axis with the array; integers are pixel centres. The centre of
+        the array by default. It refers to the image before a flip: with ``image_flipped`` the axis
+        is at ``width_px - 1 - u`` in the delivered image.
 
     Raises
     ------
     InvalidParameter
-            If a size or pitch is outside its range.
+        If a size or pitch is outside its range.
 
     Examples
     --------
@@ -109,20 +107,19 @@ class ImagerPose:
     """Tilt and rotation of an imager against the lens; perpendicular to the axis by default.
 
     The imager is rotated by ``rotation_deg`` in its plane, then tilted about the image X and then
-    the image
-    Y axis, by the right-hand rule, all about its intersection with the optical axis.
+    the image Y axis, by the right-hand rule, all about its intersection with the optical axis.
 
     Parameters
     ----------
     tilt_x_deg, tilt_y_deg
-            Rotation about the image X axis, then about its Y axis.
+        Rotation about the image X axis, then about its Y axis.
     rotation_deg
-            Rotation in its plane, from image right towards image bottom.
+        Rotation in its plane, from image right towards image bottom.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range.
+        If a number is outside its range.
 
     Examples
     --------
@@ -192,8 +189,7 @@ class ImagePlane:
     """Imager behind a lens: conversion between pixels and points of an untilted image plane.
 
     Points are in mm right of and below the optical axis, in the image before a flip (``flipped``).
-    The
-    ``principal_distance`` (mm) of the lens is used only for tilted imagers.
+    The ``principal_distance`` (mm) of the lens is used only for tilted imagers.
 
     >>> plane = ImagePlane(Imager(1024, 1024, 5.2), ImagerPose(), flipped=True, principal_distance=np.inf)
     >>> plane.flat_mm(np.array([[411.5, 511.5]]))[0].round(3)

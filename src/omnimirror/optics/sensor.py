@@ -51,38 +51,34 @@ class Sensor:
     Parameters
     ----------
     mirror, lens, imager, mount
-            Parts of the sensor.
+        Parts of the sensor.
     mirror_distance_mm : mm
-            Distance m from the lens's reference point (its principal point; the lens defines its
-            entrance
-            pupil) to the mirror vertex; infinite (and omitted from files) for an orthographic lens,
-            which does
-            not depend on it. With a secondary, the path length over the secondary.
+        Distance m from the lens's reference point (its principal point; the lens defines its
+        entrance pupil) to the mirror vertex; infinite (and omitted from files) for an orthographic
+        lens, which does not depend on it. With a secondary, the path length over the secondary.
     name, notes
-            Descriptive text.
+        Descriptive text.
     mirror_pose
-            Pose of the mirror: decentring, displacement and tilt against lens and imager; aligned
-            by default.
-            The world origin remains at the nominal vertex.
+        Pose of the mirror: decentring, displacement and tilt against lens and imager; aligned by
+        default. The world origin remains at the nominal vertex.
     mirror_form
-            Form error of the mirror over its disk; none by default.
+        Form error of the mirror over its disk; none by default.
     imager_pose
-            Tilt and rotation of the imager against the lens; perpendicular to the axis by default.
+        Tilt and rotation of the imager against the lens; perpendicular to the axis by default.
     secondary
-            Second mirror between primary and lens: flat, to fold the path, or curved.
+        Second mirror between primary and lens: flat, to fold the path, or curved.
     housing
-            Parts around the mirror; none by default.
+        Parts around the mirror; none by default.
     uncertainty
-            Uncertainty of a calibration; None for a design.
+        Uncertainty of a calibration; None for a design.
     thermal
-            Thermal model; None if unknown.
+        Thermal model; None if unknown.
 
     Raises
     ------
     InvalidParameter
-            If a perspective lens has no finite mirror distance. The validity of the mirror
-            (one-to-one
-            mapping, no self-obstruction) is checked at the first evaluation.
+        If a perspective lens has no finite mirror distance. The validity of the mirror (one-to-one
+        mapping, no self-obstruction) is checked at the first evaluation.
 
     Examples
     --------
@@ -144,7 +140,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-                If the mirror is decentred or tilted: the sensor then has no rotational symmetry.
+            If the mirror is decentred or tilted: the sensor then has no rotational symmetry.
         """
         if not self.is_axial:
             raise InvalidParameter(
@@ -170,12 +166,12 @@ class Sensor:
         Parameters
         ----------
         lens
-                New lens.
+            New lens.
 
         Returns
         -------
         Sensor
-                Sensor with this lens.
+            Sensor with this lens.
         """
         other = replace(self, lens=lens)
         if lens.pupil == self.lens.pupil:
@@ -212,16 +208,16 @@ class Sensor:
         Parameters
         ----------
         what
-                Computation, for the message.
+            Computation, for the message.
         needs
-                ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces; ``"square
-                imager"``: without
-                tilt; ``"ideal but for poses"``: without form error and imager misalignment.
+            ``"one mirror"``; ``"thin lens"``: not defined by a table or surfaces; ``"square
+            imager"``: without tilt; ``"ideal but for poses"``: without form error and imager
+            misalignment.
 
         Raises
         ------
         InvalidParameter
-                If a property is missing; the message names the supported alternatives.
+            If a property is missing; the message names the supported alternatives.
         """
         lens, leans = self.lens, self.imager_pose
         refusals: dict[Need, tuple[bool, str]] = {
@@ -264,7 +260,7 @@ class Sensor:
         Returns
         -------
         Sensor
-                Aligned sensor.
+            Aligned sensor.
         """
         shell = self.housing.shell
         housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
@@ -289,12 +285,12 @@ class Sensor:
         Returns
         -------
         (n,) array
-                Image heights, px.
+            Image heights, px.
 
         Raises
         ------
         InvalidParameter
-                If the argument is not a bundle of chief rays.
+            If the argument is not a bundle of chief rays.
         """
         rays = instance("rays", rays, ChiefRays, "chief rays of a meridian")
         return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
@@ -312,12 +308,12 @@ class Sensor:
         Returns
         -------
         (n,) array
-                Derivative by the field angle, px per radian.
+            Derivative by the field angle, px per radian.
 
         Raises
         ------
         InvalidParameter
-                If the argument is not a bundle of chief rays.
+            If the argument is not a bundle of chief rays.
         """
         first = instance("rays", rays, ChiefRays, "chief rays of a meridian").first
         rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
@@ -340,9 +336,9 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-                If the heights are not numeric.
+            If the heights are not numeric.
         OutsideField
-                If a height exceeds the image radius of the rim.
+            If a height exceeds the image radius of the rim.
         """
         h_mm = self.lens.undistorted_height(numbers("h_px", h_px) * self.imager.pitch_mm)
         return self._x_from_ideal_mm(h_mm)
@@ -361,17 +357,17 @@ class Sensor:
         Parameters
         ----------
         pixels : (n, 2)
-                Pixels (u, v), with integers at pixel centres.
+            Pixels (u, v), with integers at pixel centres.
 
         Returns
         -------
         (n,) array
-                Image heights, px.
+            Image heights, px.
 
         Raises
         ------
         InvalidParameter
-                If the pixels have another shape.
+            If the pixels have another shape.
         """
         image, _ = self.image_plane.flat_mm(vectors("pixels", pixels, 2))
         if self.lens.is_symmetric:
@@ -402,7 +398,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-                If the housing does not fit; the message gives the valid range.
+            If the housing does not fit; the message gives the valid range.
         """
         return Obstructions.of(self.housing, self.mirror, self.secondary, self.mirror_distance_mm)
 
@@ -414,7 +410,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-                If the mirror is decentred or tilted: use :meth:`hidden_by` for single pixels.
+            If the mirror is decentred or tilted: use :meth:`hidden_by` for single pixels.
         """
         if self.housing.is_empty and self.secondary is None:
             return ()
@@ -456,8 +452,7 @@ class Sensor:
         space.
 
         Parts are those of the housing and, for two mirrors, the secondary, the bore and the camera.
-        Pixels
-        outside the mirror image are False for all parts.
+        Pixels outside the mirror image are False for all parts.
 
         Parameters
         ----------
@@ -467,13 +462,13 @@ class Sensor:
         Returns
         -------
         dict of (n,) arrays
-                Masks by part name, True for obscured pixels.
+            Masks by part name, True for obscured pixels.
 
         Raises
         ------
         InvalidParameter
-                If the pixels have another shape, or for two mirrors in a tube (use
-                :attr:`obscurations`).
+            If the pixels have another shape, or for two mirrors in a tube (use
+            :attr:`obscurations`).
 
         Examples
         --------
@@ -558,19 +553,19 @@ class Sensor:
         Parameters
         ----------
         pixels : (n, 2)
-                Pixels (u, v), with integers at pixel centres.
+            Pixels (u, v), with integers at pixel centres.
 
         Returns
         -------
         Rays
-                Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-                If the pixels have another shape.
+            If the pixels have another shape.
         NotOneToOne
-                If the mapping is not invertible, for aligned and misaligned sensors.
+            If the mapping is not invertible, for aligned and misaligned sensors.
         """
         pixels = vectors("pixels", pixels, 2)
         if not self.is_axial:
@@ -598,17 +593,17 @@ class Sensor:
         Parameters
         ----------
         points_mm : (n, 3)
-                World points, mm.
+            World points, mm.
 
         Returns
         -------
         Projection
-                Pixels (n, 2) and validity (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-                If the points have another shape.
+            If the points have another shape.
         """
         points = turned(vectors("points_mm", points_mm, 3), self._axes)
         if not self.is_axial:
@@ -623,17 +618,17 @@ class Sensor:
         Parameters
         ----------
         directions : (n, 3)
-                World directions, of any non-zero length.
+            World directions, of any non-zero length.
 
         Returns
         -------
         Projection
-                Pixels (n, 2) and validity (n,).
+            Pixels (n, 2) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-                If the directions have another shape.
+            If the directions have another shape.
         """
         towards = turned(vectors("directions", directions, 3), self._axes)
         if not self.is_axial:
@@ -665,7 +660,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-                For two mirrors in a tube.
+            For two mirrors in a tube.
         """
         if self.housing.shell is not None:
             self.check("tracing in space through a tube or a dome", "one mirror")
@@ -697,17 +692,17 @@ class Sensor:
         pixels : (n, 2)
             Pixels (u, v).
         pupil : (n, 2)
-                Points of the entrance pupil, in pupil radii.
+            Points of the entrance pupil, in pupil radii.
 
         Returns
         -------
         tuple of (n, 3) arrays
-                Origins in mm and unit directions, in the camera frame.
+            Origins in mm and unit directions, in the camera frame.
 
         Raises
         ------
         InvalidParameter
-                If the pixels or pupil points have another shape.
+            If the pixels or pupil points have another shape.
         """
         pixels, pupil = vectors("pixels", pixels, 2), places("pupil", pupil)
         _check_pupil(pupil, pixels)
@@ -726,27 +721,25 @@ class Sensor:
         """Trace rays of pixels (n, 2) through aperture points (n, 2), or one, into the world.
 
         Rays are traced in space from the imager: an ideal thin lens images a pixel, through every
-        aperture
-        point, to one point of the plane in focus; the mirror reflects these rays. The aperture
-        point (0, 0)
-        is the chief ray of :meth:`backproject`.
+        aperture point, to one point of the plane in focus; the mirror reflects these rays. The
+        aperture point (0, 0) is the chief ray of :meth:`backproject`.
 
         Parameters
         ----------
         pixels : (n, 2)
             Pixels (u, v).
         pupil : (n, 2)
-                Points of the entrance pupil, in pupil radii.
+            Points of the entrance pupil, in pupil radii.
 
         Returns
         -------
         Rays
-                Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
+            Origins (n, 3) in mm, unit directions (n, 3) and validity (n,).
 
         Raises
         ------
         InvalidParameter
-                If the pixels or pupil points have another shape.
+            If the pixels or pupil points have another shape.
 
         Examples
         --------

@@ -74,26 +74,25 @@ class Thermal:
     Parameters
     ----------
     reference_c
-            Reference temperature of the sensor's parameters, degrees Celsius.
+        Reference temperature of the sensor's parameters, degrees Celsius.
     mirror_material, mirror_ppm_per_k
-            Mirror; its shape expands uniformly.
+        Mirror; its shape expands uniformly.
     spacer_material, spacer_ppm_per_k
-            Spacer between lens and mirror.
+        Spacer between lens and mirror.
     mount_material, mount_ppm_per_k
-            Mount between lens and imager.
+        Mount between lens and imager.
     focal_ppm_per_k
-            Relative change of the focal length, from a data sheet or a measurement.
+        Relative change of the focal length, from a data sheet or a measurement.
     imager_ppm_per_k
         Expansion of the imager; silicon by default.
     held_at
-            Attachment of the mirror to the spacer: "vertex", as with a rod behind it, or "rim", as
-            with a
-            tube.
+        Attachment of the mirror to the spacer: "vertex", as with a rod behind it, or "rim", as with
+        a tube.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range, a material is unknown, or both are given for a part.
+        If a number is outside its range, a material is unknown, or both are given for a part.
 
     Examples
     --------
@@ -152,12 +151,12 @@ class Thermal:
         Returns
         -------
         float
-                0 if it is not specified.
+            0 if it is not specified.
 
         Raises
         ------
         InvalidParameter
-                If the part is unknown.
+            If the part is unknown.
         """
         choice("part", part, ("mirror", "spacer", "mount"))
         material, ppm = self._said(part)

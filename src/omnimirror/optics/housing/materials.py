@@ -57,7 +57,7 @@ def index_of(material: str, wavelength_nm: float = D_LINE_NM) -> float:
     material
         One of :data:`MATERIALS`.
     wavelength_nm
-            Wavelength in air, nm.
+        Wavelength in air, nm.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def index_of(material: str, wavelength_nm: float = D_LINE_NM) -> float:
     Raises
     ------
     InvalidParameter
-            If the name is unknown, or the wavelength is outside the visible and near-visible range.
+        If the name is unknown, or the wavelength is outside the visible and near-visible range.
 
     Examples
     --------

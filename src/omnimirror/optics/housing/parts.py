@@ -31,14 +31,14 @@ class CameraBody(HousingPart):
     ----------
     diameter_mm
     height_mm
-            Height of its front above the lens's principal point, towards the mirror.
+        Height of its front above the lens's principal point, towards the mirror.
     lens_diameter_mm
-            Diameter of the lens's front ring, visible in simulated images.
+        Diameter of the lens's front ring, visible in simulated images.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range.
+        If a number is outside its range.
     """
 
     diameter_mm: float
@@ -59,18 +59,17 @@ class Rod(HousingPart):
     Parameters
     ----------
     diameter_mm
-            Diameter at its foot, and along its length unless it tapers.
+        Diameter at its foot, and along its length unless it tapers.
     end_diameter_mm : optional
-            Diameter at the mirror.
+        Diameter at the mirror.
     gap_mm : optional
-            Distance from its foot to the lens; 25 % of the mirror distance by default. (A glass
-            plate supports
-            the foot: a rod up to the lens would obscure the entire field.)
+        Distance from its foot to the lens; 25 % of the mirror distance by default. (A glass plate
+        supports the foot: a rod up to the lens would obscure the entire field.)
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range.
+        If a number is outside its range.
     """
 
     diameter_mm: float = 4.0
@@ -105,16 +104,16 @@ class Rim(HousingPart):
     Parameters
     ----------
     width_mm
-            Radial width beyond the rim.
+        Radial width beyond the rim.
     setback_mm
-            Axial distance of its front behind the rim.
+        Axial distance of its front behind the rim.
     thickness_mm
-            Distance from the highest surface point to the back of the body, the end of a tube.
+        Distance from the highest surface point to the back of the body, the end of a tube.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range.
+        If a number is outside its range.
     """
 
     width_mm: float = 0.0
@@ -138,12 +137,12 @@ class Housing:
     rod : Rod, optional
     shell : Tube, Dome or FlatWindow, optional
     rim, secondary_rim : Rim, optional
-            Rims of the mirror and of a second one; the default body is 5 mm thick without a rim.
+        Rims of the mirror and of a second one; the default body is 5 mm thick without a rim.
 
     Raises
     ------
     InvalidParameter
-            If a part has the wrong type.
+        If a part has the wrong type.
 
     Examples
     --------
@@ -180,10 +179,9 @@ class Housing:
         Raises
         ------
         InvalidParameter
-                If a tube or dome is too small for the mirror, a dome does not reach the lens, the
-                foot of a rod
-                is beyond the mirror or its end is wider than the mirror, or a second mirror
-                excludes a part.
+            If a tube or dome is too small for the mirror, a dome does not reach the lens, the foot
+            of a rod is beyond the mirror or its end is wider than the mirror, or a second mirror
+            excludes a part.
         """
         if envelope.has_secondary:
             self._check_beside_secondary()

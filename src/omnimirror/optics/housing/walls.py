@@ -138,23 +138,22 @@ class Tube(ClearWall):
     Parameters
     ----------
     diameter_mm : optional
-            Outer diameter; by default the next full millimetre with 3 mm clearance around the
-            mirror's rim.
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
     wall_mm, refractive_index
-            Wall thickness and index; acrylic by default.
+        Wall thickness and index; acrylic by default.
     material, medium : optional
-            Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its
-            index, and of the
-            outer medium.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
     medium_index
-            Index of the outer medium; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-            Misalignment; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range, the wall fills the tube, or an index is given twice.
+        If a number is outside its range, the wall fills the tube, or an index is given twice.
     """
 
     diameter_mm: float | None = None
@@ -201,33 +200,30 @@ class Dome(ClearWall):
     Parameters
     ----------
     diameter_mm : optional
-            Outer diameter; by default the next full millimetre with 3 mm clearance around the
-            mirror's rim.
+        Outer diameter; by default the next full millimetre with 3 mm clearance around the mirror's
+        rim.
     wall_mm
-            Wall thickness on the axis, for concentric spheres.
+        Wall thickness on the axis, for concentric spheres.
     refractive_index
-            Index of the wall; acrylic by default.
+        Index of the wall; acrylic by default.
     centre_mm : optional
-            Height of the outer sphere's centre; by default halfway between the lens and the
-            mirror's back.
-            Refraction is smallest for a dome centred on the viewpoints.
+        Height of the outer sphere's centre; by default halfway between the lens and the mirror's
+        back. Refraction is smallest for a dome centred on the viewpoints.
     inner_shift_mm
-            Height of the inner sphere's centre above the outer one; 0 (concentric) by default.
+        Height of the inner sphere's centre above the outer one; 0 (concentric) by default.
     material, medium : optional
-            Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its
-            index, and of the
-            outer medium.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the wall, instead of its index,
+        and of the outer medium.
     medium_index
-            Index of the outer medium; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-            Misalignment; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range, the wall fills the dome, an index is given twice, or
-            the inner
-            sphere intersects the outer one.
+        If a number is outside its range, the wall fills the dome, an index is given twice, or the
+        inner sphere intersects the outer one.
     """
 
     diameter_mm: float | None = None
@@ -307,24 +303,23 @@ class FlatWindow(ClearWall):
     Parameters
     ----------
     diameter_mm : optional
-            Diameter of the clear opening; by default it passes the whole field.
+        Diameter of the clear opening; by default it passes the whole field.
     wall_mm, refractive_index
-            Thickness and index of the pane; acrylic by default.
+        Thickness and index of the pane; acrylic by default.
     height_mm : optional
-            Height of its inner surface above the mirror vertex; by default 5 mm beyond the lens.
+        Height of its inner surface above the mirror vertex; by default 5 mm beyond the lens.
     material, medium : optional
-            Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the pane, instead of its
-            index, and of the
-            outer medium.
+        Names of :data:`~omnimirror.optics.housing.MATERIALS`: of the pane, instead of its index,
+        and of the outer medium.
     medium_index
-            Index of the outer medium; air by default.
+        Index of the outer medium; air by default.
     decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
-            Misalignment; see :class:`ClearWall`.
+        Misalignment; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range, or an index is given twice.
+        If a number is outside its range, or an index is given twice.
     """
 
     diameter_mm: float | None = None

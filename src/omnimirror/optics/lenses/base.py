@@ -1,9 +1,8 @@
 """Lens interface: image height and blur of the virtual image behind the mirror.
 
 A lens is described in object space: chief rays pass through its entrance pupil (:mod:`.pupil`), a
-flat
-disk; blur then needs no obliquity factor. Focusing changes only the image distance b0 (internal
-focusing, as in the paper); principal point and pupil are fixed.
+flat disk; blur then needs no obliquity factor. Focusing changes only the image distance b0
+(internal focusing, as in the paper); principal point and pupil are fixed.
 
 Object distances ``L`` are measured along the axis from the lens's reference point: the principal
 point of a perspective lens (Eqs. 34, 35), the mirror vertex for an orthographic one.
@@ -149,8 +148,7 @@ class Lens(ABC):
         ``chief`` are the slopes (n, 2) of the chief rays; paraxial by default.
 
         In the frame of the lens's reference point, X and Y as in the unflipped image, Z towards the
-        mirror.
-        For a telecentric lens, with its pupil at infinity: unit vectors towards the pupil.
+        mirror. For a telecentric lens, with its pupil at infinity: unit vectors towards the pupil.
         """
 
     @abstractmethod
@@ -164,8 +162,7 @@ class Lens(ABC):
         aperture.
 
         For an ideal thin lens, all rays of an image point meet in the plane in focus. Origins are
-        in the plane
-        of the lens; for a telecentric lens, in the plane in focus.
+        in the plane of the lens; for a telecentric lens, in the plane in focus.
         """
 
     @abstractmethod
@@ -178,8 +175,7 @@ class Lens(ABC):
         blocked.
 
         Rays are given by points and directions (n, 3), in the frame of the lens's reference point.
-        The stop is
-        not included: rays are sampled within it. An ideal lens has no other edges.
+        The stop is not included: rays are sampled within it. An ideal lens has no other edges.
         """
         return {}
 
@@ -187,8 +183,8 @@ class Lens(ABC):
         """Return the relative illumination (n,) at image points (n, 2), mm, for uniform radiance.
 
         It is 1 on the axis. With points (n, 2) of the unit disk of the aperture, return the natural
-        falloff
-        (cos^4) of rays through these, without the vignetting described by :meth:`clearances`.
+        falloff (cos^4) of rays through these, without the vignetting described by
+        :meth:`clearances`.
 
         """
         tangent = np.zeros_like(image) if pupil is None else pupil / (2 * self.image_f_number())

@@ -2,11 +2,9 @@
 
 All are smooth functions of the tangent t of the viewing angle, odd or even about the axis: quintic
 splines with continuous fourth derivatives. Relative to the entrance pupil at a viewing angle, the
-rays
-of one image point pass a pupil point (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``. The
-tangential and sagittal vergences in focus, v_t and v_s, differ from the axial one by field
-curvature
-and astigmatism.
+rays of one image point pass a pupil point (y_t, y_s) with slopes ``t - y_t v_t`` and ``-y_s v_s``.
+The tangential and sagittal vergences in focus, v_t and v_s, differ from the axial one by field
+curvature and astigmatism.
 """
 
 from __future__ import annotations
@@ -154,18 +152,17 @@ class LensField:
     Parameters
     ----------
     nodes
-            Four or more nodes.
+        Four or more nodes.
     name
         Name of the lens in errors.
     at_fold, at_end
-            Hints in the errors for image heights that stop increasing at an angle, which replaces
-            ``{angle}``,
-            and for angles beyond the end of the field.
+        Hints in the errors for image heights that stop increasing at an angle, which replaces
+        ``{angle}``, and for angles beyond the end of the field.
 
     Raises
     ------
     InvalidParameter
-            If the image heights do not increase outwards.
+        If the image heights do not increase outwards.
     """
 
     def __init__(self, nodes: FieldNodes, name: str, at_fold: str, at_end: str) -> None:

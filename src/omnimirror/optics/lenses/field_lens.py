@@ -20,8 +20,7 @@ class FieldLens(GaussianLens):
     """Lens with moving entrance pupil, field curvature, astigmatism and its own blur.
 
     To first order in the aperture, the rays of an image point pass the entrance pupil with the
-    slopes defined
-    in :mod:`.field`.
+    slopes defined in :mod:`.field`.
     """
 
     IS_THIN: ClassVar[bool] = False
@@ -118,12 +117,10 @@ class FieldLens(GaussianLens):
         """Return direction cosines (.., 2) at the imager of rays from the mirror, for an upright
         image.
 
-        Chief rays have 0. To first order in the aperture, by the Lagrange invariant:
-        ``dy cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the
-        sagittal
+        Chief rays have 0. To first order in the aperture, by the Lagrange invariant: ``dy
+        cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the sagittal
         direction. A change of the slope u through a pupil point y moves the image point by dh; a
-        change of y
-        rotates the ray at the imager by dL.
+        change of y rotates the ray at the imager by dL.
 
         """
         chief, places, found = self._belonging(points, directions)

@@ -25,8 +25,7 @@ class Perspective(GaussianLens):
     (:mod:`omnimirror.optics.lenses.distortion`); blur scales with the local magnification.
 
     A thick lens has its entrance pupil ``entrance_pupil_mm`` towards the mirror from its principal
-    point
-    (:mod:`omnimirror.optics.lenses.gaussian`).
+    point (:mod:`omnimirror.optics.lenses.gaussian`).
 
     >>> lens = Perspective(focal_length_mm=11.6, f_number=4.0, focus_distance_mm=212.0)
     >>> round(lens.image_distance, 4), round(lens.image_f_number(), 4)

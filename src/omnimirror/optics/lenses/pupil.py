@@ -43,7 +43,8 @@ class EntrancePupil:
     def aim(self, x: Array, depth: Array) -> ChiefAim:
         """Return the chief rays of points at distances x (n,) from the axis and depths (n,), mm.
 
-        Depths are measured from the reference point."""
+        Depths are measured from the reference point.
+        """
         return ChiefAim(depth - self.at_mm, 0.0)
 
 

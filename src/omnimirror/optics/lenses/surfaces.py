@@ -40,35 +40,32 @@ class SurfaceLens(FieldLens):
     """Lens of surfaces of revolution; its reference point is the vertex of the first surface.
 
     The imager is in the paraxial focus of an object on the axis at ``focus_distance_mm`` from that
-    vertex, at
-    the middle wavelength. Chief rays pass the centre of the stop; T and S focus, distortion,
-    vignetting
-    and the lens's own blur are those of real rays.
+    vertex, at the middle wavelength. Chief rays pass the centre of the stop; T and S focus,
+    distortion, vignetting and the lens's own blur are those of real rays.
 
     Parameters
     ----------
     f_number
-            Focal length divided by the diameter of the entrance pupil.
+        Focal length divided by the diameter of the entrance pupil.
     focus_distance_mm : mm
     curvature_per_mm, thickness_mm, index : (n,)
-            Values from the front: the surface facing the mirror is first.
+        Values from the front: the surface facing the mirror is first.
     stop_surface
-            Number of the stop surface, from 1.
+        Number of the stop surface, from 1.
     field_max_deg
-            Largest viewing angle; by default up to 80 deg, limited by vignetting.
+        Largest viewing angle; by default up to 80 deg, limited by vignetting.
     conic, edge_mm, clear_mm, index_short, index_long : (n,)
     aspheres : (n k,)
-            Coefficients of r^2, r^4, ... in mm, equally many per surface; those of the first
-            surface first.
+        Coefficients of r^2, r^4, ... in mm, equally many per surface; those of the first surface
+        first.
     wavelengths_nm
-            Shortest, middle and longest wavelength; informative.
+        Shortest, middle and longest wavelength; informative.
 
     Raises
     ------
     InvalidParameter
-            If columns differ in length, the stop is not a surface, the focal length is not
-            positive, or no
-            light is transmitted.
+        If columns differ in length, the stop is not a surface, the focal length is not positive, or
+        no light is transmitted.
 
     Examples
     --------
@@ -148,19 +145,19 @@ class SurfaceLens(FieldLens):
         Parameters
         ----------
         path
-                File to read.
+            File to read.
         entries
-                Entries such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
+            Entries such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
 
         Returns
         -------
         SurfaceLens
-                Lens focused at ``focus_distance_mm``.
+            Lens focused at ``focus_distance_mm``.
 
         Raises
         ------
         OmnimirrorError
-                If the file is missing or not a supported lens; the message gives the reason.
+            If the file is missing or not a supported lens; the message gives the reason.
 
         Examples
         --------
@@ -216,7 +213,7 @@ class SurfaceLens(FieldLens):
         Raises
         ------
         InvalidParameter
-                If no other wavelengths are given, or such light has no image before the imager.
+            If no other wavelengths are given, or such light has no image before the imager.
         """
         known = (self.wavelengths_nm, self.index_short, self.index_long)
         if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(FRAUNHOFER_NM):

@@ -40,41 +40,37 @@ class TabulatedLens(FieldLens):
     Parameters
     ----------
     focal_length_mm, f_number
-            Axial values.
+        Axial values.
     focus_distance_mm : mm
         Object distance in focus, from the reference point.
     field_deg, image_height_mm : (n,)
-            The table is valid at ``table_focus_mm``; at another focus, the imager moves along the
-            chief rays.
+        The table is valid at ``table_focus_mm``; at another focus, the imager moves along the chief
+        rays.
     entrance_pupil_mm : (n,)
-            Intersection of chief rays with the axis, from the reference point towards the mirror.
+        Intersection of chief rays with the axis, from the reference point towards the mirror.
     relative_illumination, chief_ray_deg, field_curvature_t_mm, field_curvature_s_mm : (n,)
-            By default: cos^4, the chief rays of a Gaussian lens, and a flat field.
+        By default: cos^4, the chief rays of a Gaussian lens, and a flat field.
     own_blur_t_mm, own_blur_s_mm : (n,)
-            By default: none.
+        By default: none.
     lateral_colour_short_mm, lateral_colour_long_mm : (n,)
-            Increase of the image height in blue and in red.
+        Increase of the image height in blue and in red.
     principal_point_mm : mm
-            Distance from the reference point towards the mirror; 0 by default.
+        Distance from the reference point towards the mirror; 0 by default.
     table_focus_mm : mm
-            Focus distance of the table; by default that of the lens at its creation.
+        Focus distance of the table; by default that of the lens at its creation.
     barrel_diameter_mm, barrel_mm : mm
-            Clear diameter of a barrel or hood that vignettes the beam, and the position of its
-            front from the
-            reference point towards the mirror; none by default. ``relative_illumination``, if
-            given, already
-            includes it.
+        Clear diameter of a barrel or hood that vignettes the beam, and the position of its front
+        from the reference point towards the mirror; none by default. ``relative_illumination``, if
+        given, already includes it.
     window_mm, window_index
-            Thickness (mm) and refractive index of a flat pane between lens and mirror,
-            perpendicular to the axis
-            and not included in the table; its position has no effect. None by default.
+        Thickness (mm) and refractive index of a flat pane between lens and mirror, perpendicular to
+        the axis and not included in the table; its position has no effect. None by default.
 
     Raises
     ------
     InvalidParameter
-            If columns differ in length, angles do not increase from 0, heights do not increase, or
-            there are
-            fewer than 4 rows.
+        If columns differ in length, angles do not increase from 0, heights do not increase, or
+        there are fewer than 4 rows.
 
     Examples
     --------
@@ -167,8 +163,7 @@ class TabulatedLens(FieldLens):
         """Return the lens with the image heights of a wavelength, from the table's lateral colour.
 
         The heights are a parabola in the inverse squared wavelength; those of the table are
-        assigned to the
-        d line, blue and red to F and C.
+        assigned to the d line, blue and red to F and C.
 
         """
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
@@ -250,10 +245,8 @@ def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldN
     """Return the field functions of the lens behind a flat pane.
 
     A pane shifts a ray of slope u axially by ``d(u) = a (1 - u'/u)``, with the internal slope u',
-    and does
-    not deviate it: the pupil of an angle t is d(t) closer to the mirror. Another ray of its fan, of
-    slope
-    ``t - y v`` through y, originates at ``y (1 + t d'(t) v)`` there.
+    and does not deviate it: the pupil of an angle t is d(t) closer to the mirror. Another ray of
+    its fan, of slope ``t - y v`` through y, originates at ``y (1 + t d'(t) v)`` there.
     """
     if not thickness:
         return nodes
@@ -284,14 +277,12 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     """Return the part of the pupil transmitted by the barrel: the intersection of two circles.
 
     A ray of slope ``t - y v`` through a pupil point y crosses the barrel's front, a before the
-    pupil, at
-    ``y (1 - a v) + a t``.
+    pupil, at ``y (1 - a v) + a t``.
 
     Raises
     ------
     InvalidParameter
-            If the barrel is narrower than the pupil seen through it, or vignettes an angle
-            completely.
+        If the barrel is narrower than the pupil seen through it, or vignettes an angle completely.
     """
     one = np.ones_like(tangent)
     if lens.barrel_diameter_mm is None:

@@ -68,8 +68,7 @@ MIRRORS: Registry[type[Mirror]] = Registry(
     _check,
 )
 """Mirror classes by their name in sensor files. Add a class to this list, or from another package
-by
-:func:`register_mirror` or an entry point."""
+by :func:`register_mirror` or an entry point."""
 
 SECONDARIES: Mapping[str, type[Mirror]] = ChainMap(MIRRORS, {Flat.KIND: Flat})  # type: ignore[arg-type]  # only read
 """Mirrors that may be secondaries: a flat mirror, and all registered ones."""
@@ -85,20 +84,20 @@ def register_mirror(cls: type[M]) -> type[M]:
     Parameters
     ----------
     cls
-            Frozen dataclass derived from :class:`omnimirror.optics.mirrors.Mirror`, with ``KIND``,
-            ``PARAMETERS`` and ``profile(x_mm)``, which returns sag (mm), slope (1) and curvature
-            (1/mm), each of
-            the shape of x. :func:`omnimirror.optics.testing.check_mirror` checks the contract.
+        Frozen dataclass derived from :class:`omnimirror.optics.mirrors.Mirror`, with ``KIND``,
+        ``PARAMETERS`` and ``profile(x_mm)``, which returns sag (mm), slope (1) and curvature
+        (1/mm), each of the shape of x. :func:`omnimirror.optics.testing.check_mirror` checks the
+        contract.
 
     Returns
     -------
     type
-            The class itself, for use as a decorator.
+        The class itself, for use as a decorator.
 
     Raises
     ------
     InvalidParameter
-            If another mirror has this kind, or the class does not describe its parameters.
+        If another mirror has this kind, or the class does not describe its parameters.
 
     Examples
     --------

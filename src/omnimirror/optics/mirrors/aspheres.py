@@ -1,10 +1,9 @@
 """Polynomial mirrors: the even polynomial of the paper's E-DI, and the even asphere.
 
 Coefficients refer to powers of ``x / normalization_radius_mm`` and are in units of the
-normalisation
-radius: the paper's numbers can be entered as printed, and parameters are well scaled for
-optimisation.
-With a normalisation radius of 1 mm they are the usual even-asphere coefficients, in mm^(1-2i).
+normalisation radius: the paper's numbers can be entered as printed, and parameters are well scaled
+for optimisation. With a normalisation radius of 1 mm they are the usual even-asphere coefficients,
+in mm^(1-2i).
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Mirror interface: sag, slope and curvature of a meridian by the distance from the axis.
 
 The vertex is at the origin and z points from the lens to the mirror; a mirror convex towards the
-lens
-has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses with parameters, described in
+lens has ``z = sag(x) >= 0``. Subclasses are frozen dataclasses with parameters, described in
 ``PARAMETERS``, and their kernels; sensor files, sliders, optimisers and tolerances use this
 description and need no code per mirror.
 """

@@ -18,8 +18,8 @@ class Cone(Mirror):
     """Cone ``z = x tan(beta)``: R_t is infinite and R_s = x / sin(beta).
 
     Its field extends from ``Omega = 2 beta`` to ``2 beta + theta`` of the rim: a narrow band around
-    the
-    horizon for beta near 45 deg. It has no single viewpoint (:meth:`pinhole_ring`) unless m -> 0.
+    the horizon for beta near 45 deg. It has no single viewpoint (:meth:`pinhole_ring`) unless m ->
+    0.
 
     >>> round(float(Cone(slope_deg=45.0, rim_radius_mm=20.0).sag(10.0)), 12)
     10.0
@@ -47,8 +47,7 @@ class Cone(Mirror):
 
         Each half of a meridian is a plane mirror for the rays in that plane; it images the lens at
         ``(-m sin(2 beta), m cos(2 beta))``, on the far side of the axis. All rays pass one point
-        only for
-        m -> 0, with the lens at the apex.
+        only for m -> 0, with the lens at the apex.
 
         >>> radius, z = Cone(slope_deg=45.0, rim_radius_mm=20.0).pinhole_ring(100.0)
         >>> round(radius, 9), round(z, 9)

@@ -1,10 +1,8 @@
 """Conic mirrors: sphere, hyperboloid, paraboloid, ellipsoid.
 
 All conics share one formula in the vertex radius ``R`` and the conic constant ``k`` (``k =
--e**2``):
-sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0, oblate > 0. Each
-class
-has its customary parameters and uses the same three kernels.
+-e**2``): sphere 0, paraboloid -1, hyperboloid < -1, prolate ellipsoid between -1 and 0, oblate > 0.
+Each class has its customary parameters and uses the same three kernels.
 """
 
 from __future__ import annotations
@@ -25,8 +23,7 @@ def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, 
     """Compute sag (mm), slope and curvature (1/mm) of a conic; NaN beyond its equator.
 
     The sag ``c x^2 / (1 + sqrt(1 - (1 + k) c^2 x^2))`` with ``c = 1/R`` is accurate near the axis
-    and
-    for the paraboloid, unlike the textbook solution, which divides by ``1 + k = 0``.
+    and for the paraboloid, unlike the textbook solution, which divides by ``1 + k = 0``.
 
     >>> conic_profile(np.array([30.0]), R=50.0, k=0.0)  # sphere: 50 - 40, tan, 50^2 / 40^3
     (array([10.]), array([0.75]), array([0.0390625]))

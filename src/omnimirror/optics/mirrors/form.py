@@ -42,15 +42,14 @@ class MirrorForm:
     Parameters
     ----------
     zernike
-            Noll indices of the Zernike terms over the disk of the rim; up to order 12.
+        Noll indices of the Zernike terms over the disk of the rim; up to order 12.
     um
-            Amplitude of each term, rms over the disk.
+        Amplitude of each term, rms over the disk.
 
     Raises
     ------
     InvalidParameter
-            If a term is invalid or repeated, or the number of amplitudes differs from that of
-            terms.
+        If a term is invalid or repeated, or the number of amplitudes differs from that of terms.
 
     Examples
     --------

@@ -34,14 +34,13 @@ class MirrorPose:
     displacement_mm
         Shift of the vertex away from the lens, added to the sensor's ``mirror_distance_mm``.
     tilt_x_deg, tilt_y_deg
-            Rotation about the vertex: about X, then about Y. A small positive ``tilt_y_deg`` tilts
-            the far
-            end of the mirror axis to the right, a small positive ``tilt_x_deg`` upwards (to -Y).
+        Rotation about the vertex: about X, then about Y. A small positive ``tilt_y_deg`` tilts the
+        far end of the mirror axis to the right, a small positive ``tilt_x_deg`` upwards (to -Y).
 
     Raises
     ------
     InvalidParameter
-            If a number is outside its range.
+        If a number is outside its range.
 
     Examples
     --------

@@ -31,7 +31,7 @@ def reflectance(gamma: ArrayLike, reflectivity: Reflectivity) -> Array:
     Raises
     ------
     InvalidParameter
-            If a constant is outside 0 to 1, an index is not that of a metal, or a name is unknown.
+        If a constant is outside 0 to 1, an index is not that of a metal, or a name is unknown.
 
     Examples
     --------

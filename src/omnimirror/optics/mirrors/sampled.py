@@ -55,28 +55,25 @@ class SampledProfile(Mirror):
     ``"pointed"`` apex is not. Sags are relative to the axis.
 
     Curvature affects the angles of the image strongly: an interpolating spline amplifies noise of a
-    few
-    nanometres. Noisy points are therefore smoothed to their uncertainty, single outliers are
-    excluded
-    (:attr:`outliers`), and exact points are interpolated; see
+    few nanometres. Noisy points are therefore smoothed to their uncertainty, single outliers are
+    excluded (:attr:`outliers`), and exact points are interpolated; see
     :mod:`omnimirror.optics.mirrors.measured.smoothing`.
 
     Parameters
     ----------
     x_mm, z_mm : sequences of at least 6 numbers, mm
-            x starts at 0 and increases.
+        x starts at 0 and increases.
     rim_radius_mm : mm, optional
-            Last x by default.
+        Last x by default.
     apex : "smooth" or "pointed"
     uncertainty_um : um, optional
-            Standard uncertainty of the heights; estimated by default, 0 for interpolation.
+        Standard uncertainty of the heights; estimated by default, 0 for interpolation.
 
     Raises
     ------
     InvalidParameter
-            If there are too few points, x does not increase from 0, lengths differ, the rim is
-            beyond the
-            last point, or points scatter far more than specified.
+        If there are too few points, x does not increase from 0, lengths differ, the rim is beyond
+        the last point, or points scatter far more than specified.
 
     Examples
     --------
@@ -142,7 +139,7 @@ class SampledProfile(Mirror):
         Raises
         ------
         OmnimirrorError
-                If the file is missing, or a line after the first number does not hold two numbers.
+            If the file is missing, or a line after the first number does not hold two numbers.
         """
         x, z = read_columns(Path(path))
         return cls(x, z, rim_radius_mm, apex, uncertainty_um)
@@ -164,7 +161,7 @@ class SampledProfile(Mirror):
         return tuple(int(i) for i in np.flatnonzero(~self.fit.used))
 
     def deviated(self, share: float) -> list[SmoothCurve]:
-        """Return mirrors perturbed by a fraction of each independent standard deviation.
+        """Return the mirror, and mirrors perturbed by a fraction of each independent deviation.
 
         The squared changes of any result, divided by the squared fraction, sum to its variance. The
         mirrors extend slightly beyond the rim, for field angles shifted there.

@@ -20,23 +20,20 @@ class Secondary:
     Parameters
     ----------
     mirror
-            Shape as seen from the camera: convex for a sag increasing outwards, concave for a
-            decreasing one,
-            or flat. Its rim obscures the centre of the field.
+        Shape as seen from the camera: convex for a sag increasing outwards, concave for a
+        decreasing one, or flat. Its rim obscures the centre of the field.
     distance_mm : mm
-            Distance s from the vertex of the primary to that of the secondary. The lens is at ``m -
-            s`` from
-            the secondary, towards the primary; m is the path from lens to primary over the
-            secondary.
+        Distance s from the vertex of the primary to that of the secondary. The lens is at ``m - s``
+        from the secondary, towards the primary; m is the path from lens to primary over the
+        secondary.
     bore_radius_mm : mm
-            Radius of the bore in the primary for the camera; for a lens in front of the primary,
-            radius of the
-            camera's front.
+        Radius of the bore in the primary for the camera; for a lens in front of the primary, radius
+        of the camera's front.
 
     Raises
     ------
     InvalidParameter
-            If the position or the bore is outside its range.
+        If the position or the bore is outside its range.
 
     Examples
     --------

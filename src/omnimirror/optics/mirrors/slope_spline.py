@@ -1,8 +1,8 @@
 """Freeform mirror: a spline of the slope, whose integral is the sag.
 
 The slope determines the reflected ray and is therefore the design variable. Spline, sag and
-curvature
-are linear in the given slopes: the only nonlinearity of an optimisation is that of the optics.
+curvature are linear in the given slopes: the only nonlinearity of an optimisation is that of the
+optics.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ class SlopeSpline(Mirror):
     Parameters
     ----------
     slopes : sequence of at least 4 numbers
-            dz/dx at x = 0, h, 2h, ... and the rim. The first is 0, or the slope of a pointed
-            mirror.
+        dz/dx at x = 0, h, 2h, ... and the rim. The first is 0, or the slope of a pointed mirror.
     rim_radius_mm : mm
 
     Examples

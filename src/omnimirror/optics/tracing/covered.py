@@ -102,8 +102,7 @@ class CoveredMirror:
         """Return the light (n,) from mirror points to moving pupils; see :meth:`PosedMirror.beam`.
 
         While the pupil moves, the mirror point follows to keep the ray on its target. Finite
-        differences
-        give the derivatives of the miss and the transverse motion of the outer ray.
+        differences give the derivatives of the miss and the transverse motion of the outer ray.
         """
         count = len(found.points)
         pupils, targets = pupils.spread(count), targets.spread(count)
@@ -329,8 +328,7 @@ class CoveredMirror:
 
 def _solved(rates: Array, miss: Array, towards: Array) -> Array:
     """Return steps (n, 2) that cancel misses (n, 3) across directions (n, 3), given rates (2, n,
-    3);
-    0 for non-finite rates."""
+    3); 0 for non-finite rates."""
     across = _across(towards)
     (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in across)
     u, v = (np.einsum("ni,ni->n", miss, e) for e in across)

@@ -1,12 +1,11 @@
 """Meridional chief rays through a clear cover: Snell's law and astigmatic wavefront curvature.
 
 Two quantities of a chief-ray pencil are traced in addition to position and direction, both per mm
-of
-mirror: the transverse separation of neighbouring rays (``spread``) and their angular separation
+of mirror: the transverse separation of neighbouring rays (``spread``) and their angular separation
 (``rate``). Propagation over a distance t gives spread' = spread + t rate; refraction changes the
-rate
-by the surface's curvature and the derivative of Snell's law (Coddington's tangential equation). The
-sagittal equation uses the distance to the axis along the normal instead of the radius of curvature.
+rate by the surface's curvature and the derivative of Snell's law (Coddington's tangential
+equation). The sagittal equation uses the distance to the axis along the normal instead of the
+radius of curvature.
 """
 
 from __future__ import annotations
@@ -51,11 +50,9 @@ class Outside:
     """Chief rays (n,) outside a cover; lengths in mm, angles in radians.
 
     ``x``, ``z`` is the point on each ray's line closest to its mirror point; ``spread`` and
-    ``rate``
-    are the transverse and the angular separation of neighbouring rays there, per mm of mirror. The
-    ray
-    leaves the cover at ``reach`` after that point and at the optical distance ``inside`` after the
-    mirror.
+    ``rate`` are the transverse and the angular separation of neighbouring rays there, per mm of
+    mirror. The ray leaves the cover at ``reach`` after that point and at the optical distance
+    ``inside`` after the mirror.
     """
 
     x: Array
@@ -80,7 +77,7 @@ class Outside:
         Raises
         ------
         InvalidParameter
-                If an object is inside the cover.
+            If an object is inside the cover.
         """
         behind = object_distance - self.inside
         if not np.all(behind > 0):
@@ -170,8 +167,7 @@ def through_sides(ray: Pencil, sides: tuple[Side, Side], indices: tuple[float, f
     """Refract rays through both surfaces of a wall; ``indices`` are those of wall and outer medium.
 
     Rays that miss a surface or are totally reflected are non-finite. Imaginary parts of complex
-    numbers
-    carry derivatives.
+    numbers carry derivatives.
     """
     media, through = (1.0, *indices), list[Refraction]()
     start = ray
@@ -297,7 +293,7 @@ class Cover:
         Raises
         ------
         SelfObstruction
-                With the first mirror point that violates this.
+            With the first mirror point that violates this.
         """
         outside = rays.outside
         assert outside is not None

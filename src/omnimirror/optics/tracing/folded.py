@@ -1,9 +1,8 @@
 """Skew rays over two mirrors, in the camera and world frames.
 
 The lens side is described in the unfolded frame: z points from the lens through the secondary to
-the
-image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The world
-side has the primary's vertex as origin and z from the secondary to the primary. With a flat
+the image of the primary in an ideal window; the lens is at -m, the secondary's vertex at -s. The
+world side has the primary's vertex as origin and z from the secondary to the primary. With a flat
 secondary, the path equals that of a single mirror.
 """
 
@@ -103,10 +102,10 @@ class FoldedMirror:
         Parameters
         ----------
         seen_at, to_pupils : (n, 3) arrays
-                Points of the secondary, and directions from these to the lens, both in the unfolded
-                frame.
+            Points of the secondary, and directions from these to the lens, both in the unfolded
+            frame.
         points, to_targets : (n, 3) arrays
-                Points of the primary, and directions from these to the object.
+            Points of the primary, and directions from these to the object.
         """
         second, from_lens = self.over(seen_at), -to_pupils * OVER
         return clearances(self.mirror, self.secondary, self.mirror_distance_mm, from_lens, second, points, to_targets)
@@ -226,8 +225,8 @@ class FoldedMirror:
         2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
-        The path
-        stays stationary while the pupil moves; both points move by the inverse of its Hessian.
+        The path stays stationary while the pupil moves; both points move by the inverse of its
+        Hessian.
         """
         count = len(found.points)
         pupils, targets = self._seen(pupils).spread(count), targets.spread(count)

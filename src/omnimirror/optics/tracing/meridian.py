@@ -1,11 +1,9 @@
 """Chief rays in the meridional plane, and their inversion from angles and points to the mirror.
 
 The mirror coordinate x is the parameter: all other quantities follow from it without a singularity
-at
-90 deg and without ray aiming. Angles are in radians; ``m`` is the distance from the lens's
-reference
-point to the mirror vertex, infinite for an orthographic lens. Chief rays pass through the entrance
-pupil, which may be displaced from the reference point.
+at 90 deg and without ray aiming. Angles are in radians; ``m`` is the distance from the lens's
+reference point to the mirror vertex, infinite for an orthographic lens. Chief rays pass through the
+entrance pupil, which may be displaced from the reference point.
 """
 
 from __future__ import annotations
@@ -37,16 +35,12 @@ class ChiefRays:
     """Chief rays through n mirror points; all arrays are (n,), lengths in mm, angles in radians.
 
     ``beta`` is the slope angle of the mirror, ``theta`` the angle between axis and ray on the
-    viewing side
-    (for a lens, its viewing angle), ``gamma`` the angle of incidence and reflection, ``omega`` the
-    field
-    angle from -z (Eqs. 1-5) and ``w`` the axial distance from entrance pupil to mirror point (m + z
-    if the
-    pupil is in the reference point). ``path`` is the distance to the pupil; ``seen_in`` are the
-    chief rays
-    of a second mirror in which the lens sees the first (:mod:`.two_mirrors`); ``drift`` is the
-    pupil's
-    motion, mm per radian of theta. Behind a cover, ``omega`` is the angle ``outside`` it.
+    viewing side (for a lens, its viewing angle), ``gamma`` the angle of incidence and reflection,
+    ``omega`` the field angle from -z (Eqs. 1-5) and ``w`` the axial distance from entrance pupil to
+    mirror point (m + z if the pupil is in the reference point). ``path`` is the distance to the
+    pupil; ``seen_in`` are the chief rays of a second mirror in which the lens sees the first
+    (:mod:`.two_mirrors`); ``drift`` is the pupil's motion, mm per radian of theta. Behind a cover,
+    ``omega`` is the angle ``outside`` it.
     """
 
     x: Array
@@ -78,8 +72,7 @@ class ChiefRays:
         ray.
 
         The focus is the entrance pupil if it is fixed, the caustic of the chief rays if it moves
-        with their
-        angle, or its tangential image in a second mirror.
+        with their angle, or its tangential image in a second mirror.
         """
         if self.seen_in is None:
             return self.path - self.drift * np.sin(self.theta)
@@ -321,8 +314,8 @@ class Meridian:
         NaN.
 
         Solves ``Omega(x) = phi(x)``, phi being the direction from mirror point to object. The root
-        is unique:
-        the difference increases at any root. Points in the mirror's shadow or inside it are NaN.
+        is unique: the difference increases at any root. Points in the mirror's shadow or inside it
+        are NaN.
         """
         x_t, z_t = np.broadcast_arrays(np.asarray(x_t, dtype=float), np.asarray(z_t, dtype=float))
         rim = self.mirror.rim_radius_mm
@@ -370,12 +363,10 @@ def _first(values: Array, where: NDArray[np.bool_]) -> float:
     return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
 
 
-# -- validity checks -----------------------------------------------------------------------------
-#
+# -- validity checks ----------------------------------------------------------------------------- #
 # A second reflection of a reflected ray needs no separate check: it requires a surface farther out
-# that is flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta'
-# > Omega' - Omega + 90 deg exceeds 90 deg for increasing Omega: the lens would not see that
-# surface.
+# that is flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta' > Omega' -
+# Omega + 90 deg exceeds 90 deg for increasing Omega: the lens would not see that surface.
 
 
 def checked(rays: ChiefRays) -> ChiefRays:

@@ -35,15 +35,14 @@ def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
     blocked.
 
     A disc of radius a seen at an angle Omega has the half-width a cos(Omega) in the meridian.
-    Accepts
-    complex arrays, whose imaginary parts carry derivatives.
+    Accepts complex arrays, whose imaginary parts carry derivatives.
 
     Parameters
     ----------
     distance : (n,) mm
-            Distance of the ray from the centre of the disc, in the meridian.
+        Distance of the ray from the centre of the disc, in the meridian.
     cosine : (n,)
-            Cosine of the angle between ray and axis.
+        Cosine of the angle between ray and axis.
     radius : mm
 
     Examples
@@ -122,9 +121,8 @@ class TaperedRod(NamedTuple):
         """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that pass above or below it.
 
         Between foot and top, the difference of squares ``r^2 - radius^2`` is a quadratic in the
-        distance t
-        along the ray: its minimum is at its vertex, or at the entry into or exit from the rod's
-        heights.
+        distance t along the ray: its minimum is at its vertex, or at the entry into or exit from
+        the rod's heights.
         """
         (x, y, z), (dx, dy, dz) = points.T, directions.T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -155,8 +153,7 @@ class Obstructions:
     """Opaque parts of a housing fitted to its sensor; heights in mm above the nominal vertex.
 
     The wall of a tube or dome is clear; ``discs`` close it. The flange of the mirror's body,
-    ``rim``, is in
-    the frame of the mirror and moves with it.
+    ``rim``, is in the frame of the mirror and moves with it.
     """
 
     housing: Housing
@@ -220,7 +217,7 @@ class Obstructions:
         points, directions : (n, 3) arrays
             Points on the mirror, mm, and directions of the rays into the world, in the camera frame.
         towards_lens : (n, 3) array
-                Directions from these points to the lens, or to the second mirror that images them.
+            Directions from these points to the lens, or to the second mirror that images them.
         pose
             Pose of the mirror.
         """
@@ -370,10 +367,10 @@ def hidden_parts(
     Parameters
     ----------
     meridian
-            Meridian of the mirror at its actual distance.
+        Meridian of the mirror at its actual distance.
     obstructions
     shift_mm
-            Axial displacement of the mirror from its nominal position.
+        Axial displacement of the mirror from its nominal position.
     """
 
     def clearances(x: Array) -> dict[str, Array]:

@@ -86,17 +86,15 @@ class OpticalTrain:
         """Return the clearance (n,), mm, of rays at every edge between object and imager.
 
         Negative clearances mean blocked rays. This is the single definition of vignetting and
-        obscuration:
-        edges of mirrors and lens, bore, barrel, camera, rod, rims, lids and window frame. The stop
-        itself is
-        the unit disk in which rays are sampled.
+        obscuration: edges of mirrors and lens, bore, barrel, camera, rod, rims, lids and window
+        frame. The stop itself is the unit disk in which rays are sampled.
 
         Parameters
         ----------
         seen_at, to_pupils : (n, 3) arrays
-                Points on the mirror facing the lens, and directions from these to the lens.
+            Points on the mirror facing the lens, and directions from these to the lens.
         points, to_targets : (n, 3) arrays
-                Points on the primary mirror, and directions of the reflected rays into the world.
+            Points on the primary mirror, and directions of the reflected rays into the world.
         """
         with np.errstate(all="ignore"):
             found = self.seen_mirror.clearances(seen_at, points, to_pupils, to_targets)
@@ -118,8 +116,7 @@ class OpticalTrain:
         (n,).
 
         Obstructions are the parts of the housing and those of two mirrors, without the edges of the
-        mirrors
-        and of the lens.
+        mirrors and of the lens.
         """
         mirror, own = self.posed_mirror, {}
         to_pupils = -directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -199,8 +196,7 @@ class OpticalTrain:
         """Return origins and unit directions (n, 3) of rays from image points through the aperture.
 
         Image points (n, 2) are in mm right of and below the optical axis, in the image before any
-        flip;
-        aperture points (n, 2), or one, are in entrance-pupil radii.
+        flip; aperture points (n, 2), or one, are in entrance-pupil radii.
         """
         origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
         origins = origins + self.lens_offset

@@ -47,8 +47,7 @@ class PosedMirror:
         :mod:`omnimirror.optics.tracing.reflection`.
 
         ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
-        frame's
-        origin.
+        frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
         found = reflection.specular_points(self.mirror, self.inside(pupils), self.inside(targets), begin, self.form)
@@ -114,10 +113,8 @@ def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: A
     """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`omnimirror.optics.tracing.space.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
-    from the
-    nominal to the actual surface. Rays that miss the nominal mirror are invalid; the nominal
-    meridian
-    defines the rim.
+    from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
+    nominal meridian defines the rim.
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> higher = MirrorForm((1,), (2.0,))  # by 2 um, everywhere

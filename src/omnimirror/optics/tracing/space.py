@@ -1,13 +1,11 @@
 """Skew rays: first intersection with the front of a mirror, and reflection.
 
 All coordinates are in the mirror frame: vertex at the origin, z from the lens to the mirror. Rays
-that
-miss the mirror, or meet its back or its plane beyond the rim, are invalid and NaN.
+that miss the mirror, or meet its back or its plane beyond the rim, are invalid and NaN.
 
 Along a ray, the height over the surface, ``g(t) = z(t) - sag(r(t))``, is negative on the lens side;
 the first intersection is its first zero. For a convex mirror g is concave: each tangent is above
-it,
-and Newton's method converges to the first zero from below. For a mirror with a concave zone, a
+it, and Newton's method converges to the first zero from below. For a mirror with a concave zone, a
 parabola with the largest curvature bound replaces the tangent, with the same property. Pure conics
 need no iteration: the root at the ray's entry into the convex body is unique.
 """
@@ -159,8 +157,7 @@ def _enter_conic(mirror: Conic, o: Array, d: Array) -> Array:
     NaN.
 
     The body behind the surface is convex: a ray enters it at most once, at the root with a
-    decreasing
-    quadratic form.
+    decreasing quadratic form.
     """
     R, k1 = mirror.vertex_radius, 1 + mirror.conic
     (ox, oy, oz), (dx, dy, dz) = o, d

@@ -1,8 +1,7 @@
 """Chief rays over a second mirror, and obscuration by that mirror and the camera.
 
 The secondary has chief rays of its own; the point of the primary on which a ray ends is an object
-at
-a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
+at a finite distance for it. All lengths are in mm, angles in radians. The secondary's frame has its
 vertex as origin and its z axis away from the lens, downwards from the primary.
 """
 
@@ -43,13 +42,12 @@ def clearances(
     mirror, secondary
         The primary, and the mirror in which the lens sees it.
     mirror_distance_mm
-            Path from the lens to the primary over the secondary.
+        Path from the lens to the primary over the secondary.
     from_lens, second, first, outgoing : (n, 3) arrays
-            Directions from the lens, points of the secondary and of the primary, mm, and directions
-            into the
-            world, all in the frame of the primary.
+        Directions from the lens, points of the secondary and of the primary, mm, and directions
+        into the world, all in the frame of the primary.
     slack
-            Relative tolerance of every edge, for grazing rays.
+        Relative tolerance of every edge, for grazing rays.
     """
     bore, lens = secondary.bore_radius_mm, secondary.lens_height(mirror_distance_mm)
     share = (np.minimum(first[:, 2], lens) - second[:, 2]) / (first[:, 2] - second[:, 2])
@@ -71,8 +69,7 @@ def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack:
     """Return the clearance (n,), mm, of rays from the primary into the world at the secondary.
 
     Far from the secondary, the distance from its cylinder is returned; near it, the minimum over
-    its
-    profile.
+    its profile.
     """
     x = np.linspace(0.0, secondary.mirror.rim_radius_mm, PROFILE)
     heights = secondary.height(x)

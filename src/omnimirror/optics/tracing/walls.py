@@ -25,8 +25,7 @@ def wall_transmission(
 
     Fresnel's equations with incoherent multiple reflections for each polarisation; the remainder is
     reflected. For a curved wall, or an outer medium other than air, the exit angle ``behind``
-    differs
-    from the angle of incidence.
+    differs from the angle of incidence.
 
     >>> wall_transmission(np.radians([0.0, 45.0]), 1.5).round(4)  # 12/13 straight through
     array([0.9231, 0.9073])
@@ -71,7 +70,7 @@ def passage(shell: Shell, points: Array, directions: Array) -> Passage:
     Raises
     ------
     InvalidParameter
-            If a ray starts outside.
+        If a ray starts outside.
     """
     distances, reach = _from_middle(shell, points)
     if (distances > reach).any():
@@ -203,9 +202,9 @@ def through_window(
     ----------
     points, directions : (n, 3)
     heights
-            Heights of the inner and the outer surface.
+        Heights of the inner and the outer surface.
     refractive_index, medium_index
-            Indices of the pane, and of the outer medium.
+        Indices of the pane, and of the outer medium.
     """
     d = _unit(directions)
     up = np.broadcast_to(AXIS, d.shape)
@@ -238,9 +237,9 @@ def through_tube(
     ----------
     points, directions : (n, 3)
     outer_radius, wall
-            Outer radius and wall thickness, in the unit of the points.
+        Outer radius and wall thickness, in the unit of the points.
     refractive_index, medium_index
-            Indices of the wall, and of the outer medium.
+        Indices of the wall, and of the outer medium.
     """
     d = _unit(directions)
     meets = np.hypot(d[:, 0], d[:, 1]) > 1e-9
@@ -271,15 +270,14 @@ def through_dome(
     ----------
     points, directions : (n, 3)
     inner, outer
-            Centre (3,) and radius of each sphere, in the unit of the points.
+        Centre (3,) and radius of each sphere, in the unit of the points.
     refractive_index, medium_index
-            Indices of the wall, and of the outer medium.
+        Indices of the wall, and of the outer medium.
 
     Notes
     -----
     For concentric spheres, a ray that passes the centre at a distance s leaves at the same distance
-    and is
-    deviated by asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
+    and is deviated by asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
     """
     d = _unit(directions)
     met, inwards, before = _meet_sphere(points, d, *inner)

@@ -23,8 +23,8 @@ def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> A
     Raises
     ------
     InvalidParameter
-            If the wavelength is outside the visible and near-visible range, or two of the three are
-            equal.
+        If the wavelength is outside the visible and near-visible range, or two of the three are
+        equal.
 
     Examples
     --------

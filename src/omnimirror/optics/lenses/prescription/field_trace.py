@@ -48,7 +48,8 @@ class Traced(NamedTuple):
         """Trace rays (n,) by tangents and heights at the first vertex, in the meridian and across
         it.
 
-        The image is upright."""
+        The image is upright.
+        """
         t, y, x, u = np.broadcast_arrays(tangent, height, across, slope)
         places, slopes = np.stack([y, x], axis=-1), -np.stack([t, u], axis=-1)
         return self.sequence.trace(places, slopes, self.to_imager).upright()
@@ -89,7 +90,7 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
     Raises
     ------
     InvalidParameter
-            If the lens transmits no light.
+        If the lens transmits no light.
     """
     tangents = SEARCHED[largest_tangent * EDGE >= SEARCHED]
     tangents = np.append(tangents[tangents < largest_tangent], min(largest_tangent, SEARCHED[-1]))
@@ -112,12 +113,12 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     ----------
     traced, end
     indices
-            Refractive indices at the shortest and the longest wavelength.
+        Refractive indices at the shortest and the longest wavelength.
 
     Raises
     ------
     InvalidParameter
-            If rays through the edge of the pupil miss a surface.
+        If rays through the edge of the pupil miss a surface.
     """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)

@@ -18,7 +18,7 @@ def followed(table: dict[str, Any], folder: Path | None, entry: str, noun: str) 
     Raises
     ------
     SpecError
-            If the table must not name a file, or the name is not a string.
+        If the table must not name a file, or the name is not a string.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class Glass:
         Raises
         ------
         InvalidParameter
-                If the wavelength is outside the range of the data.
+            If the wavelength is outside the range of the data.
         """
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
@@ -114,8 +114,7 @@ def read_agf(path: Path) -> GlassCatalogue:
     Raises
     ------
     OmnimirrorError
-            If the file cannot be read or contains no glass, or a dispersion formula is not
-            supported.
+        If the file cannot be read or contains no glass, or a dispersion formula is not supported.
     """
     found: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
@@ -153,7 +152,7 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
     Raises
     ------
     InvalidParameter
-            If no catalogue has it, or its dispersion formula is not supported.
+        If no catalogue has it, or its dispersion formula is not supported.
     """
     catalogues = [c for c in (catalogue, bundled_glasses()) if c is not None]
     for each in catalogues:

@@ -60,15 +60,15 @@ class Sequence:
     ----------
     curvature, conic : (n,)
     aspheres : (n, k)
-            Coefficients of r^2, r^4, ...
+        Coefficients of r^2, r^4, ...
     thickness : (n,) mm
-            Distance to the next surface; that of the last surface is to the imager.
+        Distance to the next surface; that of the last surface is to the imager.
     index : (n + 1,)
-            Refractive index before the first surface, and after each.
+        Refractive index before the first surface, and after each.
     edge, clear : (n,) mm
-            Radius of the surface, and of its clear aperture; infinite if unknown.
+        Radius of the surface, and of its clear aperture; infinite if unknown.
     stop
-            Index of the stop surface, from 0.
+        Index of the stop surface, from 0.
     """
 
     curvature: Array

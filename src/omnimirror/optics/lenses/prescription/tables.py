@@ -18,9 +18,8 @@ def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[s
     Raises
     ------
     OmnimirrorError
-            If the table must not name a file, or the file is missing, has other columns, or has
-            rows that are
-            not numeric.
+        If the table must not name a file, or the file is missing, has other columns, or has rows
+        that are not numeric.
     """
     rest, path = followed(table, folder, "file", "its columns")
     if path is None:

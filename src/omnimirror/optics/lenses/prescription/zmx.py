@@ -70,7 +70,7 @@ def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]
     Raises
     ------
     OmnimirrorError
-            If the table must not name a file, or the file is missing or not a supported lens.
+        If the table must not name a file, or the file is missing or not a supported lens.
     """
     rest, path = followed(table, folder, "file", "the surfaces")
     if path is None:
@@ -90,8 +90,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     Raises
     ------
     OmnimirrorError
-            If the file is missing, has several configurations, or has unknown glasses or surface
-            types.
+        If the file is missing, has several configurations, or has unknown glasses or surface types.
     """
     found = _parsed(path, _text(path))
     if len(found.surfaces) < 4:
@@ -164,8 +163,7 @@ def _field_tangent(found: _File, sequence: Sequence, scale: float, focus_mm: flo
     """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
 
     Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3).
-    The
-    edges of the surfaces (DIAM) do not define the field: they clip rays.
+    The edges of the surfaces (DIAM) do not define the field: they clip rays.
     """
     columns = [found.fields.get(key, [])[: found.field_count] for key in ("XFLN", "YFLN")]
     points = np.array(list(zip_longest(*columns, fillvalue=0.0)), dtype=float).reshape(-1, 2)

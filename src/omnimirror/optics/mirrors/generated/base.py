@@ -27,8 +27,7 @@ class Mapped(Mirror):
     """Mirror with a prescribed exact mapping for a lens at :attr:`design_distance` from its vertex.
 
     The image height is normalised by that of the rim: ``tau = tan(theta)/tan(Theta)`` for a
-    perspective
-    lens, ``x/M`` for an orthographic one (``theta_max_deg = 0``).
+    perspective lens, ``x/M`` for an orthographic one (``theta_max_deg = 0``).
     """
 
     theta_max_deg: float

@@ -27,9 +27,8 @@ class Equidistant(Generated):
     """Equidistant mirror: image height exactly proportional to the field angle.
 
     ``Omega = Omega_min + k tan(theta)`` for a perspective lens at :attr:`design_distance` from the
-    vertex.
-    (The paper's polynomial E-DI deviates by 0.49 %.) For an orthographic lens it is
-    ``z = -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with corrected sign.
+    vertex. (The paper's polynomial E-DI deviates by 0.49 %.) For an orthographic lens it is ``z =
+    -(2/k) ln cos(k x/2)``, the paper's Eq. 22 with corrected sign.
 
     >>> mirror = Equidistant(omega_max_deg=135.0, theta_max_deg=12.0, rim_radius_mm=1.0)
     >>> round(mirror.design_distance, 11)
@@ -116,8 +115,7 @@ class Conformal(Generated):
     """Conformal mapping of the viewing sphere: ``tan(Omega/2) = K tan(theta/2)``.
 
     This is the hyperboloid with the lens at its outer focus, or the paraboloid with an orthographic
-    lens,
-    in closed form; :attr:`surface` is the equivalent conic.
+    lens, in closed form; :attr:`surface` is the equivalent conic.
 
     >>> mirror = Conformal(135.0, 12.0, 1.0)
     >>> round(mirror.design_distance, 11), mirror.surface.KIND
@@ -208,8 +206,8 @@ class Equiareal(Generated):
     """Equal-area mapping of solid angles: ``sin(Omega/2)^2`` is linear in ``tan(theta)^2``.
 
     The field angle on the axis is Omega_min; if it is positive, the mapping has square-root
-    behaviour and
-    ``dOmega/dtau`` is 0 there. For an orthographic lens without Omega_min it is the sphere.
+    behaviour and ``dOmega/dtau`` is 0 there. For an orthographic lens without Omega_min it is the
+    sphere.
 
     >>> round(Equiareal(135.0, 12.0, 1.0).design_distance, 11)
     4.07235176766

@@ -3,10 +3,9 @@
 The field angle of a chief ray then depends on its mirror point, and the law of :mod:`.meridian`
 becomes a differential equation with an unknown scale. It is solved by collocation: Newton's method
 solves the integral equation at Chebyshev nodes together with the condition at the rim, equivalent
-to
-shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of the
-field is concentrated in little of the image, as for a plane observed up to 89.9 deg, a change of
-variable (:class:`Crowding`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
+to shooting for m at spectral order. Derivatives are complex steps without cancellation. If much of
+the field is concentrated in little of the image, as for a plane observed up to 89.9 deg, a change
+of variable (:class:`Crowding`) concentrates the nodes: about 60 replace 500 evenly spaced ones.
 """
 
 from __future__ import annotations
@@ -40,9 +39,8 @@ class Crowding:
     angle.
 
     Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
-    relative to the
-    image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles away from the
-    image.
+    relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
+    away from the image.
 
     >>> places = Crowding(middle=0.0, width=0.001, end=0.2)
     >>> t = places.t(np.array([0.0, 0.5, 1.0]))
@@ -245,8 +243,7 @@ class GroundPlane(FiniteMapping):
     radius.
 
     ``plane_distance_mm`` is the distance of the plane from the mirror vertex, on the lens side (z =
-    -H).
-    For a distant plane it is the :class:`Rectifying` mirror.
+    -H). For a distant plane it is the :class:`Rectifying` mirror.
 
     >>> mirror = GroundPlane(60.0, 12.0, 40.0, plane_distance_mm=800.0)
     >>> omega, _ = mirror.mapping([0.5, 1.0])

@@ -55,9 +55,8 @@ class Primitive:
     """Integral from 0 of a smooth function over [0, high] by piecewise short Chebyshev series.
 
     Pieces without convergence are bisected; the function may be piecewise smooth, such as a spline
-    with
-    knots. Integration divides the truncation error by the number of terms; the result is exact to
-    rounding.
+    with knots. Integration divides the truncation error by the number of terms; the result is exact
+    to rounding.
 
     >>> float(Primitive.of(np.exp, 1.0)(np.array(0.5)) - np.expm1(0.5))
     0.0
@@ -105,10 +104,10 @@ class PerspectiveMeridian:
     Attributes
     ----------
     place : callable
-            Field angle, and ln(rho/m), which is 0 on the axis, for viewing angles, all in radians.
+        Field angle, and ln(rho/m), which is 0 on the axis, for viewing angles, all in radians.
     course : callable
-            Field angle, its derivative and ln(rho/m) together, because they share most of the
-            computation.
+        Field angle, its derivative and ln(rho/m) together, because they share most of the
+        computation.
     theta_max : radians
     """
 

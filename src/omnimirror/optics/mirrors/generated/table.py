@@ -30,8 +30,8 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
     Raises
     ------
     InvalidParameter
-            If the columns differ in length, have too few rows, or do not increase from the image
-            centre.
+        If the columns differ in length, have too few rows, or do not increase from the image
+        centre.
     """
     if len(omega_deg) != len(height):
         raise InvalidParameter(
@@ -52,15 +52,14 @@ class TabulatedMapping(Mapped):
     """Mirror with a tabulated mapping: image heights, in any unit, of increasing field angles.
 
     A quintic spline interpolates Omega as a function of height. The first height is 0, the image
-    centre;
-    the mirror is smooth if the field angle there is 0, and pointed otherwise. The last row is the
-    rim.
+    centre; the mirror is smooth if the field angle there is 0, and pointed otherwise. The last row
+    is the rim.
 
     Raises
     ------
     InvalidParameter
-            If there are too few rows, columns differ in length or do not increase, or the lens
-            cannot see the rim.
+        If there are too few rows, columns differ in length or do not increase, or the lens cannot
+        see the rim.
 
     Examples
     --------
@@ -126,14 +125,13 @@ class TabulatedMapping(Mapped):
         unit.
 
         Rows are added until the spline agrees with the function halfway between rows, within
-        ``tolerance``
-        relative to the height of the rim.
+        ``tolerance`` relative to the height of the rim.
 
         Raises
         ------
         InvalidParameter
-                If the function does not increase from 0 at the centre, or is not smooth enough for
-                4096 rows.
+            If the function does not increase from 0 at the centre, or is not smooth enough for 4096
+            rows.
 
         Examples
         --------

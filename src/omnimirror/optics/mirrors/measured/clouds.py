@@ -1,9 +1,9 @@
 """Meridian of a mirror from measured point clouds and grids.
 
 The axes of the measuring machine differ from those of the mirror: centre and tilt are fitted
-together
-with the meridian by robust least squares. (The axis of a sphere is undetermined; the machine's is
-kept.) Rings of equally many points are averaged to one profile point each, to equalise the noise.
+together with the meridian by robust least squares. (The axis of a sphere is undetermined; the
+machine's is kept.) Rings of equally many points are averaged to one profile point each, to equalise
+the noise.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm")
     Raises
     ------
     OmnimirrorError
-            If the file cannot be read, or contains the two columns of a profile.
+        If the file cannot be read, or contains the two columns of a profile.
     """
     points = parsed_points(read_text(path, noun), path)
     if points.shape[1] != 3:
@@ -63,8 +63,7 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     """Return the points (n, 3), mm, of an OpticStudio grid sag file (.DAT).
 
     The first line is ``nx ny dx dy unit xdec ydec``. Points follow row by row, one per line,
-    starting at
-    the corner -x, +y; a non-zero fifth number marks missing data.
+    starting at the corner -x, +y; a non-zero fifth number marks missing data.
     """
     text = read_text(path, noun)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
@@ -109,7 +108,7 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     Raises
     ------
     OmnimirrorError
-            If there are too few points, or they do not surround an axis.
+        If there are too few points, or they do not surround an axis.
 
     Examples
     --------
@@ -159,9 +158,8 @@ def check_spread(points: Array, source: str) -> None:
     Raises
     ------
     OmnimirrorError
-            If there are fewer than 200, one is farther than 10 km from the origin, or all are on a
-            line
-            projected along z.
+        If there are fewer than 200, one is farther than 10 km from the origin, or all are on a line
+        projected along z.
     """
     if len(points) < FEWEST:
         raise OmnimirrorError(f"{source} has {len(points)} points; at least {FEWEST} are valid")

@@ -30,14 +30,13 @@ class ColumnFile:
         """Return the table with the columns of the file instead of its name.
 
         This is the only place that opens a file named in another file. Only files named on the
-        user's command
-        line have a ``folder``; with None, the table must not name a file.
+        user's command line have a ``folder``; with None, the table must not name a file.
 
         Raises
         ------
         OmnimirrorError
-                If the table must not name a file, also has the columns, or the file is missing or
-                invalid.
+            If the table must not name a file, also has the columns, or the file is missing or
+            invalid.
 
         Examples
         --------
@@ -69,7 +68,7 @@ def read_columns(
     Raises
     ------
     OmnimirrorError
-            If the file is missing, or a line after the first number does not hold two numbers.
+        If the file is missing, or a line after the first number does not hold two numbers.
     """
     points: list[tuple[float, float]] = []
     for number, row in enumerate(_rows(read_text(path, noun), path), start=1):

@@ -42,14 +42,13 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     path
         Name of the file, for messages.
     unit : optional
-            Unit assumed by the caller; a header naming another one is an error.
+        Unit assumed by the caller; a header naming another one is an error.
 
     Raises
     ------
     OmnimirrorError
-            If there are no numeric rows, a row differs from the others, or the separators are
-            ambiguous; the
-            message gives the line.
+        If there are no numeric rows, a row differs from the others, or the separators are
+        ambiguous; the message gives the line.
 
     Examples
     --------
@@ -97,7 +96,7 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
     Raises
     ------
     OmnimirrorError
-            If there are no numeric rows, or a row differs from the others.
+        If there are no numeric rows, or a row differs from the others.
     """
     rows = [style.words(line) for _, line in lines]
     widths = [len(words) if sum(map(style.is_number, words)) >= 2 else 0 for words in rows]
@@ -132,7 +131,7 @@ class _Style:
         Raises
         ------
         OmnimirrorError
-                If commas are used for both.
+            If commas are used for both.
         """
         text = "\n".join(line for line in lines if len(re.findall(r"\d", line)) >= 2)
         has_point = re.search(r"(?<![A-Za-z\d])[+-]?\d*\.\d", text) is not None

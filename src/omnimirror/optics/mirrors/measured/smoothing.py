@@ -2,12 +2,9 @@
 
 The noise of a point is its residual from polynomials through 6, 8 or 10 neighbours on both sides,
 provided that residuals alternate in sign as noise does; those of a smooth curve do not. The curve
-is
-a quintic spline with a few more pieces than selected by the Bayesian information criterion
-(Schwarz):
-many more pieces fit the noise, fewer underfit the shape by a similar amount. The fit is linear in
-the
-heights; their uncertainty is propagated to all results.
+is a quintic spline with a few more pieces than selected by the Bayesian information criterion
+(Schwarz): many more pieces fit the noise, fewer underfit the shape by a similar amount. The fit is
+linear in the heights; their uncertainty is propagated to all results.
 """
 
 from __future__ import annotations
@@ -52,13 +49,13 @@ class Fit:
     Attributes
     ----------
     spline
-            Spline z(x) relative to its first height.
+        Spline z(x) relative to its first height.
     uncertainty_mm
-            Standard uncertainty of one height; 0 for exact points.
+        Standard uncertainty of one height; 0 for exact points.
     used : (n,)
-            False for outliers.
+        False for outliers.
     deviations : (j, coefficients)
-            Independent standard deviations of the spline coefficients; empty for exact points.
+        Independent standard deviations of the spline coefficients; empty for exact points.
     """
 
     spline: BSpline
@@ -86,14 +83,14 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
     Parameters
     ----------
     smooth_apex
-            True for a curve symmetric about the axis.
+        True for a curve symmetric about the axis.
     uncertainty_mm
-            Uncertainty of the heights; estimated if None, 0 for interpolation.
+        Uncertainty of the heights; estimated if None, 0 for interpolation.
 
     Raises
     ------
     InvalidParameter
-            If the points scatter far more than specified.
+        If the points scatter far more than specified.
     """
     used = np.ones(len(x), dtype=bool)
     if uncertainty_mm == 0.0:

@@ -51,7 +51,8 @@ SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
 def compiled_places(mirror: Mirror, form: MirrorForm, pupils: Ends, targets: Ends) -> Array | None:
     """Return the points (n, 2), mm, of a convex mirror that image targets in one pupil.
 
-    NaN without convergence; None if kernels do not apply."""
+    NaN without convergence; None if kernels do not apply.
+    """
     xyz = pupils.xyz
     if len(xyz) < FEWEST or not backend.is_compiled or not form.is_empty or (xyz != xyz[0]).any():
         return None

@@ -1,12 +1,11 @@
 """Reflection point between an entrance pupil and an object, for any positions (Fermat's principle).
 
 The optical path length from the object over the mirror to the pupil is stationary. On a convex
-mirror
-seen from its front, every stationary path is a strict minimum: the Hessian over the surface is the
-sum of two non-negative terms of the distances and of the surface curvature times ``2 cos(gamma)``.
-A damped Newton method therefore minimises the path length. The result is verified: the law of
-reflection holds, both ends are in front of the surface, the point is within the rim, and a concave
-zone of the mirror does not block the path.
+mirror seen from its front, every stationary path is a strict minimum: the Hessian over the surface
+is the sum of two non-negative terms of the distances and of the surface curvature times ``2
+cos(gamma)``. A damped Newton method therefore minimises the path length. The result is verified:
+the law of reflection holds, both ends are in front of the surface, the point is within the rim, and
+a concave zone of the mirror does not block the path.
 
 All coordinates are in the mirror frame. An end is a point, or the direction of a distant point.
 """
@@ -43,11 +42,11 @@ def specular_points(
     Parameters
     ----------
     pupils, targets : Ends of n, or of 1
-            Entrance-pupil points, and targets.
+        Entrance-pupil points, and targets.
     start : (n, 2) mm, optional
-            Initial points (x, y) on the mirror; by default the solution for a pupil on the axis.
+        Initial points (x, y) on the mirror; by default the solution for a pupil on the axis.
     form
-            Form error of the mirror.
+        Form error of the mirror.
 
     Examples
     --------
@@ -85,8 +84,7 @@ def _first(shape: Shape, pupils: Ends, targets: Ends) -> Array:
 
 def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
     """Return the mirror points (n, 2), mm, of the targets' directions for a pupil on the axis at
-    the
-    same distance."""
+    the same distance."""
     if not len(pupils.xyz):
         return np.empty((0, 2))
     m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
@@ -110,17 +108,16 @@ def footprint(
     Parameters
     ----------
     found
-            Result of :func:`specular_points` for the same ends.
+        Result of :func:`specular_points` for the same ends.
     motion : (2, 3) or (n, 2, 3)
-            Derivatives of an entrance pupil's ``xyz`` by its two coordinates.
+        Derivatives of an entrance pupil's ``xyz`` by its two coordinates.
     form
-            Form error of the mirror.
+        Form error of the mirror.
 
     Notes
     -----
     The gradient of the path stays 0 while the pupil moves; the point therefore moves by the inverse
-    of
-    the path's Hessian times the mixed derivative.
+    of the path's Hessian times the mixed derivative.
     """
     count = len(found.points)
     pupils, targets = pupils.spread(count), targets.spread(count)

@@ -26,15 +26,15 @@ class MirrorTables:
     Parameters
     ----------
     meridian : (n, 8)
-            Sag and slope as functions of the distance from the axis, ``cell_mm`` per piece.
+        Sag and slope as functions of the distance from the axis, ``cell_mm`` per piece.
     by_omega : (m, 4)
-            Distance from the axis as a function of the field angle about ``middle_mm``, between
-            ``omegas``.
+        Distance from the axis as a function of the field angle about ``middle_mm``, between
+        ``omegas``.
     depth : (k, 4) or None
-            Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
-            telecentric.
+        Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
+        telecentric.
     rim_mm, least_mm
-            Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
+        Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
     """
 
     meridian: Array
