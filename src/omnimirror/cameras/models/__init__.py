@@ -1,4 +1,5 @@
-"""Camera models: calibrated mappings between pixels and rays, other tools' and our own; each is a Camera."""
+"""Camera models: calibrated mappings between pixels and rays, each implementing the Camera
+interface."""
 
 from typing import TypeAlias, get_args
 
@@ -24,7 +25,7 @@ CalibratedCamera: TypeAlias = (
     | MirrorBall
 )
 CAMERAS: dict[str, type[CalibratedCamera]] = {cls.KIND: cls for cls in get_args(CalibratedCamera)}
-"""Camera models by the kinds that files name."""
+"""Camera models by their kinds in files."""
 
 __all__ = [
     "CAMERAS",

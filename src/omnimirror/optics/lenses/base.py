@@ -185,7 +185,6 @@ class Lens(ABC):
         It is 1 on the axis. With points (n, 2) of the unit disk of the aperture, return the natural
         falloff (cos^4) of rays through these, without the vignetting described by
         :meth:`clearances`.
-
         """
         tangent = np.zeros_like(image) if pupil is None else pupil / (2 * self.image_f_number())
         return cos4(tangent)

@@ -121,7 +121,6 @@ class FieldLens(GaussianLens):
         cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the sagittal
         direction. A change of the slope u through a pupil point y moves the image point by dh; a
         change of y rotates the ray at the imager by dL.
-
         """
         chief, places, found = self._belonging(points, directions)
         t, s = axes(chief)

@@ -164,7 +164,6 @@ class TabulatedLens(FieldLens):
 
         The heights are a parabola in the inverse squared wavelength; those of the table are
         assigned to the d line, blue and red to F and C.
-
         """
         if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
             return self
