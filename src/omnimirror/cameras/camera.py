@@ -69,8 +69,7 @@ class AxialSymmetry:
 
 @runtime_checkable
 class Camera(Protocol):
-    """Conversion between pixels and rays; all arrays are in the world frame of the camera's
-    mount."""
+    """Conversion between pixels and rays in the world frame."""
 
     @property
     def image_size(self) -> tuple[int, int]:

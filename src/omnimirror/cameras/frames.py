@@ -60,7 +60,7 @@ class Mount:
     >>> Mount("down").rotation() @ [0, -1, 0]
     array([1., 0., 0.])
 
-    With a pitch of 30 deg it is not:
+    With a pitch of 30 deg, it is 30 deg above the horizon:
 
     >>> (Mount("down", pitch_deg=30.0).rotation() @ [0, -1, 0]).round(3) + 0.0
     array([0.866, 0.   , 0.5  ])
@@ -136,8 +136,7 @@ class Mount:
         return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
 
     def rotation(self) -> Array:
-        """Return the rotation (3, 3) from the camera frame to the world frame; its determinant is
-        +1."""
+        """Return the rotation (3, 3) from camera to world frame, with determinant +1."""
         upright = self._rotation_upright()
         return turn_of(0.0, self.pitch_deg, self.roll_deg) @ upright if self.leans else upright
 
@@ -164,8 +163,7 @@ def camera_direction(omega: Array, phi: Array) -> Array:
 
 
 def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
-    """Compute ``vectors @ matrix`` for vectors (..., d) and a small matrix (d, k), without BLAS
-    threads.
+    """Compute ``vectors @ matrix`` for vectors (..., d) and a small matrix (d, k).
 
     >>> turned([[1.0, 2.0], [3.0, 4.0]], np.array([[0.0, 1.0], [-1.0, 0.0]]))
     array([[-2.,  1.],
@@ -176,8 +174,7 @@ def turned(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
 
 
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
-    """Return the world direction (..., 3) of pan (right positive) and tilt (up positive), in
-    radians.
+    """Return the world direction (..., 3) of pan (right) and tilt (up), radians.
 
     >>> pan_tilt_direction(np.radians(90), 0.0).round(12) + 0.0
     array([ 0., -1.,  0.])
@@ -191,8 +188,7 @@ def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
 
 
 def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[Array, Array, Array]:
-    """Return forward, right and down (each (3,), world frame) of a view with pan, tilt and
-    clockwise roll.
+    """Return world axes (3,) forward, right and down of a panned view.
 
     >>> forward, right, down = view_axes(0.0, 0.0)
     >>> right + 0.0, down + 0.0
@@ -206,8 +202,7 @@ def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[A
 
 
 def turn_of(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
-    """Return the rotation (3, 3) from a panned, tilted and rolled frame (forward, left, up) to its
-    reference.
+    """Return the rotation (3, 3) of pan, tilt and roll for axes forward, left, up.
 
     In ROS angles, with opposite signs about left and up: yaw -pan, pitch -tilt and roll.
 

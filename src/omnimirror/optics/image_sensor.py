@@ -145,8 +145,7 @@ class ImagerPose:
 
     @property
     def is_square(self) -> bool:
-        """True if the imager is perpendicular to the optical axis, with any rotation in its
-        plane."""
+        """True if the imager is perpendicular to the optical axis."""
         return not (self.tilt_x_deg or self.tilt_y_deg)
 
     def _plane(self) -> Array:
@@ -159,8 +158,7 @@ class ImagerPose:
         return plane
 
     def flat(self, offsets: Array, principal_distance: float) -> tuple[Array, Array]:
-        """Return intersections (n, 2) with an untilted imager, and depths (n,) of the pixels behind
-        it.
+        """Return points (n, 2) on an untilted imager, and pixel depths (n,) behind it.
 
         Arguments share one unit. An untilted imager does not depend on the principal distance.
         """
@@ -171,8 +169,7 @@ class ImagerPose:
         return moved[..., :2] / farther[..., None], moved[..., 2]
 
     def tilted(self, flat: Array, principal_distance: float) -> Array:
-        """Return offsets (n, 2) on the tilted imager of rays to points (n, 2) of an untilted
-        one."""
+        """Return offsets (n, 2) on the tilted imager for points (n, 2) of an untilted one."""
         plane = self._plane()
         if self.is_square:
             turned: Array = flat @ plane[:2]
@@ -204,8 +201,7 @@ class ImagePlane:
     principal_distance: float
 
     def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
-        """Return image points (n, 2) of pixels (n, 2), and the depths (n,), mm, of the pixels
-        behind them."""
+        """Return image points (n, 2) of pixels (n, 2), and pixel depths (n,), mm."""
         places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
         if self.pose == ImagerPose():
             return places, np.zeros(places.shape[:-1])

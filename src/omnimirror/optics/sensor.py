@@ -160,8 +160,7 @@ class Sensor:
         return None if cover is None else cover.moved(self.mirror_pose.displacement_mm)
 
     def with_lens(self, lens: Lens) -> Sensor:
-        """Return the sensor with another lens at the same position, reusing the meridional
-        analysis.
+        """Return the sensor with another lens at the same position.
 
         Parameters
         ----------
@@ -180,14 +179,12 @@ class Sensor:
 
     @property
     def is_axial(self) -> bool:
-        """True if mirror, lens, imager and cover are coaxial and the mirror is a surface of
-        revolution."""
+        """True if the sensor is rotationally symmetric: all parts are coaxial."""
         return self._out_of_axis is None
 
     @property
     def _out_of_axis(self) -> str | None:
-        """Description of the parts that break the axial symmetry, at the start of a sentence; else
-        None."""
+        """Description of the misaligned parts, starting a sentence; None if aligned."""
         shell = self.housing.shell
         parts = {
             "the mirror": self.mirror_pose.is_axial,
@@ -254,8 +251,7 @@ class Sensor:
         return sensor_card(self)
 
     def aligned(self) -> Sensor:
-        """Return the nominal sensor: mirror, tube or dome, and imager without form or alignment
-        errors.
+        """Return the nominal sensor, without form and alignment errors.
 
         Returns
         -------
@@ -270,8 +266,7 @@ class Sensor:
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        """Smallest and largest field angle Omega, degrees from the direction back towards the
-        lens."""
+        """Smallest and largest field angle Omega, degrees from the axis towards the lens."""
         return float(np.degrees(self.meridian.omega_min)), float(np.degrees(self.meridian.omega_max))
 
     def image_height_px(self, rays: ChiefRays) -> Array:
@@ -351,8 +346,7 @@ class Sensor:
         return self.meridian.x_from_first(h_mm / unit)
 
     def radius_from_centre_px(self, pixels: Array) -> Array:
-        """Compute image heights (n,) of pixels (n, 2), px, without the lens's tangential
-        distortion.
+        """Compute image heights (n,), px, of pixels, without tangential distortion.
 
         Parameters
         ----------
@@ -382,8 +376,7 @@ class Sensor:
 
     @cached_property
     def _edges_mm(self) -> tuple[float, float]:
-        """Undistorted image heights of the ends of the field; the first is 0 unless the centre is
-        obscured."""
+        """Undistorted image heights of the ends of the field."""
         first = self.meridian.trace(np.array([self.meridian.x_min, self.mirror.rim_radius_mm])).first
         inner, outer = self.lens.ideal_height(first.x, first.w)
         self.lens.distorted_height(np.array([outer]))  # checks that the distortion is monotonic
@@ -404,8 +397,7 @@ class Sensor:
 
     @cached_property
     def obscurations(self) -> tuple[Obscuration, ...]:
-        """Rings of field angle obscured by housing and second mirror at every azimuth; they may
-        overlap.
+        """Rings of field angle obscured at every azimuth; they may overlap.
 
         Raises
         ------
@@ -438,8 +430,7 @@ class Sensor:
 
     @property
     def hidden_to_deg(self) -> float:
-        """Field angle, degrees, up to which the centre is obscured; the smallest field angle if it
-        is clear."""
+        """Upper field angle, degrees, of the obscured centre, or of the field's start."""
         return self.clear_field_deg[0]
 
     @property
@@ -448,8 +439,7 @@ class Sensor:
         return sum(ring.picture_percent for ring in self.obscured)
 
     def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
-        """Return which pixels (n, 2) each part of the sensor obscures, by their chief rays in
-        space.
+        """Return which pixels (n, 2) each part of the sensor obscures.
 
         Parts are those of the housing and, for two mirrors, the secondary, the bore and the camera.
         Pixels outside the mirror image are False for all parts.
@@ -545,8 +535,7 @@ class Sensor:
         return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Compute the rays of pixels (n, 2) into the world, from mirror or cover (mm) to the
-        object.
+        """Compute the rays of pixels (n, 2) from mirror or cover into the world.
 
         Pixels outside the image, or outside the image of the rim, are invalid and NaN.
 
@@ -681,8 +670,7 @@ class Sensor:
         return ImagePlane(self.imager, self.imager_pose, self.mount.image_flipped, distance)
 
     def lens_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> tuple[Array, Array]:
-        """Return origins and directions (n, 3) of rays from pixels through aperture points to the
-        mirror.
+        """Return the rays of pixels through aperture points to the mirror.
 
         In the camera frame. A thin lens is ideal except for its distortion; its aperture is the
         unit disk.
@@ -795,8 +783,7 @@ class Sensor:
             return True
 
     def _in_picture(self, image_mm: Array) -> Projection:
-        """Convert image points (n, 2), mm, of an untilted imager to pixels; NaN or outside is
-        invalid."""
+        """Convert image points (n, 2), mm, of an untilted imager to pixels."""
         pixels = self.image_plane.pixels(image_mm)
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan

@@ -24,8 +24,7 @@ OBJECT_RAY_RADII = 0.8  # length of rays in object space, in rim radii
 
 
 def sensor_card(sensor: Sensor) -> str:
-    """Return an HTML card: cross-section with chief rays and properties, or the reason for
-    invalidity."""
+    """Return an HTML card with cross-section, chief rays and properties."""
     nominal = sensor.aligned()
     try:
         drawing, field = (

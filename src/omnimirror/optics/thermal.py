@@ -68,8 +68,7 @@ MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)
 
 @dataclass(frozen=True)
 class Thermal:
-    """Thermal model of a sensor. Each part has a material or an expansion; otherwise it is
-    constant.
+    """Thermal model of a sensor, with a material or expansion for each part.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Camera models: calibrated mappings between pixels and rays, each implementing the Camera
-interface."""
+"""Camera models: calibrated mappings between pixels and rays."""
 
 from typing import TypeAlias, get_args
 

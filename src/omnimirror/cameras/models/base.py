@@ -82,8 +82,7 @@ class CameraModel(ABC):
         """
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """Project points, with points beyond the field moved to its end, so that an estimation can
-        proceed.
+        """Project points, clamping points beyond the field to its end.
 
         Parameters
         ----------

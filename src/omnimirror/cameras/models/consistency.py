@@ -1,5 +1,4 @@
-"""Consistency checks of camera files: swapped values, implausible stretch, inconsistent
-polynomials."""
+"""Consistency checks of camera files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Radial models in four steps: field angle, radius in a circular image, distortion, delivered
-image.
+"""Radial camera models: field angle, radius, distortion, delivered image.
 
 The projection function of the model maps the field angle Omega of a point to the radius of its
 image, at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert
@@ -70,8 +69,7 @@ class AngleRates(NamedTuple):
 
 
 class RadialModel(CameraModel):
-    """Camera with an image radius that depends on the field angle, followed by distortion and
-    stretch."""
+    """Camera with a radial projection function, distortion and stretch."""
 
     centre_px: tuple[float, float]
     rim_radius_px: float | None
@@ -416,8 +414,7 @@ class RadialModel(CameraModel):
         )
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Compute the rays of pixels (n, 2); for a central model all origins are the viewpoint (0,
-        0, 0).
+        """Compute the rays of pixels (n, 2); a central model has the origin (0, 0, 0).
 
         Pixels outside the image or the model's field are invalid and NaN.
 

@@ -215,8 +215,7 @@ class EnhancedUnified(FocalModel):
 
 @dataclass(frozen=True)
 class DoubleSphere(FocalModel):
-    """Double sphere model: projection onto one unit sphere, onto a second, and from an offset
-    point.
+    """Double sphere model: projection onto two unit spheres in sequence.
 
     ``r = sin(Omega) / (alpha d + (1 - alpha) (xi + cos(Omega)))`` with ``d^2 = 1 + 2 xi cos(Omega)
     + xi^2``. The field ends at the maximum of r, at ``(xi + cos(Omega)) / d = -w`` with w = alpha /

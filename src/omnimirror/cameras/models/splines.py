@@ -1,5 +1,4 @@
-"""Non-parametric models: splines of the field angle for the radius and, optionally, the
-viewpoint."""
+"""Spline camera models: radius and viewpoint as splines of the field angle."""
 
 from __future__ import annotations
 
@@ -133,8 +132,7 @@ def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: flo
 
 
 def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
-    """Return the number of even knots that fit the radii of a model up to an angle (radians),
-    limited.
+    """Return the number of even knots that fit the radii of a model.
 
     Radii of a mirror with low resolution at the rim increase rapidly there and need many cubic
     pieces.
@@ -210,8 +208,7 @@ class RadialSpline(SplineModel):
 
     @classmethod
     def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
-        """Fit a spline to another model's radii, as an initial value; tangential distortion is
-        dropped.
+        """Fit a spline to another model's radii, without tangential distortion.
 
         Parameters
         ----------
@@ -238,8 +235,7 @@ class RadialSpline(SplineModel):
 
 @dataclass(frozen=True)
 class ViewpointSpline(SplineModel):
-    """Non-central camera: rays start on the axis, at a position given by a spline of the field
-    angle.
+    """Non-central camera with viewpoints given by a spline of the field angle.
 
     The radius is that of :class:`RadialSpline`. A ray of field angle Omega starts at ``z(Omega)``
     along the axis, in the direction of the image centre, from the origin of the camera frame. z is
@@ -363,8 +359,7 @@ class ViewpointSpline(SplineModel):
 
     @cached_property
     def nearest_mm(self) -> float:
-        """Largest distance, mm, of ray intersections from their viewpoints; nearer points are
-        invalid."""
+        """Minimum distance, mm, of valid points: that of the farthest ray intersection."""
         omega = np.linspace(0.0, self.model_end, NODES_PER_CELL * len(self.radii_px) + 1)
         return float(np.abs(self._heights.rate(omega) * np.sin(omega)).max())
 

@@ -13,8 +13,7 @@ FIELD_ROUNDING_DEG = 1e-6  # tolerance of the outermost measured direction, whic
 
 
 def direction_spread(model: CameraModel, covariance: Array, directions: Array) -> Array:
-    """Compute the covariance (n, 2, 2), rad^2, of directions (n, 3) in the camera frame, of any
-    length.
+    """Compute the covariance (n, 2, 2), rad^2, of directions (n, 3).
 
     The axes are two perpendicular to each direction. With a fixed pixel, parameters of covariance
     (p, p) give ``0 = (du/dd) dd + (du/dp) dp``, therefore ``dd = -(du/dd)^-1 (du/dp) dp`` in the
@@ -58,8 +57,7 @@ def within_field(model: CameraModel, directions: Array, field_deg: float | None)
 def direction_sigma_deg(
     model: CameraModel, covariance: Array, directions: ArrayLike, field_deg: float | None = None
 ) -> Array:
-    """Return the standard deviation (n,), deg, of directions, along the larger axis, for error
-    tables.
+    """Return the standard deviation (n,), deg, of directions, along the larger axis.
 
     Parameters
     ----------

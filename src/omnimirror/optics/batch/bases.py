@@ -58,8 +58,7 @@ class Family:
         return self._mirror(coefficients, rim_radius_mm, vertex_radius_mm, conic)
 
     def slope_places(self) -> Array:
-        """Return fractions (terms,) of the rim radius, including the rim, whose slopes determine a
-        member."""
+        """Return the fractions (terms,) of the rim radius for :meth:`from_slopes`."""
         if self.name == SlopeSpline.KIND:
             return np.arange(1, self.terms + 1) / self.terms
         return np.sin(np.pi / 2 * (2 * np.arange(1, self.terms + 1) - 1) / (2 * self.terms - 1))  # Chebyshev, odd
@@ -117,7 +116,7 @@ _FAMILIES = {
 
 
 class FreeForm(NamedTuple):
-    """``spline:N``, ``polynomial:N`` or ``asphere:N``: family to optimise, and number of
+    """``spline:N``, ``polynomial:N`` or ``asphere:N``: freeform family and number of
     coefficients."""
 
     name: str

@@ -123,8 +123,7 @@ class IdealAreas:
         return _range(self.vergence_t, self.vergence_s, self.model.bounds)
 
     def worst(self, v: Array) -> Found:
-        """Return the largest A^2 at vergences (n, 1), its derivative by v, and its angle; (n, 1)
-        each."""
+        """Return the largest A^2 at vergences (n, 1), its derivative and its angle, (n, 1)."""
         return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
 
 
@@ -205,8 +204,7 @@ class RealAreas:
 
 
 def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
-    """Return the vergence (n,) in focus with the smallest maximum area, and that area (n,),
-    deg^2."""
+    """Return the best vergences (n,) in focus, and their maximum areas (n,), deg^2."""
     low, high = areas.range
     step = (high - low) / (SCAN - 1)
     places = low + step * np.arange(SCAN)
@@ -261,8 +259,7 @@ def _other_valleys(
 
 
 def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tuple[Array, Array]:
-    """Return the ends (n, 1) of the vergences to scan: those of the images, with a margin, in the
-    focus range."""
+    """Return the ends (n, 1) of the vergences to scan, within the focus range."""
     low = np.minimum(np.nanmin(vergence_t, axis=1), np.nanmin(vergence_s, axis=1))[:, None]
     high = np.maximum(np.nanmax(vergence_t, axis=1), np.nanmax(vergence_s, axis=1))[:, None]
     margin = MARGIN * (high - low)

@@ -85,8 +85,7 @@ def walls_around(obstructions: Obstructions) -> Walls | None:
 
 
 def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
-    """Return the chief rays of points at x from the axis and at a depth from the lens's reference
-    point.
+    """Return the chief rays of points at x from the axis and a depth from the lens.
 
     The depth is infinite for a telecentric lens; an ideal lens has its pupil in the reference
     point.
@@ -180,8 +179,7 @@ def _behind_wall(near: Any, passed: Passed) -> Any:
 
 
 def as_rim(o: NodeOptics) -> NodeOptics:
-    """Replace mirror points (n, k) that do not see the outside by the last one, neutral in a
-    search."""
+    """Replace mirror points (n, k) without outside view by the last one."""
     if o.seen is True:
         return o
     same = ("magnification_t", "magnification_s", "vergence_t", "vergence_s")

@@ -162,8 +162,7 @@ class Designs:
         return bool((self.magnification > 0).all())
 
     def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera | RealCamera:
-        """Return lenses and pixels in columns (n, 1); ``rim_ray`` (n, 1) is the ray coordinate of
-        the rim."""
+        """Return the camera in columns (n, 1), given the rim's ray coordinate (n, 1)."""
         pitch = self.pixel_pitch_um * 1e-3
         mu, f, F = (v[:, None] for v in (self.magnification, self.focal_length_mm, self.f_number))
         if self.tables is not None:

@@ -28,8 +28,7 @@ AIM_STEPS = 6  # Newton steps for a moving pupil
 
 
 class LensColumns(NamedTuple):
-    """Lens properties at viewing angles; focus-dependent ones by powers 0, 1, 2 of q along the
-    first axis."""
+    """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
 
     place: Array
     """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
@@ -98,8 +97,7 @@ class LensTables:
         return 1 / (FARTHEST_MM - self.pupil_mm), self.most_vergence
 
     def at(self, tangent: Array) -> LensColumns:
-        """Evaluate the columns (..) at tangents (..), with linear extrapolation beyond the end of
-        the field."""
+        """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
@@ -109,8 +107,7 @@ class LensTables:
         return LensColumns(*rows[:3], *powers)
 
     def aimed(self, x: Array, depth: Array) -> Array:
-        """Return tangents (..) of the chief rays to points at x from the axis and a depth from the
-        reference point.
+        """Return tangents (..) of the chief rays to points at x from the axis and a depth.
 
         Solves ``w t = x`` for ``w = depth - place(t)`` by Newton's method.
         """
@@ -172,8 +169,7 @@ def _columns(lens: FieldLens, tangent: Array) -> Array:
     field, step = lens.field, tangent[1]
 
     def both(values: Any) -> Array:
-        """Return values of a function of tangents, and derivatives by differences of an
-        interpolating spline."""
+        """Return values of a function of tangents, and its spline derivatives."""
         from scipy.interpolate import make_interp_spline
 
         spline = make_interp_spline(tangent, values, k=5)

@@ -28,8 +28,7 @@ DEGREE = np.pi / 180
 
 
 class NodeOptics(NamedTuple):
-    """Optics of mirror points, independent of the camera; arrays of the shape of x, in mm and
-    radians."""
+    """Camera-independent optics of mirror points; arrays like x, in mm and radians."""
 
     omega: Array
     """Field angle (Eq. 4)."""
@@ -120,8 +119,7 @@ def node_optics(
 def telecentric_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, inverse_distance: Any = 0.0
 ) -> NodeOptics:
-    """Compute the optics as :func:`node_optics` for a telecentric lens: the limit of infinite
-    distance."""
+    """Compute the optics as :func:`node_optics` for a telecentric lens."""
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
     omega = 2 * np.arctan(slope)
@@ -144,8 +142,7 @@ class FocusedCamera(Protocol):
     """Lens and pixels as functions of the vergence v in focus."""
 
     def image_distance(self, v: Array) -> Array:
-        """Return the distance from lens to imager, mm; 0 for a telecentric lens, whose length is
-        fixed."""
+        """Return the distance from lens to imager, mm; 0 for a telecentric lens."""
         ...
 
     def height_px(self, ray: Array, v: Array) -> Array:

@@ -19,8 +19,7 @@ class Material(NamedTuple):
     source: str
 
     def index_at(self, wavelength_nm: float) -> float:
-        """Compute the refractive index at a wavelength by a two-term Cauchy formula from n_d and
-        V_d.
+        """Compute the refractive index by a two-term Cauchy formula from n_d and V_d.
 
         The error relative to published Sellmeier equations is below 0.0003 from 450 to 700 nm.
 

@@ -186,16 +186,14 @@ class Tube(ClearWall):
         return replace(self, diameter_mm=diameter)
 
     def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
-        """Return minimum and default outer diameter around mirrors of given radii, numbers or
-        arrays."""
+        """Return minimum and default outer diameter around mirrors of given radii."""
         least = 2 * (outer_mm + self.wall_mm)
         return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
 
 
 @dataclass(frozen=True)
 class Dome(ClearWall):
-    """Clear dome: a shell between two spheres about the axis, ending at an opaque disc in the lens
-    plane.
+    """Clear dome between two spheres, closed by an opaque disc in the lens plane.
 
     Parameters
     ----------

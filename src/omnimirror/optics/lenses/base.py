@@ -80,17 +80,14 @@ class Lens(ABC):
 
     @abstractmethod
     def ideal_height(self, x: Array, w: Array) -> Array:
-        """Compute the undistorted image height (mm) of the mirror point at distance x from the axis
-        (Eq. 7)."""
+        """Compute the undistorted image height (mm) of a mirror point at distance x (Eq. 7)."""
 
     @abstractmethod
     def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
-        """Compute its derivative by x along the meridian; ``drift`` is the pupil's, mm per
-        radian."""
+        """Compute its derivative by x; ``drift`` is the pupil's motion, mm per radian."""
 
     def image_height(self, x: Array, w: Array) -> Array:
-        """Compute the image height h (mm) of a mirror point at distance x: Eq. 7 with radial
-        distortion."""
+        """Compute the image height (mm) of a mirror point: Eq. 7 with distortion."""
         return self.distorted_height(self.ideal_height(x, w))
 
     def image_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
@@ -119,18 +116,15 @@ class Lens(ABC):
         return h
 
     def stretch(self, ideal: Array) -> tuple[Array, Array]:
-        """Return the tangential and sagittal magnification of distortion at ideal heights (n,),
-        mm."""
+        """Return tangential and sagittal magnification by distortion at heights (n,), mm."""
         return np.ones_like(ideal), np.ones_like(ideal)
 
     def blur_stretch(self, ideal: Array) -> tuple[Array, Array]:
-        """Return the ratios (n,), (n,) of blur at ideal heights (n,), mm, to blur on the axis, for
-        equal defocus."""
+        """Return blur (n,), (n,) at ideal heights (n,), mm, relative to the axis."""
         return self.stretch(ideal)
 
     def image_coordinates(self, L_t: Array, L_s: Array, ideal: Array) -> tuple[Array, Array]:
-        """Return focus coordinates (n,), (n,) of tangential and sagittal images at L (mm) and ideal
-        heights (n,).
+        """Return the focus coordinates (n,), (n,) of tangential and sagittal images.
 
         These are the coordinates to focus at, including field curvature and astigmatism.
         """
@@ -142,8 +136,7 @@ class Lens(ABC):
 
     @abstractmethod
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
-        """Return entrance-pupil points (n, 3), mm, for points (n, 2) of the unit disk of the
-        aperture.
+        """Return entrance-pupil points (n, 3), mm, for points (n, 2) of the unit disk.
 
         ``chief`` are the slopes (n, 2) of the chief rays; paraxial by default.
 
@@ -153,13 +146,11 @@ class Lens(ABC):
 
     @abstractmethod
     def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
-        """Return derivatives (n, 2, 3) of :meth:`entrance_pupil_points` by the aperture
-        coordinates."""
+        """Return derivatives (n, 2, 3) of :meth:`entrance_pupil_points` by ``pupil``."""
 
     @abstractmethod
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        """Return origins and directions (n, 3) of rays from image points (n, 2), mm, through the
-        aperture.
+        """Return origins and directions (n, 3) of rays from image points (n, 2), mm.
 
         For an ideal thin lens, all rays of an image point meet in the plane in focus. Origins are
         in the plane of the lens; for a telecentric lens, in the plane in focus.
@@ -167,12 +158,10 @@ class Lens(ABC):
 
     @abstractmethod
     def image_of(self, points: Array, directions: Array) -> Array:
-        """Return image points (n, 2), mm, of rays from the mirror, given by points and directions
-        (n, 3)."""
+        """Return image points (n, 2), mm, of rays with points and directions (n, 3)."""
 
     def clearances(self, points: Array, directions: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays at the edges of the lens, by name; negative if
-        blocked.
+        """Return the clearance (n,), mm, of rays at the edges of the lens, by name.
 
         Rays are given by points and directions (n, 3), in the frame of the lens's reference point.
         The stop is not included: rays are sampled within it. An ideal lens has no other edges.
@@ -199,20 +188,17 @@ class Lens(ABC):
 
     @abstractmethod
     def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
-        """Return the lens properties at focus coordinates; analytic, for complex-step
-        derivatives."""
+        """Return the lens properties at focus coordinates, which may be complex."""
 
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
-        """Compute the blur diameter (mm) on the imager of a point at L; positive beyond focus (Eqs.
-        27-29)."""
+        """Compute the blur diameter (mm) of a point at L; positive beyond focus."""
         focused = self.focus_coordinate(self.focus_distance_mm if focus is None else focus)
         beyond = focused - self.focus_coordinate(L)
         return np.asarray(self.through_focus(focused, mode).blur_rate * beyond)
 
     @abstractmethod
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
-        """Compute the object distances (mm) with a blur of at most ``tolerance`` (mm) (Eqs. 30,
-        31)."""
+        """Compute the object distances (mm) with a blur up to a tolerance (Eqs. 30, 31)."""
 
     @property
     @abstractmethod

@@ -107,8 +107,7 @@ def undistorted_radius(radius: Array, k: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=64)
 def fold(k: tuple[float, ...]) -> float:
-    """Return the radius at which the distorted radius is maximal and the image folds; infinite if
-    none.
+    """Return the radius of maximum distorted radius, the fold; infinite if none.
 
     >>> round(fold((-0.1, 0.0, 0.0)), 6)  # 1/sqrt(3 * 0.1)
     1.825742
@@ -119,8 +118,7 @@ def fold(k: tuple[float, ...]) -> float:
 
 
 def shrinkage(ideal: Array, brown: Coefficients) -> Array:
-    """Compute the ideal image area (n,) per unit area of the distorted image, at ideal points (n,
-    2)."""
+    """Compute the ideal area (n,) per unit distorted area at ideal points (n, 2)."""
     xx, xy, yy = _brown(ideal[..., 0], ideal[..., 1], brown)[1]
     area: Array = 1 / (xx * yy - xy * xy)
     return area

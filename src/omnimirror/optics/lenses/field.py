@@ -204,8 +204,7 @@ class LensField:
         return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
-        """Return image heights (k,), mm, and derivatives by the tangent; linear beyond the end of
-        the field."""
+        """Return image heights (k,), mm, and derivatives by the tangent."""
         inside = np.minimum(tangent, self.end)
         rate = self._rate(inside)[..., 0]
         height = self._odd(inside)[..., 0] + rate * (tangent - inside)

@@ -108,14 +108,12 @@ class FieldLens(GaussianLens):
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
     def image_of(self, points: Array, directions: Array) -> Array:
-        """Return image points of rays by their chief rays: the image point that emits a ray in this
-        direction."""
+        """Return the image points of rays by the inverse of :meth:`rays`."""
         chief, _, _ = self._belonging(points, directions)
         return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
-        """Return direction cosines (.., 2) at the imager of rays from the mirror, for an upright
-        image.
+        """Return direction cosines (.., 2) of rays at the imager, for an upright image.
 
         Chief rays have 0. To first order in the aperture, by the Lagrange invariant: ``dy
         cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the sagittal
@@ -142,8 +140,7 @@ class FieldLens(GaussianLens):
         return crossed.reshape(directions[..., :2].shape)
 
     def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
-        """Return chief-ray slopes (n, 2) of rays, pupil points (n, 2), mm, and the field functions
-        there."""
+        """Return chief-ray slopes (n, 2), pupil points (n, 2), mm, and field functions."""
         slopes = directions[..., :2] / directions[..., 2:]
         at_reference = (points[..., :2] - points[..., 2:] * slopes).reshape(-1, 2)
         slopes = slopes.reshape(-1, 2)
@@ -167,8 +164,7 @@ def axes(slopes: Array) -> tuple[Array, Array]:
 
 
 def _focused(places: Array, chief: Array, found: LensValues) -> Array:
-    """Return slope differences (n, 2) to the chief rays, through pupil points (n, 2), for rays in
-    focus."""
+    """Return slope differences (n, 2) to the chief rays for rays in focus."""
     t, s = axes(chief)
     along, across = np.einsum("ni,ni->n", places, t), np.einsum("ni,ni->n", places, s)
     bent: Array = (along * found.vergence_t)[:, None] * t + (across * found.vergence_s)[:, None] * s

@@ -22,8 +22,7 @@ from .base import BLUR_MODES, Array, BlurMode, DepthOfField, Lens, ThroughFocus
 
 
 class GaussianLens(Lens):
-    """Lens at finite distance: focal length, F-number f/D, and axial positions from its reference
-    point."""
+    """Lens at finite distance, with focal length and F-number f/D."""
 
     focal_length_mm: float
     f_number: float
@@ -72,8 +71,7 @@ class GaussianLens(Lens):
 
     @cached_property
     def principal_distance(self) -> float:
-        """Undistorted image height (mm) per tangent of the viewing angle: b0 for a pupil in the
-        lens."""
+        """Undistorted image height (mm) per tangent of the viewing angle."""
         return float(self.through_focus(1 / self.from_pupil).image_scale)
 
     @property
@@ -82,8 +80,7 @@ class GaussianLens(Lens):
         return self.focus_distance_mm - self.pupil.at_mm
 
     def hyperfocal_distance(self, tolerance: float) -> float:
-        """Compute the hyperfocal distance L_inf = f^2 / (delta F), mm, for a permissible blur delta
-        in mm."""
+        """Compute the hyperfocal distance f^2 / (delta F), mm, for a blur delta in mm."""
         return self.focal_length_mm**2 / (number("tolerance", tolerance, above=0, unit="mm") * self.f_number)
 
     def ideal_height(self, x: Array, w: Array) -> Array:

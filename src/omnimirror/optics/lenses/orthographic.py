@@ -15,8 +15,7 @@ from .base import BLUR_MODES, F_NUMBER, Array, BlurMode, DepthOfField, Lens, Thr
 
 @dataclass(frozen=True)
 class Orthographic(Lens):
-    """Telecentric lens: all chief rays are parallel to the axis, ``h = mu x``; as wide as the
-    mirror.
+    """Telecentric lens: chief rays parallel to the axis, ``h = mu x``.
 
     ``working_f_number`` is the image-side F-number, as in data sheets of telecentric lenses.
 

@@ -18,8 +18,7 @@ from .pupil import EntrancePupil
 
 @dataclass(frozen=True)
 class Perspective(GaussianLens):
-    """Perspective lens: ``h = b0 tan(theta)``, ``1/b0 = 1/f - 1/L0``, with optional OpenCV
-    distortion.
+    """Perspective lens, ``h = b0 tan(theta)``, with optional OpenCV distortion.
 
     Distortion displaces the image of an ideal thin lens as a whole, including its blur
     (:mod:`omnimirror.optics.lenses.distortion`); blur scales with the local magnification.
@@ -114,8 +113,7 @@ class Perspective(GaussianLens):
         return self.distorted(scale * crossing(points, directions, self.focus_distance_mm))
 
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
-        """Return cos^4 of the angle at the imager, multiplied by the area compression of
-        distortion."""
+        """Return cos^4 at the imager, multiplied by the compression by distortion."""
         ideal = self.undistorted(image) / self.principal_distance
         tangent = ideal if pupil is None else ideal + pupil / (2 * self.image_f_number())
         return cos4(tangent) * shrinkage(ideal, self.brown)

@@ -22,8 +22,7 @@ class ChiefAim(NamedTuple):
 
 @dataclass(frozen=True)
 class EntrancePupil:
-    """Fixed entrance pupil on the axis, at a distance towards the mirror from the lens's reference
-    point.
+    """Fixed entrance pupil, at a distance from the lens's reference point.
 
     >>> EntrancePupil(5.0).aim(np.array([10.0]), np.array([180.0])).distance
     array([175.])

@@ -139,15 +139,15 @@ class SurfaceLens(FieldLens):
 
     @classmethod
     def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:
-        """Read a lens from a .zmx file; ``entries`` take precedence and may name a
-        ``glass_catalogue`` (.agf).
+        """Read a lens from a .zmx file.
 
         Parameters
         ----------
         path
             File to read.
         entries
-            Entries such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
+            Entries such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``, which take
+            precedence over the file, and ``glass_catalogue`` (.agf).
 
         Returns
         -------
@@ -207,8 +207,7 @@ class SurfaceLens(FieldLens):
             )
 
     def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
-        """Return the lens with the indices of a wavelength, interpolated from three; stop and
-        imager are fixed.
+        """Return the lens at a wavelength, with fixed stop and imager.
 
         Raises
         ------
@@ -260,8 +259,7 @@ class SurfaceLens(FieldLens):
         return _traced_of(self).stop_radius * float(np.sign(self._paraxial.pupil_magnification))
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        """Return rays through pupil points to image points: first-order rays, refined by Newton's
-        method."""
+        """Return rays through pupil points to image points, by Newton's method."""
         origins, directions = super().rays(image, pupil)
         slopes = directions[:, :2] / directions[:, 2:]
         chief = self.undistorted(image) / self.principal_distance
@@ -282,8 +280,7 @@ class SurfaceLens(FieldLens):
         return self._landed(points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes)
 
     def _landed(self, places: Array, slopes: Array) -> Landed:
-        """Trace rays given by points (n, 2) in the plane of the first vertex and slopes towards the
-        mirror."""
+        """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
         traced = _traced_of(self)
         return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
 

@@ -317,8 +317,7 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
 
 
 def _of_defocus(tangent: Array, behind: Array, scale_t: Array, scale_s: Array) -> tuple[Array, Array]:
-    """Return the vergence (1/mm) at the pupil per mm of defocus at the imager, tangential and
-    sagittal.
+    """Return the vergence (1/mm) at the pupil per mm of defocus at the imager.
 
     By the Lagrange invariant between a ray of the fan and the adjacent chief ray: in the meridian
     ``y cos(theta) dtheta = dh cos(theta') dtheta'``, sagittally ``y sin(theta) = h cos(theta')

@@ -75,10 +75,10 @@ SECONDARIES: Mapping[str, type[Mirror]] = ChainMap(MIRRORS, {Flat.KIND: Flat})  
 
 
 def register_mirror(cls: type[M]) -> type[M]:
-    """Register a custom mirror by its ``KIND`` for sensor files, evaluation, design, exports and
-    studio.
+    """Register a custom mirror class by its ``KIND``.
 
-    An installed package registers it without a call, by an entry point in its ``pyproject.toml``:
+    The mirror is then available in sensor files, evaluation, design, exports and the studio. An
+    installed package registers it without a call, by an entry point in its ``pyproject.toml``:
     ``[project.entry-points."omnimirror.mirrors"]`` with ``bowl = "my_package:Bowl"``.
 
     Parameters

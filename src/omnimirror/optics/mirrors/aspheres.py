@@ -72,8 +72,7 @@ class EvenPolynomial(Mirror):
 
 @dataclass(frozen=True)
 class ConicAsphere(Mirror):
-    """Even asphere: conic with vertex radius R and constant k, plus ``N sum a_i (x/N)^(2i)``, i =
-    2, 3, ...
+    """Even asphere: a conic plus ``N sum a_i (x/N)^(2i)``, i = 2, 3, ...
 
     This is the standard even asphere of optical design programs; R defines the x^2 term.
 

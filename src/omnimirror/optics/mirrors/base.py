@@ -58,14 +58,12 @@ class Mirror(ABC):
         return self.profile(x_mm)[2]
 
     def radius_t(self, x_mm: ArrayLike) -> Array:
-        """Compute the tangential radius of curvature, mm (Eq. 14); infinite for a straight
-        meridian."""
+        """Compute the tangential radius of curvature, mm (Eq. 14)."""
         _, slope, curvature = self.profile(x_mm)
         return tangential_radius(slope, curvature)
 
     def radius_s(self, x_mm: ArrayLike) -> Array:
-        """Compute the sagittal radius of curvature, mm (Eq. 18); at a smooth apex, the tangential
-        one."""
+        """Compute the sagittal radius of curvature, mm (Eq. 18)."""
         x = coordinates("x_mm", x_mm)
         _, slope, curvature = self.profile(x)
         return sagittal_radius(x, slope, curvature)
@@ -134,8 +132,7 @@ class Mirror(ABC):
             )
 
     def _reach(self, first_missing_mm: float) -> float:
-        """Return the radius at which the surface ends; overridden by shapes with an exact
-        solution."""
+        """Return the radius of the surface's end; overridden if known exactly."""
         return first_missing_mm
 
 

@@ -42,8 +42,7 @@ class Cone(Mirror):
         return x * slope, np.full_like(x, slope), np.zeros_like(x)
 
     def pinhole_ring(self, mirror_distance_mm: float) -> tuple[float, float]:
-        """Return radius and height z (mm) of the ring of virtual pinholes, for a lens at distance
-        m.
+        """Return radius and height z (mm) of the ring of virtual pinholes.
 
         Each half of a meridian is a plane mirror for the rays in that plane; it images the lens at
         ``(-m sin(2 beta), m cos(2 beta))``, on the far side of the axis. All rays pass one point

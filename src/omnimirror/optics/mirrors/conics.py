@@ -144,8 +144,7 @@ class Hyperboloid(_OfSemiAxes):
 
 @dataclass(frozen=True)
 class Paraboloid(Conic):
-    """Paraboloid ``z = x^2/(2 s)``; with an orthographic lens, single viewpoint at its focus and
-    aspect 1.
+    """Paraboloid ``z = x^2/(2 s)``: single viewpoint with an orthographic lens.
 
     >>> float(Paraboloid(vertex_radius_mm=20.0, rim_radius_mm=44.0).sag(20.0))
     10.0

@@ -15,8 +15,7 @@ from .base import RIM_RADIUS, Array, Mirror
 
 @dataclass(frozen=True)
 class Flat(Mirror):
-    """Flat mirror ``z = 0``, with infinite radii of curvature. It folds the path between mirror and
-    lens.
+    """Flat mirror ``z = 0``, which folds the path between mirror and lens.
 
     >>> Flat(rim_radius_mm=20.0).sag([0.0, 10.0])
     array([0., 0.])

@@ -95,8 +95,7 @@ class MirrorForm:
         return square
 
     def heights(self, rim_mm: float, xy: Array) -> SurfaceHeights:
-        """Compute heights and derivatives at points (n, 2), mm, of a mirror with this rim
-        radius."""
+        """Compute heights and derivatives at points (n, 2), mm, for a rim radius."""
         count = len(xy)
         if self.is_empty:
             return SurfaceHeights(*np.zeros((6, count)))

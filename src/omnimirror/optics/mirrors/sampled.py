@@ -48,8 +48,7 @@ class SmoothCurve(Mirror):
 
 @dataclass(frozen=True)
 class SampledProfile(Mirror):
-    """Quintic spline (C4) through points (x, z) from the axis to the rim or beyond, smoothed if
-    noisy.
+    """Quintic spline (C4) through meridian points (x, z), smoothed if noisy.
 
     A smooth apex is continued symmetrically across the axis, for a slope of exactly 0 there; a
     ``"pointed"`` apex is not. Sags are relative to the axis.
@@ -133,8 +132,7 @@ class SampledProfile(Mirror):
         apex: str = "smooth",
         uncertainty_um: float | None = None,
     ) -> SampledProfile:
-        """Read a profile from a CSV file of two columns x, z in mm; lines without numbers are
-        skipped.
+        """Read a profile from a CSV file of two columns x, z in mm.
 
         Raises
         ------

@@ -14,8 +14,7 @@ from .base import Array, Mirror
 
 @dataclass(frozen=True)
 class Secondary:
-    """Mirror that faces the primary and reflects its light to a camera behind or in front of the
-    primary.
+    """Mirror that faces the primary and reflects its light to the camera.
 
     Parameters
     ----------
@@ -56,13 +55,11 @@ class Secondary:
             parameter.check(name, getattr(self, name))
 
     def lens_height(self, mirror_distance_mm: float) -> float:
-        """Return the height z (mm) of the lens above the primary's vertex, for a path m to the
-        primary."""
+        """Return the height z (mm) of the lens above the primary's vertex."""
         return mirror_distance_mm - 2 * self.distance_mm
 
     def height(self, x_mm: Array) -> Array:
-        """Return the height z (mm) of its surface above the primary's vertex, at distances x
-        (n,)."""
+        """Return heights z (mm) above the primary's vertex, at distances x (n,)."""
         return -self.distance_mm - self.mirror.sag(x_mm)
 
     def check_before(self, primary: Mirror, mirror_distance_mm: float) -> None:

@@ -38,8 +38,7 @@ APART = ("mount", "uncertainty")  # fields of a model with separate tables
 
 
 def load_camera(name_or_path: str | Path) -> AnyCamera:
-    """Read a camera from a camera file, a sensor file, an OCamCalib file, or a bundled sensor's
-    name.
+    """Read a camera file, a sensor file, an OCamCalib file, or a bundled sensor.
 
     OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Use
     :func:`omnimirror.load_ocam` for either.

@@ -140,8 +140,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
 
 
 def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Sensor:
-    """Create a Sensor from the tables of a sensor file; ``where`` locates errors, ``folder`` as
-    above."""
+    """Create a Sensor from the tables of a sensor file."""
     _check_table_names(data, where)
     parts: dict[str, Any] = {
         "mirror": _part("mirror", data, MIRRORS, folder, where),
@@ -281,8 +280,7 @@ def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], f
 
 
 def lens_of(table: dict[str, Any], where: Places, folder: Path | None, section: str = "lens") -> Lens:
-    """Create the lens of a table such as ``[lens]`` of a sensor file; ``folder`` locates its
-    files."""
+    """Create the lens of a table such as ``[lens]`` of a sensor file."""
     return _part(section, {section: table}, LENSES, folder, where)
 
 
@@ -294,8 +292,7 @@ def lens_table(lens: Lens) -> dict[str, Any]:
 def _class_and_table(
     section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
-    """Return the class named by a table's kind, and its other entries, with a mirror's files
-    loaded."""
+    """Return the class named by a table's kind, and its other entries."""
     cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
     if issubclass(cls, Mirror | Lens):
@@ -348,8 +345,7 @@ HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELL
 
 
 def housing_of(table: dict[str, Any], where: Places) -> Housing:
-    """Create a housing from the tables of ``[housing]``; missing values are fitted to the sensor
-    later."""
+    """Create a housing from the tables of ``[housing]``, with missing values None."""
     for name, part in table.items():
         if name not in HOUSING_PARTS:
             valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)

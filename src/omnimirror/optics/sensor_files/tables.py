@@ -47,8 +47,7 @@ class StandTable(Table):
 
 @cache
 def table_model(cls: type[Any]) -> type[Table]:
-    """Create the pydantic model of a part from its PARAMETERS, for validation, forms and
-    schemas."""
+    """Create the pydantic model of a part from its PARAMETERS."""
     hints = typing.get_type_hints(cls)
     defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS

@@ -76,8 +76,7 @@ class CoveredMirror:
     pupil: EntrancePupil = IN_REFERENCE_POINT
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
-        """Reflect rays (n, 3), (n, 3) and refract them through the cover; points are on its
-        outside."""
+        """Reflect rays (n, 3), (n, 3) and refract them through the cover."""
         found = self.mirror.trace(origins, directions)
         valid = found.valid.copy()
         points, outwards = found.points.copy(), found.directions.copy()

@@ -69,8 +69,7 @@ class Outside:
         return object_distance - self.inside + self.reach
 
     def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
-        """Return apparent distances (n,), (n,), mm, of the tangential and sagittal foci from the
-        mirror.
+        """Return apparent distances (n,), (n,), mm, of tangential and sagittal foci.
 
         Converging pencils have negative distances.
 
@@ -239,8 +238,7 @@ class Cover:
         return replace(rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through))
 
     def crosses(self, rays: ChiefRays) -> Mask:
-        """Return which rays (n,) reach the wall within the ends of a tube; a dome counts as
-        complete."""
+        """Return which rays (n,) reach the wall within the ends of a tube."""
         if not isinstance(self.shell, Tube):
             return np.ones(rays.x.shape, dtype=bool)
         height = self._wall_height(rays)
@@ -252,8 +250,7 @@ class Cover:
         return height
 
     def first_seen(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
-        """Return the distance from the axis of the first mirror point, from ``start``, that sees
-        past a tube.
+        """Return the distance from the axis of the first mirror point with outside view.
 
         Rays from smaller distances end at the base. In air, the inner rays are used.
         """

@@ -14,8 +14,7 @@ Array = NDArray[np.float64]
 
 
 def past_circle(across: Array, radius: float) -> Array:
-    """Return the clearance (n,), mm, of rays that cross a plane at ``across`` (n, 2), outside a
-    circle.
+    """Return the clearance (n,), mm, of plane crossings (n, 2) outside a circle.
 
     The difference of squares ``(r^2 - a^2)/(2 a)`` has the sign of ``r - a`` and its slope at the
     edge, and is smooth for rays through the axis; it can be interpolated over an aperture.

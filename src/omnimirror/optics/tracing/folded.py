@@ -80,8 +80,7 @@ class FoldedMirror:
         return space.trace(self.mirror, *self.off_secondary(origins, directions))
 
     def seen_at(self, origins: Array, directions: Array) -> Array:
-        """Return the points (n, 3) of the secondary, in the unfolded frame, that lens-side rays
-        meet."""
+        """Return the intersections (n, 3) of lens-side rays with the secondary."""
         return self.over(self.off_secondary(origins, directions)[0])
 
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:

@@ -68,8 +68,7 @@ class ChiefRays:
         return np.ones_like(self.x) if self.seen_in is None else self._dtheta_dx() / self.seen_in.domega_dx()
 
     def pupil_distance(self) -> Array:
-        """Distance (mm) from the mirror point to the focus of neighbouring chief rays, along the
-        ray.
+        """Distance (mm) from the mirror point to the focus of neighbouring chief rays.
 
         The focus is the entrance pupil if it is fixed, the caustic of the chief rays if it moves
         with their angle, or its tangential image in a second mirror.
@@ -118,8 +117,7 @@ class ChiefRays:
         return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
 
     def viewpoint_offset(self) -> Array:
-        """Distance z_v - z (mm) from the mirror point to the ray's intersection with the axis: x /
-        tan(Omega).
+        """Axial distance z_v - z (mm) from mirror point to viewpoint: x / tan(Omega).
 
         On the axis the limit is m R/(2 m + R) for a smooth mirror, and 0 for a pointed one.
         """
@@ -242,8 +240,7 @@ class Meridian:
         return self._rays(np.clip(x, start, rim))
 
     def x_from_omega(self, omega: ArrayLike) -> Array:
-        """Return mirror points (mm) of field angles (n,), radians; OutsideField reports the first
-        failure."""
+        """Return the mirror points (mm) of field angles (n,), radians."""
         omega = np.asarray(omega, dtype=float)
         inside = self.sees(omega)
         if not inside.all():
@@ -310,8 +307,7 @@ class Meridian:
         return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
 
     def x_from_point(self, x_t: ArrayLike, z_t: ArrayLike) -> Array:
-        """Return mirror points (mm) that image points (x_t >= 0, z_t) of the meridional plane; else
-        NaN.
+        """Return the mirror points (mm) that image points of the meridional plane.
 
         Solves ``Omega(x) = phi(x)``, phi being the direction from mirror point to object. The root
         is unique: the difference increases at any root. Points in the mirror's shadow or inside it
@@ -353,8 +349,7 @@ class Meridian:
 
 
 def _direction(dx: Array, dz: Array) -> tuple[Array, Array]:
-    """Return angles from -z in (-pi/2, 3 pi/2), with shadow points beyond every field angle, and
-    lengths."""
+    """Return angles from -z in (-pi/2, 3 pi/2), and lengths."""
     phi = np.arctan2(dx, -dz)
     return np.where(phi < -np.pi / 2, phi + 2 * np.pi, phi), np.hypot(dx, dz)
 

@@ -31,8 +31,7 @@ TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the fiel
 
 
 def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
-    """Return the clearance (n,), mm, of rays at a disc perpendicular to the axis; negative if
-    blocked.
+    """Return the clearance (n,), mm, of rays at a disc perpendicular to the axis.
 
     A disc of radius a seen at an angle Omega has the half-width a cos(Omega) in the meridian.
     Accepts complex arrays, whose imaginary parts carry derivatives.
@@ -54,8 +53,7 @@ def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
 
 
 class Disc(NamedTuple):
-    """Opaque disc perpendicular to the axis; it blocks rays descending to the lens side, or rising
-    ones."""
+    """Opaque disc perpendicular to the axis, for descending or for rising rays."""
 
     part: str
     height_mm: float
@@ -209,8 +207,7 @@ class Obstructions:
         return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
 
     def clearances(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of reflected rays at each part; negative if the part
-        blocks them.
+        """Return the clearance (n,), mm, of reflected rays at each part.
 
         Parameters
         ----------
@@ -391,8 +388,7 @@ def hidden_parts(
 def obscured_rings(
     meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
 ) -> tuple[Obscuration, ...]:
-    """Return the obscured rings of the field; ``share`` gives the image-area fraction (n,) within
-    chief rays."""
+    """Return the obscured rings of the field, given image-area fractions (n,)."""
     rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
     for part, ends in hidden:
         rays = meridian.trace(np.array(ends))

@@ -112,8 +112,7 @@ class OpticalTrain:
         return self.obstructions.clearances(points, to_targets, towards_lens, self.pose)
 
     def obstructed(self, origins: Array, directions: Array) -> tuple[Reflections, dict[str, Array]]:
-        """Reflect lens-side rays (n, 3), (n, 3) without obstructions; also return their clearances
-        (n,).
+        """Reflect unobstructed lens-side rays, and return their clearances (n,).
 
         Obstructions are the parts of the housing and those of two mirrors, without the edges of the
         mirrors and of the lens.
@@ -158,8 +157,7 @@ class OpticalTrain:
         return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
 
     def chief_rays_to(self, targets: Ends) -> Specular:
-        """Return the mirror points that image targets (n,), points or directions, in the pupil
-        centre.
+        """Return the mirror points that image targets (n,) in the pupil centre.
 
         For a pupil that moves with the viewing angle, pupil and mirror point are found by
         iteration.
@@ -177,8 +175,10 @@ class OpticalTrain:
         return found
 
     def image_of(self, targets: Ends) -> Array:
-        """Return images (n, 2) of targets (n,) on an untilted imager, mm right of and below the
-        axis; else NaN."""
+        """Return images (n, 2), mm, of targets (n,) on an untilted imager; NaN if not imaged.
+
+        Coordinates are right of and below the optical axis.
+        """
         return self._image_of(self.chief_rays_to(targets))
 
     def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:

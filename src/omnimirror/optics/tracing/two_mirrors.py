@@ -144,8 +144,7 @@ class TwoMirrorMeridian(Meridian):
 
     @cached_property
     def x_min(self) -> float:
-        """First mirror point of the field: its rays pass bore and camera, and its objects the
-        secondary."""
+        """First mirror point whose rays pass bore, camera and secondary."""
         self._check_secondary()
         rim = self.mirror.rim_radius_mm
         x = np.linspace(float(self.x_from_first([0.0])[0]), rim, NODES)

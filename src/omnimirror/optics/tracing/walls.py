@@ -195,8 +195,7 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
 def through_window(
     points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float
 ) -> WayOut:
-    """Refract descending rays at both surfaces of a pane perpendicular to the axis; others do not
-    pass.
+    """Refract descending rays at both surfaces of a pane across the axis.
 
     Parameters
     ----------

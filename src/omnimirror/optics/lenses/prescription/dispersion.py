@@ -15,8 +15,7 @@ FRAUNHOFER_NM = np.array([486.1327, 587.5618, 656.2725])
 
 
 def through_three(wavelength_nm: float, known_nm: ArrayLike, values: Array) -> Array:
-    """Interpolate values (3, n) at three wavelengths to one wavelength, by Cauchy's formula, to
-    (n,).
+    """Interpolate values (3, n) at three wavelengths to (n,) at another.
 
     The formula is a parabola in the inverse squared wavelength.
 

@@ -45,8 +45,7 @@ class Traced(NamedTuple):
     """Object distance in focus, from the first vertex."""
 
     def land(self, tangent: Array, height: Array, across: Array | float = 0.0, slope: Array | float = 0.0) -> Landed:
-        """Trace rays (n,) by tangents and heights at the first vertex, in the meridian and across
-        it.
+        """Trace rays (n,) by tangents and heights at the first vertex.
 
         The image is upright.
         """
@@ -56,8 +55,7 @@ class Traced(NamedTuple):
 
 
 def stop_radius(traced: Traced) -> float:
-    """Return the stop radius (mm) by the ray from the focused object through the edge of the
-    pupil."""
+    """Return the stop radius (mm) by a ray through the edge of the pupil."""
     slope = -traced.pupil_radius / (traced.focus_mm - traced.pupil)
     edge = traced.land(np.array([slope]), np.array([traced.pupil_radius - slope * traced.pupil])).stop
     if not np.isfinite(edge[0, 0]):
@@ -69,8 +67,7 @@ def stop_radius(traced: Traced) -> float:
 
 
 def chief_heights(traced: Traced, tangent: Array) -> Array:
-    """Return the heights (n,) at the first vertex of chief rays through the stop centre; else
-    NaN."""
+    """Return the heights (n,) of chief rays at the first vertex; NaN if none."""
     y = -tangent * traced.pupil
     step = 1e-6 * traced.pupil_radius
     for _ in range(STEPS):
@@ -156,8 +153,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
 
 
 def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
-    """Return half widths (n,), meridional and sagittal, of edges (n, 16), and the offset of their
-    centre."""
+    """Return half widths (n,) and centre offset (n,) of edges (n, 16)."""
     ahead, behind, side = edge[:, 0], edge[:, AZIMUTHS // 2], edge[:, AZIMUTHS // 4]
     shift = (ahead - behind) / 2
     shift[0] = 0.0
@@ -165,8 +161,7 @@ def _ellipse(edge: Array) -> tuple[Array, Array, Array]:
 
 
 def _height_at(traced: Traced, index: Array, tangent: Array, place: Array) -> Array:
-    """Return image heights (n,) of chief rays at another wavelength, from the same focused
-    points."""
+    """Return image heights (n,) of chief rays at another wavelength."""
     other = traced._replace(sequence=replace(traced.sequence, index=index))
     point = tangent * (traced.focus_mm - place)
     for _ in range(COLOUR_STEPS):
@@ -192,8 +187,7 @@ def _next_to_chief(traced: Traced, t: Array, place: Array) -> tuple[Array, Array
 
 
 def _through(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], pupil: Array) -> Landed:
-    """Trace rays (n k,) of n angles through pupil points (n, k, 2), mm, each aimed at its own
-    focus."""
+    """Trace rays (n k,) through pupil points (n, k, 2), mm, aimed at their foci."""
     along, across = pupil[..., 0], pupil[..., 1]
     tangent = t[:, None] - along * focus[0][:, None]
     lifted = -across * focus[1][:, None]
@@ -230,8 +224,7 @@ def _edges(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array]) -
 
 
 def _own_blur(traced: Traced, t: Array, place: Array, focus: tuple[Array, Array], edge: Array) -> tuple[Array, Array]:
-    """Return four standard deviations (n,), (n,), mm, of the rays of the full pupil in their
-    foci."""
+    """Return four standard deviations (n,), (n,), mm, of all rays in their foci."""
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     radii = np.sqrt((np.arange(RINGS) + 0.5) / RINGS)
     reach = traced.pupil_radius * radii[None, :, None] * edge[:, None, :]

@@ -81,8 +81,7 @@ class GlassCatalogue(NamedTuple):
     source: str
 
     def find(self, name: str, makers: tuple[str, ...] = ()) -> Glass | None:
-        """Return the glass of a name from the first manufacturer that has it; else from any; else
-        None."""
+        """Return a glass from the first manufacturer that has it, else from any."""
         upper = name.upper()
         others = {maker: None for maker, _ in self.glasses}  # in file order
         for maker in (*makers, *others):

@@ -98,8 +98,7 @@ class Sequence:
             return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
     def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
-        """Trace rays given by points (n, 2) in the plane of the first vertex and slopes (n, 2) by
-        s.
+        """Trace rays from points (n, 2) in the first vertex plane with slopes (n, 2).
 
         NaN if a ray misses a surface or is totally reflected.
         """
@@ -125,8 +124,7 @@ class Sequence:
         return Landed(image, stop, clear, on_glass, radii, d[:, :2])
 
     def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
-        """Return intersections (n, 3) of rays with a surface, in its vertex frame, and normals (n,
-        3)."""
+        """Return intersections (n, 3) and normals (n, 3), in the surface's frame."""
         c, k, a = self.curvature[i], self.conic[i], self.aspheres[i]
         p = p - (p[:, 2] / d[:, 2])[:, None] * d
         square = c * (p[:, 0] ** 2 + p[:, 1] ** 2)
@@ -160,8 +158,7 @@ def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array
 
 
 def refracted(d: Array, normal: Array, ratio: float) -> Array:
-    """Return unit directions (n, 3) after refraction by the vector form of Snell's law; NaN for
-    TIR."""
+    """Return unit directions (n, 3) after refraction; NaN for total reflection."""
     cos = np.einsum("ni,ni->n", d, normal)
     after = np.sqrt(1 - ratio**2 * (1 - cos**2))
     bent: Array = ratio * d + (after - ratio * cos)[:, None] * normal

@@ -1,5 +1,4 @@
-"""Reader for sequential Zemax lens files (.zmx): one configuration of spheres, conics, even
-aspheres."""
+"""Reader for sequential Zemax lens files (.zmx) of conics and even aspheres."""
 
 from __future__ import annotations
 
@@ -84,8 +83,9 @@ def read_lens_file(table: dict[str, Any], folder: Path | None) -> dict[str, Any]
 
 
 def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, Any]:
-    """Read a .zmx file as entries of a lens of kind ``surfaces``; ``catalogue`` precedes bundled
-    glasses.
+    """Read a .zmx file as the table of a lens of kind ``surfaces``.
+
+    Glasses of ``catalogue`` take precedence over the bundled ones.
 
     Raises
     ------

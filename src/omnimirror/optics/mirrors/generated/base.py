@@ -1,5 +1,4 @@
-"""Base classes of mirrors with a prescribed mapping: field, viewing angle, rim and lens
-distance."""
+"""Base classes of mirrors with a prescribed mapping."""
 
 from __future__ import annotations
 

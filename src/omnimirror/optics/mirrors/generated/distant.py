@@ -53,8 +53,7 @@ class Equidistant(Generated):
 
 @dataclass(frozen=True)
 class Equiangular(Generated):
-    """Equiangular mirror: field angle proportional to the viewing angle, ``Omega = Omega_min +
-    alpha theta``.
+    """Equiangular mirror: field angle ``Omega = Omega_min + alpha theta``.
 
     The mirror of Chahl and Srinivasan: ``rho ~ cos((Omega + theta)/2)^(-2/(alpha + 1))``. For an
     orthographic lens it is equidistant.
@@ -96,8 +95,7 @@ def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve
 
 
 def _straight_line(low: float, high: float) -> OrthographicMeridian:
-    """Return the meridian for Omega linear in x, from low on the axis to high at the rim, in closed
-    form."""
+    """Return the meridian for Omega linear in x from low to high, in closed form."""
     k = high - low
     return OrthographicMeridian(
         lambda x: low + k * x, lambda x: np.full_like(x, k), lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x)
@@ -155,8 +153,7 @@ class Conformal(Generated):
 
 
 def conformal_conic(omega_max: float, theta_max: float, rim: float) -> Hyperboloid | Paraboloid:
-    """Return the single-viewpoint conic with given field and viewing angle (radians) at its rim
-    (mm).
+    """Return the single-viewpoint conic for the angles (radians) at its rim (mm).
 
     With ``K = tan(Omega/2)/tan(theta/2)`` the eccentricity is ``C/B = (K + 1)/(K - 1)``; in polar
     coordinates about the lens, ``rho = (C^2 - B^2)/(C cos(theta) - B)``.
@@ -239,8 +236,7 @@ class Equiareal(Generated):
 
 @dataclass(frozen=True)
 class Rectifying(Generated):
-    """Perspective image of a distant plane perpendicular to the axis: ``tan(Omega) = kappa
-    tan(theta)``.
+    """Perspective image of a distant plane: ``tan(Omega) = kappa tan(theta)``.
 
     >>> round(Rectifying(75.0, 12.0, 1.0).design_distance, 11)
     4.23651210948

@@ -35,8 +35,7 @@ STEP = 1e-30  # complex-step size: its square is negligible
 
 @dataclass(frozen=True)
 class Crowding:
-    """Change of variable from s in [0, 1] to t in [0, ``end``], denser at fast changes of the field
-    angle.
+    """Change of variable from s to t, denser at fast changes of the field angle.
 
     Omega is an arc tangent of the image height with complex poles at ``middle +- i width``,
     relative to the image height of the rim; ``t = end (middle + width sinh(...))`` moves the poles
@@ -99,13 +98,11 @@ class FiniteMapping(Generated):
 
     @abstractmethod
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
-        """Return object points (x, z), in rim radii, of image heights tau; the rim is at height
-        rim_z."""
+        """Return object points (x, z), in rim radii, of image heights tau."""
 
     @abstractmethod
     def _poles(self) -> tuple[float, float]:
-        """Return the image height of fastest change of the field angle, and its width, for far
-        objects."""
+        """Return the image height of fastest field-angle change, and its width."""
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, Theta = coordinates("tau", tau), self._theta_max
@@ -141,8 +138,7 @@ class FiniteMapping(Generated):
     # -- the differential equation -----------------------------------------------------------------
 
     def _ray(self, t: Any, y: Any, rim_z: Any) -> tuple[Any, Any]:
-        """Return the vector from mirror point to object point, ``(dx, -dz)``, with tan(Omega) =
-        dx/(-dz)."""
+        """Return the vector ``(dx, -dz)`` from mirror point to object point."""
         if self.theta_max_deg == 0:
             tau, x, z = t, t, y
         else:
@@ -153,8 +149,7 @@ class FiniteMapping(Generated):
         return target_x - x, z - target_z
 
     def _law(self, t: Any, y: Any, rim_z: Any) -> Any:
-        """Compute dy/dt = tan((Omega + theta)/2) by half-angle formulas valid for complex
-        numbers."""
+        """Compute dy/dt = tan((Omega + theta)/2), also for complex numbers."""
         dx, dz = self._ray(t, y, rim_z)
         half = dx / (np.sqrt(dx * dx + dz * dz) + dz)
         if self.theta_max_deg == 0:
@@ -224,8 +219,7 @@ class FiniteMapping(Generated):
 
 @lru_cache(maxsize=8)
 def _integration(count: int) -> tuple[Array, Array, Array]:
-    """Return Chebyshev nodes in (-1, 1) and matrices of integrals from -1 to each node (n, n), and
-    to 1 (n,)."""
+    """Return Chebyshev nodes, and integration matrices to each node and to 1."""
     nodes: NDArray[np.float64] = chebyshev.chebpts1(count)
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
     integrals = np.stack([chebyshev.chebint(unit, lbnd=-1) for unit in np.eye(count)])  # rows: T_0, T_1, ...
@@ -239,8 +233,7 @@ DISTANCE = (1e-3, 1e7)
 
 @dataclass(frozen=True)
 class GroundPlane(FiniteMapping):
-    """Plan view of a plane perpendicular to the axis at finite distance: height linear in its
-    radius.
+    """Plan view of a plane at finite distance, perpendicular to the axis.
 
     ``plane_distance_mm`` is the distance of the plane from the mirror vertex, on the lens side (z =
     -H). For a distant plane it is the :class:`Rectifying` mirror.
@@ -270,8 +263,7 @@ class GroundPlane(FiniteMapping):
 
 @dataclass(frozen=True)
 class CylinderMapping(FiniteMapping):
-    """Cylinder about the axis at finite distance: its height coordinate is linear in the image
-    height.
+    """Cylinder about the axis: its height coordinate is linear in the image height.
 
     The image centre corresponds to ``omega_min_deg`` > 0 on the cylinder; the mirror has an apex.
 

@@ -143,8 +143,7 @@ class PerspectiveMeridian:
 
     @cached_property
     def _table(self) -> Array:
-        """Cubic pieces (4, CELLS) of theta(x): a few bracketed nodes, refined by one Newton
-        step."""
+        """Cubic pieces (4, CELLS) of theta(x), refined by a Newton step."""
         x, few = np.linspace(0.0, 1.0, CELLS + 1), self._bracketed(np.linspace(0.0, 1.0, FEW_CELLS + 1))
         theta = _between(_pieces(few, 1 / self.x(few)[1]), x)
         found, rate = self.x(theta)
@@ -198,8 +197,7 @@ class PerspectiveMeridian:
 
 
 def _pieces(values: Array, rates: Array) -> Array:
-    """Return the coefficients (4, cells) of cubic Hermite pieces through values (cells + 1,) over
-    [0, 1]."""
+    """Return cubic Hermite coefficients (4, cells) of values (cells + 1,)."""
     rise, rate = np.diff(values), rates / (len(values) - 1)
     low, high = rate[:-1], rate[1:]
     return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise])

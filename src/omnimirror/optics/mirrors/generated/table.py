@@ -121,8 +121,7 @@ class TabulatedMapping(Mapped):
         omega_min_deg: float = 0.0,
         tolerance: float = 1e-11,
     ) -> TabulatedMapping:
-        """Create the mirror of a function from field angles (n,), radians, to image heights in any
-        unit.
+        """Create the mirror of a function from field angles (n,) to image heights.
 
         Rows are added until the spline agrees with the function halfway between rows, within
         ``tolerance`` relative to the height of the rim.

@@ -201,8 +201,7 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
 
 
 def _placed(points: Array, size: float) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function for distances and heights of points (n, 3), given centre (in sizes) and
-    tilts (rad)."""
+    """Return a function from centre and tilts to distances and heights of points."""
 
     def at(pose: Array) -> tuple[Array, Array]:
         cx, cy, a, b = pose

@@ -75,8 +75,7 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
 
 
 def _plain_table(lines: list[Line], style: _Style) -> Table | None:
-    """Return header, column kinds and values of purely numeric rows with decimal points; else
-    None."""
+    """Return header, column kinds and values of numeric rows; else None."""
     if style.has_decimal_comma:
         return None
     rows = [line.replace(",", " ").replace(";", " ").split() for _, line in lines]

@@ -65,8 +65,7 @@ class Fit:
 
 
 class Scatter(NamedTuple):
-    """Residuals of n points predicted from neighbours, mm, scaled to the standard deviation of a
-    height."""
+    """Prediction residuals of n points, mm, scaled to one standard deviation."""
 
     residuals: Array
     is_noise: bool
@@ -145,8 +144,7 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
 
 
 def _scatter(x: Array, z: Array) -> Scatter:
-    """Return the smallest noise estimate over several polynomial degrees; smooth curves decrease
-    with it."""
+    """Return the smallest noise estimate over several polynomial degrees."""
     found = [_unforetold(x, z, order) for order in ORDERS if len(x) > order + 1]
     if not found:
         return Scatter(np.zeros(len(x)), False)
@@ -159,8 +157,7 @@ def _scatter(x: Array, z: Array) -> Scatter:
 
 
 def _unforetold(x: Array, z: Array, order: int) -> Array:
-    """Return prediction residuals (n,) from the ``order`` nearest neighbours, per standard
-    deviation of z."""
+    """Return prediction residuals (n,) from the ``order`` nearest neighbours."""
     n, half = len(x), order // 2
     first = np.clip(np.arange(n) - half, 0, n - order - 1)
     window = first[:, None] + np.arange(order + 1)
@@ -212,8 +209,7 @@ def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple
 
 
 def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> tuple[Fit, Array, float]:
-    """Return the fit of the points used, the residuals (n,) of all points, mm, and their
-    deviation."""
+    """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
     prices: list[float] = []
     for pieces in PIECES:
