@@ -40,7 +40,7 @@ from .tracing.two_mirrors import TwoMirrorMeridian
 Array = NDArray[np.float64]
 
 FARTHEST_PUPIL = 1e3  # largest aperture coordinate, in pupil radii
-OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens for a given pupil
+OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens
 Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
 
 
@@ -768,8 +768,8 @@ class Sensor:
     def _check_one_to_one(self) -> None:
         """Raise NotOneToOne for a misaligned sensor whose mapping is not one-to-one when it is aligned.
 
-        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt, however small, does
-        not make it a camera.
+        Such a sensor, for example a cone under a telecentric lens, has no inverse mapping: a tilt,
+        however small, does not make it a camera.
         """
         _ = self._is_one_to_one
 
@@ -779,7 +779,7 @@ class Sensor:
             return self.aligned().meridian.omega_max > 0
         except NotOneToOne:
             raise
-        except OmnimirrorError:  # invalid when aligned for another reason, irrelevant for the as-built sensor
+        except OmnimirrorError:  # other reasons do not apply as-built
             return True
 
     def _in_picture(self, image_mm: Array) -> Projection:

@@ -52,7 +52,7 @@ def sensor_card(sensor: Sensor) -> str:
 
 
 def _section(sensor: Sensor) -> Iterator[Line]:
-    """Yield mirrors, lens and chief rays in the meridional plane, with the vertical direction upwards."""
+    """Yield mirrors, lens and chief rays in the meridional plane, vertical direction up."""
     is_level = abs(sensor.axis[2]) < np.sqrt(0.5)
     sign = 1.0 if is_level or sensor.axis[2] < 0 else -1.0
 

@@ -48,8 +48,7 @@ class Image(NamedTuple):
     valid: Mask
     """(n,) False beyond the end of the model's field, or at its viewpoint."""
     d_points: Array
-    """(n, 2, 3) derivatives by the points, px/mm; if distant, by the components of the given
-    direction."""
+    """(n, 2, 3) derivatives by the points, px/mm, or by the given directions, px."""
     d_parameters: Array
     """(n, 2, p) derivatives by :attr:`CameraModel.parameters`, px per unit of each."""
 
@@ -156,8 +155,7 @@ class CameraModel(ABC):
 
     @property
     def _signs(self) -> Array:
-        """Signs of (right, down, along the axis) in the delivered image, relative to camera X, Y,
-        Z."""
+        """Signs of image right, image down and axis, relative to camera X, Y, Z."""
         return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
 
     # -- validation in the constructors of all models --------------------------------------------

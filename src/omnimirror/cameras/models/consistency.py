@@ -19,8 +19,7 @@ SWAPPED_GAIN = 0.4
 MAX_STRETCH = 0.02
 """Largest plausible difference of the two image scales; pixels are square within 0.1 %."""
 MAX_DIFFERENCE_PX = 1.0
-"""Largest plausible difference of direct and inverse polynomial; fitted inverses agree to about 0.1
-px."""
+"""Largest plausible difference of direct and inverse polynomial; usual is 0.1 px."""
 ROUNDING = 1e-9
 BLIND = 1 / 3
 """Fraction of the field around the axis excluded from the comparison."""
@@ -81,7 +80,7 @@ def inverse_doubts(camera: RadialModel, inverse: Sequence[float] | Array, start:
         return []
     reach = min(camera.field_radius_px, min(camera.image_size) / 2)
     end = float(camera.omega_from_radius(np.array([reach]))[0]) * (1 - ROUNDING)
-    # An inverse with many terms deviates in unfitted regions: the centre, which an annular camera does not image.
+    # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
     omega = np.linspace(BLIND * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
         difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))

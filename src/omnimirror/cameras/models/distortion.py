@@ -66,8 +66,7 @@ class AnyDistortion(Protocol):
         ...
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by the fields in their order, each as (of x, of
-        y)."""
+        """Return derivatives of the distorted point by the fields, (of x, of y) each."""
         ...
 
 
@@ -116,8 +115,7 @@ class Distortion(NamedTuple):
         return _moved(x, y, factor, growth, p1, p2)
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by k1, k2, k3, p1 and p2, each as (of x, of
-        y)."""
+        """Return derivatives of the distorted point by k1 to k3, p1 and p2."""
         s = x * x + y * y
         radial = tuple((x * power, y * power) for power in (s, s * s, s**3))
         return (*radial, *_tangential_terms(x, y, s))
@@ -160,8 +158,7 @@ class Rational(NamedTuple):
         return np.asarray(over / under + 2 * s * (d_over * under - over * d_under) / under**2)
 
     def end(self) -> float:
-        """Return the radius at which the rate nearly vanishes or the radius diverges; else
-        infinity."""
+        """Return the radius of a vanishing or diverging rate; else infinity."""
         over, under = np.array([1.0, *self[:3]]), np.array([1.0, *self[3:6]])
         cross = polysub(polymul(polyder(over), under), polymul(over, polyder(under)))
         rate = polysub(polyadd(polymul(over, under), polymul([0.0, 2.0], cross)), SLOWEST * polymul(under, under))
@@ -174,8 +171,7 @@ class Rational(NamedTuple):
         return _moved(x, y, over / under, growth, self.p1, self.p2)
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by k1 to k6, p1 and p2, each as (of x, of
-        y)."""
+        """Return derivatives of the distorted point by k1 to k6, p1 and p2."""
         s = x * x + y * y
         over, under, _, _ = self._parts(s)
         shares = [power / under for power in (s, s * s, s**3)]
@@ -237,8 +233,7 @@ class ThinPrism(NamedTuple):
         )  # fmt: skip
 
     def terms(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by p1, p2 and s1 to s4, each as (of x, of
-        y)."""
+        """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
         s = x * x + y * y
         zero = np.zeros_like(s)
         return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
@@ -285,8 +280,7 @@ def undone(distortion: AnyDistortion, radius: Array, end: float) -> Array:
 
 
 def removed(distortion: AnyDistortion, x: Array, y: Array, end: float) -> tuple[Array, Array, Mask]:
-    """Remove distortion: points of the circular image, and a mask of those within ``end`` (a
-    radius)."""
+    """Remove distortion from points of the circular image, within a radius."""
     r = np.hypot(x, y)
     if not (distortion.is_radial or distortion.is_tangential):
         return x, y, r <= end

@@ -16,8 +16,7 @@ SMALLEST_PX = 1e-6
 
 
 class FocalModel(RadialModel):
-    """Affine camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy`` for a circular image (x,
-    y)."""
+    """Model with camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy``."""
 
     focal_px: tuple[float, float]
     skew_px: float

@@ -119,8 +119,7 @@ class OCam(RadialModel):
 
     @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Return all parameters except a1, 0 for a smooth image, and e, equivalent to a camera
-        rotation."""
+        """Return all parameters except a1 (0) and e (equivalent to a rotation)."""
         half = min(self.image_size) / 2
         law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
         return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))
@@ -139,8 +138,7 @@ class OCam(RadialModel):
         return np.arctan2(radius, -polyval(radius, self.polynomial))
 
     def _law_radius(self, omega: Array) -> Array:
-        """Solve ``rho cos(Omega) + f(rho) sin(Omega) = 0``, increasing at its single root, to
-        rounding."""
+        """Solve ``rho cos(Omega) + f(rho) sin(Omega) = 0``, with a single root."""
         nodes, omegas = self._table
         cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
         cos, sin = np.cos(omega), np.sin(omega)
@@ -153,8 +151,7 @@ class OCam(RadialModel):
         return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
 
     def _law(self, omega: Array) -> Law:
-        """Compute derivatives by Omega, rho and the coefficients, by the implicit function
-        theorem."""
+        """Compute radii and derivatives by the implicit function theorem."""
         rho = self._law_radius(omega)
         cos, sin = np.cos(omega), np.sin(omega)
         to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
@@ -259,8 +256,7 @@ def _placed(model: OCam, optics: Optics, mount: Mount | None, rim_radius_px: flo
 
 
 def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
-    """Parse a ``calib_results.txt``: a mirror camera with the direct polynomial, and the inverse
-    one."""
+    """Parse a ``calib_results.txt`` to a mirror camera and the inverse polynomial."""
     lines = _Lines(text, source)
     direct = lines.polynomial("the direct polynomial")
     inverse = lines.polynomial("the inverse polynomial")

@@ -105,8 +105,7 @@ class RadialModel(CameraModel):
 
     @property
     def matrix(self) -> Array:
-        """Matrix (2, 2) from the circular image, in model units, to the image, both (right,
-        down)."""
+        """Matrix (2, 2) from the circular image, in model units, to the image."""
         return np.eye(2)
 
     @property
@@ -115,8 +114,7 @@ class RadialModel(CameraModel):
         return 1.0
 
     def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
-        """Return field angles of points by distance from the axis and position along it; NaN if
-        none."""
+        """Return field angles of points by distance from the axis and height; else NaN."""
         with np.errstate(invalid="ignore"):
             return np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
 
@@ -126,8 +124,7 @@ class RadialModel(CameraModel):
         return AngleRates(z / square, -rho / square)
 
     def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
-        """Return distances from the axis and positions along it, mm, of the ray origins of field
-        angles."""
+        """Return the ray origins of field angles, from and along the axis, mm."""
         return np.zeros_like(omega), np.zeros_like(omega)
 
     def _viewpoint_mm(self, omega: Array) -> Array:
@@ -223,8 +220,7 @@ class RadialModel(CameraModel):
         return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
 
     def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
-        """Project points (n, 3); with ``is_clamped``, points beyond the field are moved to its
-        end."""
+        """Project points (n, 3), with optional clamping to the end of the field."""
         signs = self._signs
         x, y, z = (points * signs).T
         rho, (ux, uy) = _length_and_unit(x, y)
@@ -287,8 +283,7 @@ class RadialModel(CameraModel):
 
     @cached_property
     def model_end(self) -> float:
-        """Largest field angle (radians) of the model: the limit of its projection function or
-        distortion."""
+        """Largest field angle (radians) of projection function and distortion."""
         end = self._law_end
         if (plane := self.distortion.end()) < np.inf:
             with np.errstate(over="ignore"):
@@ -299,8 +294,7 @@ class RadialModel(CameraModel):
 
     @cached_property
     def omega_max(self) -> float:
-        """Largest field angle, radians from :attr:`axis`: of the rim, the farthest corner or the
-        model."""
+        """Largest field angle (radians), limited by rim, image corners and model."""
         end = self._plane_end
         x, y, found = self._round_picture(self._corners, end)
         radii = [float(np.hypot(x, y).max()) if found.all() else end]
@@ -315,8 +309,7 @@ class RadialModel(CameraModel):
         return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
 
     def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
-        """Return the largest corner distance from the image centre, in a plane defined by a matrix
-        (2, 2)."""
+        """Return the largest corner distance from the centre, after a matrix (2, 2)."""
         return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
 
     @property
@@ -504,8 +497,7 @@ class RadialModel(CameraModel):
         return Projection(pixels, valid)
 
     def _round_picture(self, pixels: Array, end: float) -> tuple[Array, Array, Mask]:
-        """Return points (n,), (n,) of the undistorted circular image, and a mask of those within a
-        radius."""
+        """Return points (n,), (n,) of the undistorted circular image, and validity."""
         plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
         with np.errstate(invalid="ignore"):
             return removed(self.distortion, plane[..., 0], plane[..., 1], end)
@@ -534,8 +526,7 @@ class _Step:
         )
 
     def of(self, dx: Array, dy: Array) -> tuple[Array, Array]:
-        """Return the displacement in the image, (of u, of v), for a displacement in the circular
-        image."""
+        """Convert displacements in the circular image to the image, (of u, of v)."""
         (a, b), (c, d) = self.rows
         return a * dx + b * dy, c * dx + d * dy
 

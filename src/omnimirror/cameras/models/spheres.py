@@ -308,6 +308,5 @@ class DoubleSphere(FocalModel):
 
 
 def _cosine_at_the_end(alpha: float) -> float:
-    """Return the negative cosine, on the last surface, at which the depth, or the rate of r, is
-    0."""
+    """Return the negative cosine, on the last surface, of zero depth or rate."""
     return alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha

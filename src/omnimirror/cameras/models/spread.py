@@ -40,15 +40,13 @@ def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array
 
 
 def field_angles(model: CameraModel, directions: Array) -> Array:
-    """Return angles (n,), deg, of directions (n, 3) in the camera frame from that of the image
-    centre."""
+    """Return angles (n,), deg, of directions (n, 3) from the image centre."""
     forward = -1.0 if model.looks_back else 1.0
     return np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2]))
 
 
 def within_field(model: CameraModel, directions: Array, field_deg: float | None) -> NDArray[np.bool_]:
-    """Return which directions (n, 3) in the camera frame are in a calibrated field; all if it is
-    None."""
+    """Return which directions (n, 3) are in a calibrated field; all if it is None."""
     if field_deg is None:
         return np.ones(len(directions), dtype=bool)
     return field_angles(model, directions) <= field_deg + FIELD_ROUNDING_DEG

@@ -23,8 +23,7 @@ Array = NDArray[Any]
 
 
 class Walls(NamedTuple):
-    """Clear walls of b designs, (b, 1) each or one number; heights in mm above the mirror
-    vertices."""
+    """Clear walls of b designs, (b, 1) or scalars; heights above the vertices, mm."""
 
     sides: tuple[Side, Side]
     indices: tuple[float, float]

@@ -104,7 +104,8 @@ def node_optics(
     return NodeOptics(
         omega=omega,
         ray=x / w,
-        # object motion: p domega_dx + cos(gamma)/cos(beta) across the ray, x + p sin(Omega) around the axis
+        # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
+        # around the axis: x + p sin(Omega)
         magnification_t=front / (w * w * (domega_dx + near * front / rho)),
         magnification_s=rho * steep / (w * (sine + near * rho * steep)),
         vergence_t=1 / (w * (1 + q_t / rho)),

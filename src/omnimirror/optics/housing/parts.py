@@ -17,8 +17,7 @@ from .base import Envelope, HousingPart
 from .walls import Dome, FlatWindow, Shell, Tube
 
 LENS_AT_RIMS = 2.5
-"""Assumed distance of a telecentric lens from the vertex, in rim radii; it may be at any
-distance."""
+"""Assumed distance of a telecentric lens from the vertex, in rim radii."""
 GAP_SHARE = 0.25
 """Default gap between rod and lens, relative to the mirror distance."""
 

@@ -25,8 +25,7 @@ from .pupil import IN_REFERENCE_POINT, EntrancePupil
 
 Array = NDArray[np.float64]
 BlurMode = Literal["exact", "paper"]
-"""``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 and is 5.5-6.1 % too
-small."""
+"""``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 (5.5-6.1 % less)."""
 
 BLUR_MODES: tuple[BlurMode, ...] = ("exact", "paper")
 
@@ -57,8 +56,7 @@ class ThroughFocus(NamedTuple):
 
 
 class Lens(ABC):
-    """Base class of lenses. ``w`` is the axial distance from the entrance pupil to a mirror
-    point."""
+    """Base class of lenses. ``w`` is the axial distance from pupil to mirror point."""
 
     KIND: ClassVar[str]
     PARAMETERS: ClassVar[dict[str, Parameter]]

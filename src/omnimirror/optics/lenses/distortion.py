@@ -112,7 +112,7 @@ def fold(k: tuple[float, ...]) -> float:
     >>> round(fold((-0.1, 0.0, 0.0)), 6)  # 1/sqrt(3 * 0.1)
     1.825742
     """
-    inverse_squares = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[2]])  # avoids division by coefficients
+    inverse_squares = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[2]])  # without divisions
     real = inverse_squares[np.abs(inverse_squares.imag) <= 1e-9 * np.abs(inverse_squares)].real
     return float(1 / np.sqrt(real.max())) if (real > TINY).any() else np.inf
 

@@ -33,8 +33,7 @@ CLOSE = 1e-14
 
 
 class FieldNodes(NamedTuple):
-    """Lens properties at n field angles from the axis outwards; lengths in mm, vergences in
-    1/mm."""
+    """Lens properties at n field angles from the axis; in mm and 1/mm."""
 
     tangent: Array
     """(n,) tangents of the viewing angles, from 0."""
@@ -52,8 +51,7 @@ class FieldNodes(NamedTuple):
     """(n,) half width of the vignetted pupil in the meridian, relative to the axis."""
     width_s: Array
     shift_t: Array
-    """(n,) distance of the vignetted pupil's centre from the chief ray, relative to the axial
-    radius."""
+    """(n,) offset of the vignetted pupil from the chief ray, over the axial radius."""
     illumination: Array
     """(n,) relative illumination of the imager."""
     own_t: Array

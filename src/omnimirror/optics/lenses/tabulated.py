@@ -302,11 +302,11 @@ def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence:
     distance = np.abs(centre)
     whole = distance <= radius - 1
     d = np.where(whole, 1.0, distance)
-    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord of the intersection, from the pupil centre
+    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
     theirs = np.clip((d - ours) / radius, -1.0, 1.0)
     chord = np.sqrt(1 - ours**2)
     common = np.arccos(ours) - ours * chord + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
-    # sagittal width: the full circle if its centre is open, else between the corners of the lens shape
+    # sagittal width: the full circle if its centre is open, else the corners
     across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
         (high - low) / 2,

@@ -41,8 +41,7 @@ def even_polynomial(x: Array, coefficients: tuple[float, ...], first: int) -> tu
 
 @dataclass(frozen=True)
 class EvenPolynomial(Mirror):
-    """``z = N sum c_i (x/N)^(2i)``, i = 1, 2, ...; the paper's E-DI: 0.6409, 0.1550, -0.01 for N =
-    M.
+    """``z = N sum c_i (x/N)^(2i)``, i >= 1; the paper's E-DI: 0.6409, 0.1550, -0.01.
 
     >>> mirror = EvenPolynomial((0.6409, 0.1550, -0.01), rim_radius_mm=1.0)
     >>> round(float(mirror.sag(1.0)), 4)

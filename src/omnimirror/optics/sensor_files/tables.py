@@ -76,8 +76,7 @@ def _annotation(hint: Any, p: Parameter) -> Any:
 
 
 class EntryError(SpecError):
-    """Invalid entry, or entry inconsistent with another; ``path`` is its position among the
-    tables."""
+    """Invalid or inconsistent entry; ``path`` is its position among the tables."""
 
     def __init__(self, path: tuple[str, ...], sentence: str) -> None:
         super().__init__(sentence)

@@ -83,8 +83,7 @@ def vertex_is_the_origin(mirror: Mirror) -> None:
 
 
 def radii_are_those_of_the_normals(mirror: Mirror) -> None:
-    """Check that R_s (Eq. 18) is the normal's length to the axis, and the radii at a smooth
-    apex."""
+    """Check R_s (Eq. 18) against the normal, and the radii at a smooth apex."""
     x = SHARES * mirror.rim_radius_mm
     slope: Array = mirror.slope(x)
     normal = np.where(slope == 0, np.inf, np.hypot(x, np.divide(x, slope, where=slope != 0, out=np.zeros_like(x))))

@@ -86,8 +86,7 @@ class CoveredMirror:
         return Reflections(points, outwards, found.normals, valid)
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """Return the mirror points (n, 3) that image targets; ``start`` are initial points (n, 3),
-        mm."""
+        """Return the mirror points (n, 3) of targets, from initial points (n, 3), mm."""
         (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         pupils, targets = pupils.spread(count), targets.spread(count)
         with np.errstate(all="ignore"):  # non-finite results are marked invalid
@@ -190,8 +189,7 @@ class CoveredMirror:
         return _Ways(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
 
     def _miss(self, ways: _Ways, targets: Ends) -> Array:
-        """Return the miss (n, 3): of unit vectors for distant targets, relative to distance for
-        near ones.
+        """Return the miss (n, 3), as an angle or relative to the target distance.
 
         The distance is measured from the mirror; it remains positive for targets close to the
         cover.
@@ -238,7 +236,7 @@ class CoveredMirror:
             return self._proven(targets, xy, self._ways(pupils, xy))
         xy, settled = self._settled(pupils, targets, start)
         ways = self._ways(pupils, xy)
-        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > ARRIVED))  # limited by table accuracy
+        near = np.flatnonzero(settled & (_lengths(self._miss(ways, targets)) > ARRIVED))  # table limits
         if near.size:
             xy[near] = self._aimed(pupils[near], targets[near], xy[near])
             ways = self._ways(pupils, xy)

@@ -32,8 +32,7 @@ ON_RAY = 1e-7  # relative distance within which a point is on a ray
 
 
 class Refraction(NamedTuple):
-    """Effect of one surface on wavefronts: ``after vergence' = before vergence + power``, (n,)
-    each."""
+    """Refraction of wavefronts: ``after vergence' = before vergence + power``, (n,)."""
 
     way: Any
     """Distance from the previous surface, mm."""
@@ -64,8 +63,7 @@ class Outside:
     refractions: tuple[Refraction, ...]
 
     def from_start(self, object_distance: Array) -> Array:
-        """Return distances (n,) from ``x``, ``z`` of objects at optical distances from the
-        mirror."""
+        """Convert optical distances from the mirror to distances from ``x``, ``z``."""
         return object_distance - self.inside + self.reach
 
     def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
@@ -91,8 +89,7 @@ class Outside:
 
 
 def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
-    """Return tangential and sagittal 1/distance from the mirror, given that from the outer
-    surface."""
+    """Convert 1/distance from the outer surface to that from the mirror, T and S."""
     vergence_t = vergence_s = -near
     for r in reversed(refractions):
         vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
@@ -121,11 +118,10 @@ class Side(NamedTuple):
     """Height above the mirror vertex of a plane or a sphere's centre; not used for a cylinder."""
 
     def met_by(self, ray: Pencil) -> tuple[Any, Any]:
-        """Return distances along rays from inside, and the angle of the outward normal, as
-        omega."""
+        """Return distances along rays from inside, and the angle of the normal."""
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
         if self.kind == "plane":
-            return (ray.z - self.height) / cos, np.where(cos.real > 0, 0.0, np.nan)  # rising rays never reach it
+            return (ray.z - self.height) / cos, np.where(cos.real > 0, 0.0, np.nan)  # rising rays
         if self.kind == "cylinder":
             return (self.radius - ray.x) / sin, np.pi / 2 + 0 * ray.x
         dz = ray.z - self.height
@@ -225,7 +221,7 @@ class Cover:
         """Return chief rays outside the cover."""
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
-        with np.errstate(all="ignore"):  # rays that miss the wall or are totally reflected are handled below
+        with np.errstate(all="ignore"):  # misses and total reflection: see below
             passed = through_sides(start, sides_of(self.shell), (self.shell.index, self.shell.outer_index))
         foot, through = passed.foot, passed.refractions
         found: tuple[Array, ...] = (*foot, passed.reach, passed.inside)
@@ -274,8 +270,7 @@ class Cover:
         return sign_change(lambda v: float(clear(v)[0]), low, high, 1e-12 * rim)
 
     def leads_to(self, rays: ChiefRays, x: Array, z: Array) -> Mask:
-        """Return which points (n,), (n,) of the meridian plane are outside the cover and on these
-        rays."""
+        """Return which meridional points (n,), (n,) are outside and on these rays."""
         outside = rays.outside
         assert outside is not None
         sin, cos = np.sin(rays.omega), np.cos(rays.omega)

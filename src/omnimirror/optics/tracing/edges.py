@@ -1,4 +1,4 @@
-"""Clearance of rays at the edges of apertures and obstructions: the one measure of ray transmission.
+"""Clearance of rays at the edges of apertures and obstructions, the measure of transmission.
 
 A clearance is a smooth function of the ray, in mm: 0 at the edge, positive for transmitted and
 negative for blocked rays. :meth:`omnimirror.optics.tracing.optical_train.OpticalTrain.clearances`

@@ -84,8 +84,7 @@ class FoldedMirror:
         return self.over(self.off_secondary(origins, directions)[0])
 
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
-        """Return origins and directions, world frame, of lens-side rays (n, 3), (n, 3) off the
-        secondary."""
+        """Reflect lens-side rays (n, 3), (n, 3) at the secondary, to the world frame."""
         first = space.trace(self.secondary.mirror, origins - self._vertex, directions)
         return first.points * OVER + self._vertex, first.directions * OVER
 
@@ -95,8 +94,7 @@ class FoldedMirror:
         return there
 
     def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays at both mirrors, at the bore and past the
-        secondary.
+        """Return the clearance (n,), mm, of rays at mirrors, bore and secondary.
 
         Parameters
         ----------
@@ -112,8 +110,7 @@ class FoldedMirror:
     # -- reflection points of a target ----------------------------------------------------------------------
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """Return the points (n, 3) on both mirrors that image world-side targets in lens-side
-        pupils.
+        """Return the points (n, 3) on both mirrors that image targets in pupils.
 
         The optical path is stationary over two points, one on each mirror: Newton's method in four
         dimensions, from the solution for the pupil centre. ``start`` is not used.
@@ -133,8 +130,7 @@ class FoldedMirror:
         return pupils if pupils.distant else Ends(pupils.xyz - self._vertex)
 
     def _guess(self, targets: Ends) -> Array:
-        """Return points (n, 4) of secondary and primary for the pupil centre and the targets'
-        azimuths."""
+        """Return initial points (n, 4) on both mirrors, for the pupil centre."""
         xyz, low, high = targets.xyz, self.meridian.omega_min, self.meridian.omega_max
         across, azimuth = np.hypot(xyz[:, 0], xyz[:, 1]), np.arctan2(xyz[:, 1], xyz[:, 0])
         omega = np.clip(np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high)
@@ -220,8 +216,7 @@ class FoldedMirror:
         return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Return the light (n,) that reaches moving pupils, per unit of their motion (2, 3) or (n,
-        2, 3).
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
         The path stays stationary while the pupil moves; both points move by the inverse of its
@@ -252,15 +247,13 @@ class FoldedMirror:
         return found.points
 
     def objects_at(self, found: Specular, distances: Array) -> Array:
-        """Return objects (n, 3) at distances (n,), mm, from their points on the primary, on their
-        rays."""
+        """Return objects (n, 3) at distances (n,), mm, from the primary."""
         objects: Array = found.points + distances[:, None] * found.to_targets
         return objects
 
 
 def _leg(end: Ends, surface: Surface) -> tuple[Array, Array, Array]:
-    """Return the path length from a surface to an end, its gradient (n, 2) and Hessian (n, 2,
-    2)."""
+    """Return the path length to an end, its gradient and Hessian (n, 2, 2)."""
     if end.distant:
         far = -np.einsum("ni,ni->n", end.xyz, surface.points)
         return far, -np.einsum("nai,ni->na", surface.tangents, end.xyz), -end.xyz[:, 2, None, None] * surface.bend

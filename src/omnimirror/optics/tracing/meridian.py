@@ -100,8 +100,7 @@ class ChiefRays:
 
     @property
     def start(self) -> tuple[Array, Array]:
-        """Origin (x, z) of the straight outgoing ray: the mirror point, or one near it behind a
-        cover."""
+        """Origin (x, z) of the outgoing ray: at or, with a cover, near the mirror."""
         return (self.x, self.z) if self.outside is None else (self.outside.x, self.outside.z)
 
     @property
@@ -268,8 +267,7 @@ class Meridian:
         return increasing_root(difference, a, b, self._between(omega, cell, a, b), rim)
 
     def _between(self, omega: Array, cell: NDArray[np.intp], a: Array, b: Array) -> Array:
-        """Interpolate between two nodes by cubic pieces; one step of Newton's method then
-        suffices."""
+        """Interpolate between two nodes by cubic pieces, as initial values."""
         table = self._table
         low = table.omega[cell]
         width, step = table.omega[cell + 1] - low, b - a
@@ -277,12 +275,11 @@ class Meridian:
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
             bent = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
-        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # excludes square-root behaviour at a node
+        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # finite rates
         return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
-        """Return mirror points (mm) of points (n,), mm from the axis, of the mirror facing the
-        lens."""
+        """Return mirror points (mm) for points (n,), mm, on the mirror facing the lens."""
         return self.trace(x_mm).x
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
@@ -341,8 +338,7 @@ class Meridian:
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
-        """Return single-viewpoint estimates of the mirror points (n,), mm, for a central
-        viewpoint."""
+        """Return single-viewpoint estimates of the mirror points (n,), mm."""
         middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
         omega, _ = _direction(x_t, z_t - middle)
         return np.interp(omega, self._table.omega, self._table.x)

@@ -61,8 +61,7 @@ class Disc(NamedTuple):
     stops_rising: bool = False
 
     def crossing(self, points: Array, directions: Array) -> tuple[Array, Mask]:
-        """Return where (n, 2), mm, rays (n, 3), (n, 3) cross its plane, and if they do so from its
-        open side."""
+        """Return the crossings (n, 2), mm, of rays with its plane, and their validity."""
         along = directions[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = (self.height_mm - points[:, 2]) / along
@@ -72,14 +71,14 @@ class Disc(NamedTuple):
         return across, meets
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        """Return the clearance (n,), mm, of rays; infinite for those that do not cross its
+        plane."""
         across, meets = self.crossing(points, directions)
         with np.errstate(invalid="ignore"):
             return np.where(meets, past_circle(across, self.radius_mm), np.inf)
 
     def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
-        """Return which rays (n, 3), (n, 3) it blocks, and their intersections (n, 2), mm, with its
-        plane."""
+        """Return which rays it blocks, and their crossings (n, 2), mm, of its plane."""
         return self.clearance(points, directions) < 0, self.crossing(points, directions)[0]
 
 
@@ -91,7 +90,8 @@ class WindowFrame(NamedTuple):
     radius_mm: float
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that do not cross its plane."""
+        """Return the clearance (n,), mm, of rays; infinite for those that do not cross its
+        plane."""
         across, meets = Disc(self.part, self.height_mm, self.radius_mm).crossing(points, directions)
         with np.errstate(invalid="ignore"):
             return np.where(meets, -past_circle(across, self.radius_mm), np.inf)
@@ -116,7 +116,7 @@ class TaperedRod(NamedTuple):
         return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
 
     def clearance(self, points: Array, directions: Array) -> Array:
-        """Return the clearance (n,), mm, of rays (n, 3), (n, 3); infinite for those that pass above or below it.
+        """Return the clearance (n,), mm, of rays; infinite for those above or below the rod.
 
         Between foot and top, the difference of squares ``r^2 - radius^2`` is a quadratic in the
         distance t along the ray: its minimum is at its vertex, or at the entry into or exit from
@@ -242,20 +242,19 @@ class Obstructions:
         return {part: clearance.reshape(np.shape(rays.x)) for part, clearance in found.items()}
 
     def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
-        """Return which reflected rays (n,) each part blocks; parameters as of
-        :meth:`clearances`."""
+        """Return which reflected rays (n,) each part blocks; see :meth:`clearances`."""
         return {part: found < 0 for part, found in self.clearances(points, directions, towards_lens, pose).items()}
 
     def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
-        """Return which rays (n, 3), (n, 3) the edge of the rim blocks, reflected or passing
-        outside."""
+        """Return which reflected or outer rays the edge of the rim blocks."""
         if self.rim is None:
             return np.zeros(len(points), dtype=bool)
         blocked: Mask = self._past_rim(self.rim, points, directions, pose) < 0
         return blocked
 
     def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
-        """Return the clearance (n,), mm, at the ring about the mirror, whose inner edge is that of the mirror."""
+        """Return the clearance (n,), mm, at the ring around the mirror, which starts at its
+        edge."""
         across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
         inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):

@@ -35,8 +35,8 @@ MIRROR_EDGES = ("mirror", "secondary mirror")
 class OpticalTrain:
     """Optical elements between world and imager.
 
-    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions`` is the housing, None
-    without one.
+    ``mirror_distance_mm`` and ``secondary`` are as in :class:`omnimirror.Sensor`; ``obstructions``
+    is the housing, None without one.
 
     >>> import omnimirror as om
     >>> train = om.load_sensor("paper-spherical").optical_train
@@ -182,8 +182,7 @@ class OpticalTrain:
         return self._image_of(self.chief_rays_to(targets))
 
     def image_and_start_of(self, targets: Ends) -> tuple[Array, Array]:
-        """Return these images, and the origins (n, 3), mm, of the outgoing rays on mirror or
-        cover."""
+        """Return these images, and the origins (n, 3), mm, of the outgoing rays."""
         found = self.chief_rays_to(targets)
         return self._image_of(found), self.seen_mirror.left_at(found)
 

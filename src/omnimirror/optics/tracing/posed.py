@@ -43,8 +43,7 @@ class PosedMirror:
         return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
 
     def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """Return the mirror points (n, 3) that image targets; see
-        :mod:`omnimirror.optics.tracing.reflection`.
+        """Return the mirror points (n, 3) that image targets; see :mod:`.reflection`.
 
         ``start`` are initial points (n, 3), mm. Paths of distant ends are measured from the camera
         frame's origin.
@@ -67,8 +66,7 @@ class PosedMirror:
         )
 
     def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Return the light (n,) from mirror points to moving pupils, per unit of motion (2, 3) or
-        (n, 2, 3).
+        """Return the light (n,) per unit of pupil motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, or solid angle (sr) for a near one.
         """
@@ -98,8 +96,7 @@ class PosedMirror:
         return objects
 
     def clearances(self, seen_at: Array, points: Array, to_pupils: Array, to_targets: Array) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of rays through points (n, 3) at the rim; other arrays are
-        unused."""
+        """Return the clearance (n,), mm, of rays through points (n, 3) at the rim."""
         inside = self.pose.to_mirror(points)
         return {"mirror": -past_circle(inside[:, :2], self.mirror.rim_radius_mm * (1 + RIM_SLACK))}
 
@@ -110,7 +107,7 @@ class PosedMirror:
 
 
 def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: Array) -> Reflections:
-    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`omnimirror.optics.tracing.space.trace`.
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.space.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
     from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
@@ -137,8 +134,7 @@ def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: A
 
 
 def _met(mirror: Mirror, form: MirrorForm, points: Array, way: Array) -> tuple[Array, Surface, NDArray[np.bool_]]:
-    """Return points (n, 3) of the actual surface on rays, the surface there, and convergence
-    flags."""
+    """Return ray intersections (n, 3), the surface there, and convergence flags."""
     close = FORM_CLOSE * mirror.rim_radius_mm
     surface = Surface(mirror, points[:, :2], form)
     for _ in range(FORM_STEPS):

@@ -57,8 +57,7 @@ def stops_growing(mirror: Mirror, m: float) -> float | None:
 
 
 def _taylor(mirror: Mirror, start: Array, step: Array) -> Array:
-    """Return the coefficients (6, pieces) of the sag of each piece in t, 0 to 1: Hermite
-    quintics."""
+    """Return the quintic coefficients (6, pieces) of the sag in t, 0 to 1."""
     sides = [mirror.profile(start), mirror.profile(start + step)]
     (z0, s0, c0), (z1, s1, c1) = ((z, s * step, c * step**2) for z, s, c in sides)
     dz, ds, dc = z1 - z0 - s0 - c0 / 2, s1 - s0 - c0, c1 - c0
@@ -84,8 +83,7 @@ def _sum(a: Array, b: Array) -> Array:
 
 
 def _first_not_positive(polynomials: Array, start: Array, step: Array) -> float | None:
-    """Return the first place, mm, with negative polynomials (degree + 1, pieces) in t; None if
-    none."""
+    """Return the first place, mm, with a negative polynomial; None if none."""
     d = len(polynomials) - 1
     to_bernstein = np.array([[comb(i, k) / comb(d, k) for k in range(d + 1)] for i in range(d + 1)])
     halves = np.array([[comb(i, k) / 2**i for k in range(d + 1)] for i in range(d + 1)])

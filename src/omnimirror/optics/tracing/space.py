@@ -153,8 +153,7 @@ def hollowness(mirror: Mirror) -> float:
 
 
 def _enter_conic(mirror: Conic, o: Array, d: Array) -> Array:
-    """Return distances (n,) at which rays (3, n) enter ``r^2 - 2 R z + (1 + k) z^2 <= 0``; else
-    NaN.
+    """Return entry distances (n,) into ``r^2 - 2 R z + (1 + k) z^2 <= 0``; else NaN.
 
     The body behind the surface is convex: a ray enters it at most once, at the root with a
     decreasing quadratic form.
@@ -202,8 +201,7 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
 
 
 def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
-    """Return the interval (n,), (n,) in which rays (3, n) are over the disk and above its lowest
-    point."""
+    """Return the interval (n,), (n,) of rays (3, n) within the mirror's cylinder."""
     rim, ((_, _), (lowest, _)) = mirror.rim_radius_mm * (1 + ROUNDING), mirror.bounds
     lowest -= SAMPLING_MARGIN * rim
     a = d[0] ** 2 + d[1] ** 2

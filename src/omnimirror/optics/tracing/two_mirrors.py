@@ -35,7 +35,8 @@ def clearances(
     outgoing: Array,
     slack: float = RIM_SLACK,
 ) -> dict[str, Array]:
-    """Return the clearance (n,), mm, of rays at the edges of two mirrors, at bore and camera, and past the secondary.
+    """Return the clearance (n,), mm, of rays at both mirrors, bore and camera, and past the
+    secondary.
 
     Parameters
     ----------
@@ -171,8 +172,7 @@ class TwoMirrorMeridian(Meridian):
         return "secondary, bore" if mirrors_alone else super().middle_hidden_by
 
     def _first_clear(self, x: Array, part: str) -> float:
-        """Return the smallest mirror point from which rays pass a part, up to the rim; else the
-        rim."""
+        """Return the smallest mirror point with all rays beyond it past a part."""
 
         def clearance(x: Array) -> Array:
             return np.clip(self._clearances(self._rays(x))[part], -1e9, 1e9)
@@ -186,8 +186,7 @@ class TwoMirrorMeridian(Meridian):
         return sign_change(lambda x: float(clearance(np.array([x]))[0]), float(x[last]), float(x[last + 1]), 1e-12)
 
     def _clearances(self, rays: ChiefRays) -> dict[str, Array]:
-        """Return the clearance (n,), mm, of chief rays; the meridional form of
-        :func:`clearances`."""
+        """Return the clearance (n,), mm, of chief rays; see :func:`clearances`."""
         second = rays.first
 
         def flat(across: Array, along: Array) -> Array:

@@ -178,8 +178,7 @@ def pose_of(shell: Shell) -> MirrorPose:
 
 
 def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
-    """Return distances (n,) from a tube's axis or the centre of a dome's inner surface, and their
-    limit.
+    """Return distances (n,) from the tube axis or dome centre, and their limit.
 
     For a window, they are depths below its inner surface.
     """
@@ -289,8 +288,7 @@ def through_dome(
 
 
 def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Return intersections of rays from inside with a sphere, unit normals to its centre, and
-    lengths."""
+    """Return intersections with a sphere from inside, inward normals and lengths."""
     p = points - centre
     b, c = _dot(p, d), _dot(p, p) - radius**2
     way = np.sqrt(np.maximum(b**2 - c, 0)) - b
@@ -299,8 +297,7 @@ def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple
 
 
 def _meet(points: Array, d: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Return intersections of rays from inside with a cylinder, unit normals to its axis, and
-    lengths."""
+    """Return intersections with a cylinder from inside, inward normals and lengths."""
     (x, y), (u, v) = points[:, :2].T, d[:, :2].T
     a, b, c = u * u + v * v, x * u + y * v, x * x + y * y - radius**2
     way = (np.sqrt(np.maximum(b * b - a * c, 0)) - b) / np.maximum(a, 1e-18)

@@ -93,7 +93,7 @@ class Sequence:
                 matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
         (a, b), (c, d) = matrix
         with np.errstate(divide="ignore", invalid="ignore"):
-            # rays of height y and slope u at the pupil plane s = p: the stop height is independent of u
+            # pupil plane s = p: the stop height of rays (y, u) is independent of u
             p = to_stop[0, 1] / to_stop[0, 0]
             return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 

@@ -222,7 +222,7 @@ def _integration(count: int) -> tuple[Array, Array, Array]:
     """Return Chebyshev nodes, and integration matrices to each node and to 1."""
     nodes: NDArray[np.float64] = chebyshev.chebpts1(count)
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
-    integrals = np.stack([chebyshev.chebint(unit, lbnd=-1) for unit in np.eye(count)])  # rows: T_0, T_1, ...
+    integrals = np.stack([chebyshev.chebint(unit, lbnd=-1) for unit in np.eye(count)])  # rows T_k
     at_nodes = chebyshev.chebvander(nodes, count) @ integrals.T
     at_end = chebyshev.chebvander(np.ones(1), count) @ integrals.T
     return nodes, at_nodes @ to_series, (at_end @ to_series)[0]

@@ -27,7 +27,7 @@ from ....base.numerics.lazy import cached_property
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
-CELLS = 1024  # of the table theta(x); cubic pieces are accurate to 1e-14, squared by one Newton step
+CELLS = 1024  # of the table theta(x); cubic pieces are accurate to 1e-14 before the Newton step
 FEW_CELLS = 64  # coarse table for its computation
 CLOSE = 1e-11  # Newton step after which the linearised mapping is exact to rounding
 
@@ -87,7 +87,7 @@ class Primitive:
         starts, widths, all_series = (np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True))
         order = np.argsort(starts)
         integral: Array = np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
-        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # end value of a series: sum of its terms
+        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # sums of series
         return cls(np.append(starts[order], high), integral)
 
     def __call__(self, x: Array) -> Array:

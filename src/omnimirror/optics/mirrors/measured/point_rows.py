@@ -141,7 +141,7 @@ class _Style:
             return cls(r"\s*[;\t]\s*|\s+", has_decimal_comma=True)
         digits = [line for line in lines if re.search(r"\d", line)]
         if any(re.search(r"\d,\d", line) and re.search(r"\S\s+\S", line) for line in digits):
-            return cls(r",?\s+", has_decimal_comma=True)  # "1,5 2,0 3,1", with optional commas between them
+            return cls(r",?\s+", has_decimal_comma=True)  # such as "1,5 2,0 3,1"
         rows = [line.split(",") for line in digits]
         counts = Counter(map(len, rows))
         if (

@@ -198,7 +198,7 @@ def _off(x: Array, z: Array, height: float, about: float | None = None) -> tuple
     size = np.abs(_unforetold(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1).copy()
-    views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # affected by the outlier itself
+    views[:, WINDOW - ORDERS[0] // 2 : WINDOW + ORDERS[0] // 2 + 1] = np.nan  # the outlier's own
     everywhere = _scatter(x, z)
     least = max(ROUNDING * height, 0.7 * everywhere.sigma if everywhere.is_noise else 0.0)
     scatter = np.maximum(NORMAL * np.nanmedian(views, axis=1), least)
@@ -218,7 +218,7 @@ def _smoothed(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
         missed = np.abs(curves[-1].residuals[used] / noise)
-        missed = np.where(missed > FAR, FAR * (2 * missed - FAR), missed**2)  # Huber loss: outliers need few pieces
+        missed = np.where(missed > FAR, FAR * (2 * missed - FAR), missed**2)  # Huber loss
         prices.append(float(missed.sum() + np.log(used.sum()) * count))
         if len(curves) - int(np.argmin(prices)) > max(PATIENCE, FINER):
             break

@@ -40,8 +40,7 @@ class Search(NamedTuple):
     reach: float
 
     def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
-        """Return kernel arguments; the meridional tolerance is no finer than the lens's
-        decentring."""
+        """Return kernel arguments, with a tolerance limited by the decentring."""
         return (self.steps, self.first_steps, close, max(self.first_close, aside), LONGEST_STEP, self.reach, RIM_SLACK)
 
 
@@ -74,8 +73,7 @@ def compiled_places(mirror: Mirror, form: MirrorForm, pupils: Ends, targets: End
 
 @lru_cache(maxsize=32)
 def _tables(mirror: Mirror, distance: float) -> MirrorTables | None:
-    """Return the tables of a convex mirror without apex and with increasing field angle; else
-    None."""
+    """Return the tables of a smooth convex mirror with increasing field angle."""
     if mirror.is_pointed or hollowness(mirror) > 0:
         return None
     tables = MirrorTables.of(mirror, distance)

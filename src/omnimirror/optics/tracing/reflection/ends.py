@@ -50,8 +50,7 @@ class Specular(NamedTuple):
     path: Array
     """(n,), mm: optical path length; for a distant end, from a plane through the vertex."""
     reflects: Mask
-    """(n,) True if the law of reflection holds with both ends in front of the (continued)
-    surface."""
+    """(n,) True for a reflection with both ends in front of the (continued) surface."""
     valid: Mask
     """(n,) True if the point is also within the rim and the path is unobstructed."""
     seen_at: Array

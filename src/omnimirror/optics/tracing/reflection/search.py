@@ -102,8 +102,7 @@ def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
 def footprint(
     mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, motion: Array, form: MirrorForm = NO_FORM
 ) -> Array:
-    """Return the footprint (n,) of moving pupils: area (mm^2) on the plane z = 0 per unit of
-    motion.
+    """Return the footprint (n,), mm^2 on the plane z = 0, per unit of pupil motion.
 
     Parameters
     ----------
@@ -136,8 +135,7 @@ def footprint(
 
 
 def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-    """Return the path length (n,), its gradient (n, 2) and second derivatives (xx, xy, yy) over (x,
-    y)."""
+    """Return path length (n,), gradient (n, 2) and second derivatives (xx, xy, yy)."""
     length = np.zeros(len(surface.points))
     pull = np.zeros_like(surface.points)
     sx, sy = surface.slopes.T
@@ -197,8 +195,7 @@ def _leave_the_tip(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> None
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
-    """Return Newton steps (n, 2) for positive curvature, else gradient steps, limited to
-    ``reach``."""
+    """Return Newton or gradient steps (n, 2), limited to ``reach``."""
     a, b, c = second
     gx, gy = gradient.T
     det = a * c - b * b

@@ -107,8 +107,7 @@ def cubic_pieces(values: Array, rates: Array) -> Array:
 
 
 def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Return pieces (n, 4) of the depth from the lens by tangents, inverted from pairs x and depth
-    w."""
+    """Return pieces (n, 4) of the mirror's depth from the lens, by tangents."""
     r = np.interp(tangents, x / w, x)
     for _ in range(4):
         sag, slope, _ = mirror.profile(r)
